@@ -82,6 +82,12 @@ def found_stamp() -> dict[str, str]:
     return stamp if isinstance(stamp, dict) and VENV_PYTHON.exists() else {}
 
 
+def write_stamp(stamp: dict[str, str]) -> None:
+    part = STAMP.with_suffix(".part")
+    part.write_text(json.dumps(stamp), encoding="utf-8")
+    part.replace(STAMP)
+
+
 def create_venv() -> None:
     try:
         if STAMP.exists():  # first, so that a removal cut short is not taken for a complete environment
@@ -153,11 +159,11 @@ def pip_install(what: str, *arguments: str) -> None:
     say(" failed")
     output = "".join(lines)
     print("".join(lines[-15:]), file=sys.stderr)
-    stop(f"{pip_trouble(output)} The next call starts afresh.")
+    stop(f"{pip_trouble(output)}")
 
 
 def setup() -> None:
-    """Bring .venv to what the lock and the project file ask for; the stamp comes last."""
+    """Bring .venv to what the lock and the project file ask for; each step is stamped when it is complete."""
     wanted, found = wanted_stamp(), found_stamp()
     if found == wanted:
         return
@@ -165,10 +171,9 @@ def setup() -> None:
         say(f"Creating {VENV}" if not VENV.exists() else f"Renewing {VENV}")
         create_venv()
         pip_install("packages from requirements.lock", "--require-hashes", "-r", str(LOCK))
+        write_stamp({**wanted, "project": ""})
     pip_install("glucoloop", "--no-deps", "--no-build-isolation", "--no-index", "--editable", str(ROOT))
-    half = STAMP.with_suffix(".part")
-    half.write_text(json.dumps(wanted), encoding="utf-8")
-    half.replace(STAMP)
+    write_stamp(wanted)
 
 
 def tool(name: str) -> str:
@@ -200,6 +205,8 @@ def test(pytest_arguments: list[str]) -> None:
     check("ruff check", [tool("ruff"), "check"])
     check("mypy", [tool("mypy")])
     check("lint-imports", [tool("lint-imports"), "--no-logo"])
+    if not any((ROOT / "tests").rglob("test_*.py")):
+        stop("pytest found no tests.", 5)
     check("pytest", [tool("pytest"), "-n", "2"])
     docs = ROOT / "docs"
     if (docs / "conf.py").is_file():
