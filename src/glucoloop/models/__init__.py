@@ -1,0 +1,1 @@
+"""Linear models of a patient, as a controller sees them."""
