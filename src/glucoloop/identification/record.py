@@ -1,0 +1,230 @@
+"""A record to identify from: what was infused, and what was read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike, NDArray
+
+from glucoloop._pytree import pytree, static
+from glucoloop.identification import _check
+
+HIGHEST_GLUCOSE_MG_DL = 2000.0
+# No record of a living person has its median below this; one in mmol/l always has.
+LOWEST_MEDIAN_GLUCOSE_MG_DL = 30.0
+# Times within this part of a sample are the same time.
+ON_GRID = 1e-6
+
+Floats = NDArray[np.float64]
+
+
+@pytree
+class Record:
+    """N samples of insulin, and the N + 1 glucose readings at their ends.
+
+    ``insulin_mU_min[k]`` is held from t_k to t_(k+1) and ``glucose_mg_dl[k]`` is the reading at t_k, t_k = k times the
+    sample time. So reading k depends on the insulin of samples k-1, k-2, ..., and the last reading closes the last
+    sample: there is one reading more than there are samples.
+
+    Attributes
+    ----------
+    insulin_mU_min : Array, shape (N,)
+        Insulin infusion, absolute [mU/min].
+    glucose_mg_dl : Array, shape (N + 1,)
+        Glucose readings, absolute [mg/dl].
+    sample_time_min : float
+        Sample time [min].
+    """
+
+    insulin_mU_min: Array
+    glucose_mg_dl: Array
+    sample_time_min: float = static()
+
+
+def record_from_samples(
+    t_min: ArrayLike | Sequence[object],
+    insulin_mU_min: ArrayLike | Sequence[object],
+    glucose_mg_dl: ArrayLike | Sequence[object],
+    *,
+    sample_time_min: float = 5.0,
+    max_gap_min: float = 15.0,
+) -> tuple[Record, tuple[str, ...]]:
+    """Bring a table of times, insulin rates and readings to a record at a constant sample time.
+
+    Insulin is a held input: each row's rate lasts until the next row, and the record carries its exact time average
+    over each sample. Glucose is interpolated linearly between readings. A reading that is NaN or None is missing.
+    Rows before the first reading and after the last, and what is left over after the last whole sample, are left out;
+    so is the rate of the last row, which no reading follows.
+
+    Parameters
+    ----------
+    t_min : array_like, shape (n,)
+        Times, increasing [min].
+    insulin_mU_min : array_like, shape (n,)
+        Rate from this row to the next, not below 0 [mU/min].
+    glucose_mg_dl : array_like, shape (n,)
+        Reading at this row, above 0 and at most 2000, or NaN where it is missing [mg/dl].
+    sample_time_min : float
+        Sample time of the record [min].
+    max_gap_min : float
+        Longest time between two readings that is bridged by interpolation [min].
+
+    Returns
+    -------
+    record : Record
+        The record, its first reading at the first row that has one.
+    notes : tuple of str
+        What was done to the data, one sentence each; empty if they were used as they are.
+
+    Raises
+    ------
+    ValueError
+        If a column isn't numeric or the columns differ in length, times don't increase, a rate or a reading is out
+        of bounds, a gap is too long, or less than one sample remains.
+    """
+    sample_time = _check.positive("The sample time", sample_time_min, "min")
+    if not np.isfinite(max_gap_min) or max_gap_min < sample_time:
+        raise ValueError(
+            f"The longest gap is {max_gap_min} min: it must be at least the sample time, {sample_time:g} min."
+        )
+    times, insulin, glucose = _columns(t_min, insulin_mU_min, glucose_mg_dl)
+    read = np.flatnonzero(~np.isnan(glucose))
+    _refuse_gaps(times[read], max_gap_min)
+    span = times[read[-1]] - times[read[0]] if read.size else 0.0
+    samples = int(span / sample_time + ON_GRID)
+    if samples < 1:
+        raise ValueError(
+            f"{read.size} readings that span {span:g} min do not fill one sample of {sample_time:g} min: "
+            "at least 2 readings that far apart are needed."
+        )
+
+    grid = np.minimum(times[read[0]] + sample_time * np.arange(samples + 1), times[read[-1]])
+    notes = _notes(times, read, grid, sample_time)
+    record = Record(
+        insulin_mU_min=jnp.asarray(_average_held(times, insulin, grid, sample_time)),
+        glucose_mg_dl=jnp.asarray(np.interp(grid, times[read], glucose[read])),
+        sample_time_min=sample_time,
+    )
+    return record, notes
+
+
+def _columns(*columns: ArrayLike | Sequence[object]) -> list[Floats]:
+    """Times, insulin and glucose as numbers, each value within its bounds."""
+    times, insulin, glucose = (_numbers(n, c) for n, c in zip(("time", "insulin", "glucose"), columns, strict=True))
+    if not times.size == insulin.size == glucose.size:
+        raise ValueError(
+            f"{times.size} times, {insulin.size} insulin rates and {glucose.size} readings do not pair up: "
+            "give one of each per row."
+        )
+    _refuse_rows(~np.isfinite(times), "time", times, "a finite number of minutes", "leave the row out")
+    _refuse_rows(
+        np.diff(times, prepend=-np.inf) <= 0,
+        "time",
+        times,
+        "later than the row before",
+        "sort the rows and keep one for each time",
+    )
+    _refuse_rows(
+        ~(np.isfinite(insulin) & (insulin >= 0)),
+        "insulin rate",
+        insulin,
+        "a finite number of mU/min, at least 0",
+        "give the rate that was infused, or leave the row out to hold the one before",
+    )
+    _refuse_rows(
+        ~(np.isnan(glucose) | ((glucose > 0) & (glucose <= HIGHEST_GLUCOSE_MG_DL))),
+        "reading",
+        glucose,
+        f"above 0 and at most {HIGHEST_GLUCOSE_MG_DL:g} mg/dl",
+        "mark a missing reading as NaN",
+    )
+    if not np.isnan(glucose).all() and np.nanmedian(glucose) < LOWEST_MEDIAN_GLUCOSE_MG_DL:
+        raise ValueError(
+            f"The median reading is {np.nanmedian(glucose):.3g}, below {LOWEST_MEDIAN_GLUCOSE_MG_DL:g} mg/dl: "
+            "it looks like mmol/l, convert it first."
+        )
+    return [times, insulin, glucose]
+
+
+def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
+    if getattr(getattr(column, "dtype", None), "kind", None) in ("m", "M"):
+        raise ValueError(f"The {name} column holds dates: give numbers, for times the minutes since the first row.")
+    try:
+        if isinstance(column, np.ma.MaskedArray):
+            column = np.ma.filled(column.astype(float), np.nan)
+        numbers = np.asarray(column, dtype=float)
+    except (TypeError, ValueError):
+        for row, value in enumerate(np.asarray(column, dtype=object)):
+            try:
+                float(value)
+            except (TypeError, ValueError):
+                raise ValueError(
+                    f"The {name} in row {row} is {value!r}: it must be a number; leave the row out, "
+                    "or mark a missing reading as NaN."
+                ) from None
+        raise
+    if numbers.ndim != 1:
+        raise ValueError(f"The {name} column has shape {numbers.shape}: it must be one-dimensional, one value per row.")
+    return numbers
+
+
+def _refuse_rows(refused: NDArray[np.bool_], name: str, values: Floats, bound: str, mend: str) -> None:
+    if refused.any():
+        row = int(np.argmax(refused))
+        raise ValueError(f"The {name} in row {row} is {values[row]:g}: it must be {bound}; {mend}.")
+
+
+def _refuse_gaps(read_min: Floats, max_gap_min: float) -> None:
+    gaps = np.diff(read_min)
+    if gaps.size and gaps.max() > max_gap_min * (1 + ON_GRID):
+        before = int(np.argmax(gaps))
+        raise ValueError(
+            f"No reading between {read_min[before]:g} and {read_min[before + 1]:g} min: the gap of {gaps[before]:g} "
+            f"min is longer than {max_gap_min:g} min. Use the part before or after it, or raise max_gap_min."
+        )
+
+
+def _off_grid(times: Floats, grid: Floats, sample_time: float) -> bool:
+    """Whether a row lies inside a sample, so that its insulin rate begins there."""
+    inside = times[(times > grid[0]) & (times < grid[-1])]
+    steps = (inside - grid[0]) / sample_time
+    return bool((np.abs(steps - np.round(steps)) > ON_GRID).any())
+
+
+def _average_held(times: Floats, insulin: Floats, grid: Floats, sample_time: float) -> Floats:
+    """Time average over each sample of rates held from row to row."""
+    if not _off_grid(times, grid, sample_time):
+        return insulin[np.searchsorted(times, grid[:-1] + ON_GRID * sample_time, side="right") - 1]
+    delivered = np.concatenate([[0.0], np.cumsum(insulin[:-1] * np.diff(times))])
+    # A difference of totals may round to just below zero where nothing was infused.
+    average: Floats = np.maximum(np.diff(np.interp(grid, times, delivered)) / np.diff(grid), 0.0)
+    return average
+
+
+def _notes(times: Floats, read: NDArray[np.intp], grid: Floats, sample_time: float) -> tuple[str, ...]:
+    readings = times[read]
+    after = np.clip(np.searchsorted(readings, grid), 1, len(readings) - 1)
+    distance = np.minimum(np.abs(readings[after] - grid), np.abs(readings[after - 1] - grid))
+    missing = distance > sample_time / 2
+    shifted = (distance > ON_GRID * sample_time) & ~missing
+    beyond = int(read[0] + len(times) - 1 - read[-1])
+    rest = readings[-1] - grid[-1]
+
+    notes = []
+    if beyond:
+        notes.append(f"{beyond} of {len(times)} rows come before the first reading or after the last: left out.")
+    if missing.any():
+        notes.append(f"{missing.sum()} of {len(grid)} samples were missing and were interpolated.")
+    if shifted.any():
+        notes.append(
+            f"{shifted.sum()} of {len(grid)} samples had their reading up to {distance[shifted].max():.3g} min away "
+            "and were interpolated."
+        )
+    if _off_grid(times, grid, sample_time):
+        notes.append("Insulin changed within samples and was averaged over each.")
+    if rest > ON_GRID * sample_time:
+        notes.append(f"The last {rest:.3g} min do not fill a sample: left out.")
+    return tuple(notes)
