@@ -1,0 +1,210 @@
+"""Discrete Laguerre functions: a smooth, decaying basis for a noisy impulse response.
+
+Parker, Doyle & Peppas 1999, eq. (12)-(14); state form as in L. Wang, Model Predictive Control System Design and
+Implementation Using MATLAB, Springer 2009, section 3.2.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree
+from glucoloop.identification import _check
+
+
+@pytree
+class PoleSearch:
+    """Residual error of a Laguerre projection against the pole.
+
+    Attributes
+    ----------
+    pole : Array, shape ()
+        The pole of the grid with the least residual error.
+    residual_norm : Array, shape ()
+        Its residual error, the 2-norm of h minus its projection [mg/dl per mU/min].
+    poles : Array, shape (P,)
+        The grid.
+    residual_norms : Array, shape (P,)
+        The error at each pole of the grid [mg/dl per mU/min].
+    """
+
+    pole: Array
+    residual_norm: Array
+    poles: Array
+    residual_norms: Array
+
+
+def laguerre_functions(pole: float | Array, functions: int, memory: int) -> Array:
+    """The first L Laguerre functions over M samples.
+
+    ::
+
+        X(0) = sqrt(1 - a^2) [1, -a, a^2, ...],    X(j+1) = A X(j)
+        A_mm = a,    A_mi = (-a)^(m-i-1) (1 - a^2) for i < m
+
+    They are orthonormal over an infinite memory, and nearly so once a^M is small.
+
+    Parameters
+    ----------
+    pole : float
+        a, the rate of decay, between 0 and 1.
+    functions : int
+        L, from 1 to M.
+    memory : int
+        M, the number of samples.
+
+    Returns
+    -------
+    Array, shape (L, M)
+        Row m is l_m; column j meets the coefficient h_(j+1).
+
+    Raises
+    ------
+    ValueError
+        If the pole isn't strictly between 0 and 1, or L isn't within 1..M.
+    """
+    memory = _check.whole_number("The memory", memory, 1)
+    functions = _check.whole_number("The number of Laguerre functions", functions, 1)
+    if functions > memory:
+        raise ValueError(
+            f"{functions} Laguerre functions are more than the {memory} coefficients they describe: "
+            f"use at most {memory}."
+        )
+    known = _check.concrete(pole)
+    if known is not None and not (0 < known < 1):
+        raise ValueError(
+            f"A Laguerre pole of {pole} is not strictly between 0 and 1: use exp(-T/tau) for a decay with "
+            "time constant tau, about .84 for the diabetic patient."
+        )
+    rows: Array = _functions(jnp.asarray(pole, dtype=float), functions, memory)
+    return rows
+
+
+def laguerre_coefficients(impulse_response: ArrayLike, pole: float | Array, functions: int) -> Array:
+    """Least-squares coefficients c of h_i = sum_m c_m l_m(i - 1).
+
+    Parameters
+    ----------
+    impulse_response : array_like, shape (M,) or (M, R)
+        h_1..h_M [mg/dl per mU/min].
+    pole : float
+        a, between 0 and 1.
+    functions : int
+        L, from 1 to M.
+
+    Returns
+    -------
+    Array, shape (L,) or (L, R)
+        c_1..c_L [mg/dl per mU/min].
+
+    Raises
+    ------
+    ValueError
+        If the response isn't finite, the pole isn't strictly between 0 and 1, or L isn't within 1..M.
+    """
+    basis = laguerre_functions(pole, functions, _memory(impulse_response))
+    return _fit(basis, jnp.asarray(impulse_response, dtype=float))
+
+
+def laguerre_smooth(impulse_response: ArrayLike, pole: float | Array, functions: int) -> Array:
+    """Projection of an impulse response on the first L Laguerre functions.
+
+    Parameters
+    ----------
+    impulse_response : array_like, shape (M,) or (M, R)
+        h_1..h_M [mg/dl per mU/min].
+    pole : float
+        a, between 0 and 1.
+    functions : int
+        L, from 1 to M.
+
+    Returns
+    -------
+    Array, shape (M,) or (M, R)
+        The smoothed h_1..h_M [mg/dl per mU/min].
+
+    Raises
+    ------
+    ValueError
+        If the response isn't finite, the pole isn't strictly between 0 and 1, or L isn't within 1..M.
+    """
+    basis = laguerre_functions(pole, functions, _memory(impulse_response))
+    return basis.T @ _fit(basis, jnp.asarray(impulse_response, dtype=float))
+
+
+def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | None = None) -> PoleSearch:
+    """Search a grid for the pole whose Laguerre projection leaves the least residual error.
+
+    Parameters
+    ----------
+    impulse_response : array_like, shape (M,)
+        h_1..h_M [mg/dl per mU/min].
+    functions : int
+        L, from 1 to M.
+    grid : array_like, shape (P,), optional
+        Poles to try. By default .01, .02, ..., .99.
+
+    Returns
+    -------
+    PoleSearch
+        The best pole, and the whole error curve.
+
+    Raises
+    ------
+    ValueError
+        If the response isn't one-dimensional or finite, the grid is empty or leaves (0, 1), or L isn't within 1..M.
+    """
+    memory = _memory(impulse_response)
+    if np.ndim(impulse_response) != 1:
+        raise ValueError(
+            f"An impulse response of shape {np.shape(impulse_response)} is not one-dimensional: "
+            "use jax.vmap for several responses."
+        )
+    tried = np.arange(1, 100) / 100 if grid is None else np.atleast_1d(np.asarray(grid, dtype=float))
+    if tried.size == 0:
+        raise ValueError("The grid of Laguerre poles is empty: give at least one pole between 0 and 1.")
+    for pole in tried[~((tried > 0) & (tried < 1))]:
+        laguerre_functions(float(pole), functions, memory)
+    response = jnp.asarray(impulse_response, dtype=float)
+
+    def residual_norm(pole: Array) -> Array:
+        basis = laguerre_functions(pole, functions, memory)
+        left = response - basis.T @ _fit(basis, response)
+        return jnp.sqrt(left @ left)
+
+    poles = jnp.asarray(tried)
+    errors = jax.vmap(residual_norm)(poles)
+    best = jnp.argmin(errors)
+    return PoleSearch(pole=poles[best], residual_norm=errors[best], poles=poles, residual_norms=errors)
+
+
+@partial(jax.jit, static_argnums=(1, 2))
+def _functions(pole: Array, functions: int, memory: int) -> Array:
+    order = jnp.arange(functions)
+    lag = order[:, None] - order[None, :]
+    below = (-pole) ** jnp.maximum(lag - 1, 0) * (1 - pole**2)
+    transition = jnp.where(lag == 0, pole, jnp.where(lag > 0, below, 0.0))
+    start = (-pole) ** order * jnp.sqrt(1 - pole**2)
+    states = jax.lax.scan(lambda x, _: (transition @ x, x), start, length=memory)[1]
+    return jnp.transpose(states)
+
+
+def _fit(basis: Array, response: Array) -> Array:
+    # Over a finite memory the functions aren't quite orthonormal, hence least squares and not inner products.
+    return jnp.linalg.lstsq(basis.T, response)[0]
+
+
+def _memory(impulse_response: ArrayLike) -> int:
+    shape = np.shape(impulse_response)
+    if not shape or shape[0] == 0:
+        raise ValueError(f"An impulse response of shape {shape} has no coefficient: give h_1..h_M, at least one.")
+    _check.finite(
+        "The impulse-response coefficients", impulse_response, "identify it again without the missing readings"
+    )
+    return int(shape[0])
