@@ -1,0 +1,40 @@
+"""Identification: from a record of insulin and glucose to the linear model a controller is designed on.
+
+Everywhere an input has N samples, each held over one sample time, and comes with N + 1 readings, one at either end of
+each sample; deviations are taken from a steady state.
+"""
+
+from glucoloop.identification.csrs import design_csrs
+from glucoloop.identification.fopdt import FirstOrderModel, fit_first_order
+from glucoloop.identification.identify import METHODS, Identification, identify_record
+from glucoloop.identification.impulse_response import cross_correlation, least_squares
+from glucoloop.identification.laguerre import (
+    PoleSearch,
+    best_pole,
+    laguerre_coefficients,
+    laguerre_functions,
+    laguerre_smooth,
+)
+from glucoloop.identification.record import Record, record_from_samples
+from glucoloop.identification.validation import Validation, random_binary_sequence, validate
+
+__all__ = [
+    "METHODS",
+    "FirstOrderModel",
+    "Identification",
+    "PoleSearch",
+    "Record",
+    "Validation",
+    "best_pole",
+    "cross_correlation",
+    "design_csrs",
+    "fit_first_order",
+    "identify_record",
+    "laguerre_coefficients",
+    "laguerre_functions",
+    "laguerre_smooth",
+    "least_squares",
+    "random_binary_sequence",
+    "record_from_samples",
+    "validate",
+]
