@@ -1,0 +1,170 @@
+"""The Sorensen patient at rest: who he is, what he needs, where he starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop._pytree import pytree
+from glucoloop.patients import sorensen
+from glucoloop.patients.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.protocol import Inputs
+from glucoloop.patients.rest import infusion_for, rest_under
+from glucoloop.patients.sorensen import SorensenParameters
+
+
+@pytree
+class SorensenPatient:
+    """A virtual person with his operating point; implements `Patient` and `SemilinearPatient`."""
+
+    parameters: SorensenParameters
+    basal_insulin_mU_min: jax.Array
+    setpoint_mg_dl: jax.Array
+
+    def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
+        """State at rest under a constant infusion.
+
+        Parameters
+        ----------
+        insulin_mU_min : float or (people,) array
+
+        Returns
+        -------
+        (19, ...) array
+
+        Raises
+        ------
+        ValueError
+            Where the infusion is negative or not finite, or so large that glucose would rest at or below zero.
+        """
+        return _physiological(self.parameters, insulin_mU_min)
+
+    def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
+        """Infusion that holds a glucose.
+
+        Raises
+        ------
+        ValueError
+            Where no infusion of 0 or more does.
+        """
+        return _holding(self.parameters, glucose_mg_dl)
+
+    def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
+        """Right-hand side; the patient's constants do not change with time."""
+        del t_min
+        return sorensen.derivative(self.parameters, x, inputs)
+
+    def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
+        """Arterial glucose G_H."""
+        return x[sorensen.ARTERIAL_GLUCOSE]
+
+    def split(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """State to glucose and regulation `(12, ...)`, and insulin `(7, ...)`."""
+        return sorensen.split(x)
+
+    def join(self, y: jax.Array, z: jax.Array) -> jax.Array:
+        """Glucose and regulation, and insulin, back to the state."""
+        return sorensen.join(y, z)
+
+    def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """Insulin balances `(7, ...)`."""
+        return sorensen.insulin_balances(self.parameters, z, insulin_mU_min)
+
+    def effects(self, z: jax.Array) -> jax.Array:
+        """Effects of insulin `(4, ...)`."""
+        return sorensen.insulin_effects(self.parameters, z)
+
+    def slow_derivative(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+        """Glucose and regulation balances `(12, ...)`."""
+        return sorensen.glucose_balances(self.parameters, y, effects, meal_mg_min)
+
+
+def _physiological(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> jax.Array:
+    u = np.asarray(insulin_mU_min, float)
+    if not np.all(np.isfinite(u) & (u >= 0.0)):
+        worst = u[~(np.isfinite(u) & (u >= 0.0))].flat[0]
+        raise ValueError(f"an insulin infusion of {worst:g} mU/min is not possible; give a finite rate of 0 or more")
+    x: jax.Array = rest_under(p, jnp.asarray(u))
+    glucose = np.asarray(x[sorensen.ARTERIAL_GLUCOSE])
+    if not np.all(glucose > 0.0):
+        rate = np.broadcast_to(u, glucose.shape)[~(glucose > 0.0)].flat[0]
+        most = float(np.min(np.asarray(infusion_for(p, jnp.asarray(0.0)))))
+        raise ValueError(
+            f"no physiological steady state exists at {rate:g} mU/min: glucose would rest at or below 0 mg/dl; "
+            f"give less than {most:.2f} mU/min"
+        )
+    return x
+
+
+def _holding(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
+    u: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
+    if not bool(jnp.all(jnp.isfinite(u) & (jnp.asarray(glucose_mg_dl) > 0.0))):
+        highest = float(jnp.min(rest_under(p, jnp.asarray(0.0))[sorensen.ARTERIAL_GLUCOSE]))
+        raise ValueError(
+            f"no insulin infusion holds glucose at {float(np.max(glucose_mg_dl)):g} mg/dl; "
+            f"give a value above 0 and at most {highest:.2f} mg/dl, where this patient rests without insulin"
+        )
+    return u
+
+
+def at_basal(p: SorensenParameters, insulin_mU_min: float) -> SorensenPatient:
+    """Patient whose setpoint is the glucose at which the given infusion holds him.
+
+    Raises
+    ------
+    ValueError
+        Where no physiological steady state exists.
+    """
+    x = _physiological(p, insulin_mU_min)
+    return SorensenPatient(
+        parameters=p,
+        basal_insulin_mU_min=jnp.asarray(insulin_mU_min, float),
+        setpoint_mg_dl=x[sorensen.ARTERIAL_GLUCOSE],
+    )
+
+
+def at_setpoint(p: SorensenParameters, glucose_mg_dl: float) -> SorensenPatient:
+    """Patient whose basal rate is the one that holds the given glucose.
+
+    Raises
+    ------
+    ValueError
+        Where no infusion of 0 or more does.
+    """
+    u = _holding(p, glucose_mg_dl)
+    return SorensenPatient(
+        parameters=p,
+        basal_insulin_mU_min=u,
+        setpoint_mg_dl=jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape),
+    )
+
+
+# The paper states both 22.33 mU/min and 81.1 mg/dl; with its constants no infusion gives both.
+OPERATING_POINTS: Final[dict[str, Callable[[], SorensenPatient]]] = {
+    "setpoint-81": lambda: at_setpoint(PARKER_1999, 81.1),
+    "nominal-22": lambda: at_basal(PARKER_1999, 22.33),
+}
+
+
+def patient(operating_point: str = "setpoint-81") -> SorensenPatient:
+    """Diabetic patient of Parker, Doyle and Peppas (1999) at a named operating point.
+
+    Parameters
+    ----------
+    operating_point : str
+        ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min; ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name.
+    """
+    try:
+        return OPERATING_POINTS[operating_point]()
+    except KeyError:
+        known = ", ".join(OPERATING_POINTS)
+        raise ValueError(f"unknown operating point {operating_point!r}; the known ones are: {known}") from None

@@ -1,0 +1,1 @@
+"""Published parameter sets, one file each; every value with its unit and where it was printed."""

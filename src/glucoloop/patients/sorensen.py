@@ -1,0 +1,286 @@
+"""The 19-state diabetic patient of Sorensen (1985), as Parker, Doyle and Peppas (1999) use it.
+
+Mass balances around the organs: glucose in eight spaces, insulin in seven, two slow effects of insulin
+on the liver, glucagon and its slow effect. A prime in a comment is a derivative by time in minutes;
+symbols are those of the papers: B brain, H heart and lungs, G gut, L liver, K kidney, P periphery;
+V vascular, I interstitial; A hepatic artery.
+
+References
+----------
+J. T. Sorensen, "A physiologic model of glucose metabolism in man and its use to design and assess
+improved insulin therapies for diabetes", Sc.D. thesis, MIT, 1985.
+R. S. Parker, F. J. Doyle III, N. A. Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. II.
+R. S. Parker, F. J. Doyle III, J. H. Ward, N. A. Peppas, AIChE J. 46(12), 2000.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.patients.protocol import Inputs
+
+STATE_NAMES: Final = (
+    *("G_BV", "G_BI", "G_H", "G_G", "G_L", "G_K", "G_PV", "G_PI"),  # mg/dl
+    *("I_B", "I_H", "I_G", "I_L", "I_K", "I_PV", "I_PI"),  # mU/l
+    *("A_IHGP", "A_IHGU", "N", "A_NHGP"),  # normalised
+)
+GLUCOSE: Final = slice(0, 8)
+INSULIN: Final = slice(8, 15)
+REGULATION: Final = slice(15, 19)
+ARTERIAL_GLUCOSE: Final = STATE_NAMES.index("G_H")
+
+
+@pytree
+class Sigmoid:
+    """``offset + scale tanh(slope (x - inflection))``: every saturating effect of the model."""
+
+    offset: jax.Array | float
+    scale: jax.Array | float
+    slope: jax.Array | float
+    inflection: jax.Array | float
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """Value at x, elementwise."""
+        return self.offset + self.scale * jnp.tanh(self.slope * (x - self.inflection))
+
+
+@pytree
+class SorensenParameters:
+    """The constants of the model; scalars for one person, arrays `(people,)` for a cohort.
+
+    Units: glucose volumes dl, flows dl/min, rates mg/min; insulin volumes l, flows l/min; times min.
+    `glucoloop.patients.parameters` holds published sets with the provenance of every value.
+    """
+
+    # glucose transport
+    q_B: jax.Array | float
+    q_A: jax.Array | float
+    q_G: jax.Array | float
+    q_L: jax.Array | float
+    q_K: jax.Array | float
+    q_P: jax.Array | float
+    v_BV: jax.Array | float
+    v_BI: jax.Array | float
+    v_H: jax.Array | float
+    v_G: jax.Array | float
+    v_L: jax.Array | float
+    v_K: jax.Array | float
+    v_PV: jax.Array | float
+    v_PI: jax.Array | float
+    T_B: jax.Array | float
+    T_P: jax.Array | float
+    # insulin transport and clearance
+    Q_B: jax.Array | float
+    Q_A: jax.Array | float
+    Q_G: jax.Array | float
+    Q_L: jax.Array | float
+    Q_K: jax.Array | float
+    Q_P: jax.Array | float
+    V_B: jax.Array | float
+    V_H: jax.Array | float
+    V_G: jax.Array | float
+    V_L: jax.Array | float
+    V_K: jax.Array | float
+    V_PV: jax.Array | float
+    V_PI: jax.Array | float
+    T_PI: jax.Array | float
+    F_LC: jax.Array | float
+    F_KC: jax.Array | float
+    F_PC: jax.Array | float
+    # constant uptakes and basal rates
+    brain_uptake: jax.Array | float
+    red_cell_uptake: jax.Array | float
+    gut_uptake: jax.Array | float
+    basal_hepatic_production: jax.Array | float
+    basal_hepatic_uptake: jax.Array | float
+    basal_peripheral_uptake: jax.Array | float
+    # concentrations of the healthy basal state, by which the effects are normalised
+    ref_G_H: jax.Array | float
+    ref_G_L: jax.Array | float
+    ref_G_PI: jax.Array | float
+    ref_I_H: jax.Array | float
+    ref_I_L: jax.Array | float
+    ref_I_PI: jax.Array | float
+    # effects: insulin or glucose (first letter) on a rate
+    M_IHGP: Sigmoid
+    M_IHGU: Sigmoid
+    M_GHGP: Sigmoid
+    M_GHGU: Sigmoid
+    M_IPGU: Sigmoid
+    M_NHGP: Sigmoid
+    M_IPNR: Sigmoid
+    M_GPNR: Sigmoid
+    tau_I: jax.Array | float
+    tau_N: jax.Array | float
+    k_N: jax.Array | float
+    # renal excretion, mg/min, below and above the threshold of kidney glucose
+    excretion: Sigmoid
+    excretion_threshold: jax.Array | float
+    excretion_offset: jax.Array | float
+    excretion_clearance: jax.Array | float
+
+    @property
+    def q_H(self) -> jax.Array | float:
+        """Glucose flow through heart and lungs, dl/min."""
+        return self.q_B + self.q_L + self.q_K + self.q_P
+
+    @property
+    def Q_H(self) -> jax.Array | float:
+        """Insulin flow through heart and lungs, l/min."""
+        return self.Q_B + self.Q_L + self.Q_K + self.Q_P
+
+    @property
+    def peripheral_clearance(self) -> jax.Array | float:
+        """Interstitial insulin clearance PIC / I_PI, l/min."""
+        return 1.0 / ((1.0 - self.F_PC) / (self.F_PC * self.Q_P) - self.T_PI / self.V_PI)
+
+
+def renal_excretion(p: SorensenParameters, G_K: jax.Array) -> jax.Array:
+    """Glucose lost in urine, mg/min."""
+    spill = p.excretion_offset + p.excretion_clearance * G_K
+    return jnp.where(G_K < p.excretion_threshold, p.excretion(G_K), spill)
+
+
+def peripheral_uptake(p: SorensenParameters, G_PI: jax.Array, insulin_effect: jax.Array) -> jax.Array:
+    """Glucose taken up by muscle and fat, mg/min."""
+    return p.basal_peripheral_uptake * (G_PI / p.ref_G_PI) * insulin_effect
+
+
+def hepatic_balance(
+    p: SorensenParameters, G_L: jax.Array, A_IHGP: jax.Array, A_IHGU: jax.Array, N: jax.Array, A_NHGP: jax.Array
+) -> jax.Array:
+    """Glucose made less glucose taken up by the liver, HGP - HGU, mg/min."""
+    g_L = G_L / p.ref_G_L
+    HGP = p.basal_hepatic_production * A_IHGP * (p.M_NHGP(N) - A_NHGP) * p.M_GHGP(g_L)
+    HGU = p.basal_hepatic_uptake * A_IHGU * p.M_GHGU(g_L)
+    return HGP - HGU
+
+
+def insulin_balances(p: SorensenParameters, insulin: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+    """Insulin equations: linear, and closed in themselves.
+
+    Parameters
+    ----------
+    p : SorensenParameters
+    insulin : (7, ...) array
+        I_B .. I_PI, mU/l.
+    insulin_mU_min : (...) array
+        Infusion; it enters heart and lungs.
+
+    Returns
+    -------
+    (7, ...) array
+        Rates of change, mU/l/min.
+    """
+    I_B, I_H, I_G, I_L, I_K, I_PV, I_PI = insulin
+    u = insulin_mU_min
+    PIC = I_PI * p.peripheral_clearance
+    return jnp.stack(
+        [
+            p.Q_B * (I_H - I_B) / p.V_B,
+            (p.Q_B * I_B + p.Q_L * I_L + p.Q_K * I_K + p.Q_P * I_PV - p.Q_H * I_H + u) / p.V_H,
+            p.Q_G * (I_H - I_G) / p.V_G,
+            ((1.0 - p.F_LC) * (p.Q_A * I_H + p.Q_G * I_G) - p.Q_L * I_L) / p.V_L,
+            (p.Q_K * (I_H - I_K) - p.F_KC * p.Q_K * I_H) / p.V_K,
+            p.Q_P * (I_H - I_PV) / p.V_PV - (I_PV - I_PI) * p.V_PI / (p.T_PI * p.V_PV),
+            (I_PV - I_PI) / p.T_PI - PIC / p.V_PI,
+        ]
+    )
+
+
+def insulin_effects(p: SorensenParameters, insulin: jax.Array) -> jax.Array:
+    """What insulin does to glucose and glucagon.
+
+    Returns
+    -------
+    (4, ...) array
+        Effects on hepatic production, hepatic uptake, peripheral uptake and glucagon release.
+    """
+    _, I_H, _, I_L, _, _, I_PI = insulin
+    return jnp.stack(
+        [
+            p.M_IHGP(I_L / p.ref_I_L),
+            p.M_IHGU(I_L / p.ref_I_L),
+            p.M_IPGU(I_PI / p.ref_I_PI),
+            p.M_IPNR(I_H / p.ref_I_H),
+        ]
+    )
+
+
+def glucose_balances(p: SorensenParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+    """Glucose and regulation equations, given the effects of insulin.
+
+    Parameters
+    ----------
+    p : SorensenParameters
+    y : (12, ...) array
+        G_BV .. G_PI, A_IHGP, A_IHGU, N, A_NHGP.
+    effects : (4, ...) array
+        As from `insulin_effects`.
+    meal_mg_min : (...) array
+        Glucose that appears in the gut.
+
+    Returns
+    -------
+    (12, ...) array
+        Rates of change per minute.
+    """
+    G_BV, G_BI, G_H, G_G, G_L, G_K, G_PV, G_PI, A_IHGP, A_IHGU, N, A_NHGP = y
+    on_production, on_uptake, on_periphery, on_glucagon = effects
+    KE = renal_excretion(p, G_K)
+    PGU = peripheral_uptake(p, G_PI, on_periphery)
+    PNR = on_glucagon * p.M_GPNR(G_H / p.ref_G_H)
+    liver = hepatic_balance(p, G_L, A_IHGP, A_IHGU, N, A_NHGP)
+    return jnp.stack(
+        [
+            p.q_B * (G_H - G_BV) / p.v_BV - (G_BV - G_BI) * p.v_BI / (p.T_B * p.v_BV),
+            (G_BV - G_BI) / p.T_B - p.brain_uptake / p.v_BI,
+            (p.q_B * G_BV + p.q_L * G_L + p.q_K * G_K + p.q_P * G_PV - p.q_H * G_H - p.red_cell_uptake) / p.v_H,
+            (p.q_G * (G_H - G_G) - p.gut_uptake + meal_mg_min) / p.v_G,
+            (p.q_A * G_H + p.q_G * G_G - p.q_L * G_L + liver) / p.v_L,
+            (p.q_K * (G_H - G_K) - KE) / p.v_K,
+            p.q_P * (G_H - G_PV) / p.v_PV - (G_PV - G_PI) * p.v_PI / (p.T_P * p.v_PV),
+            (G_PV - G_PI) / p.T_P - PGU / p.v_PI,
+            (on_production - A_IHGP) / p.tau_I,
+            (on_uptake - A_IHGU) / p.tau_I,
+            p.k_N * (PNR - N),
+            ((p.M_NHGP(N) - 1.0) / 2.0 - A_NHGP) / p.tau_N,
+        ]
+    )
+
+
+def split(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """State `(19, ...)` to glucose and regulation `(12, ...)`, and insulin `(7, ...)`."""
+    return jnp.concatenate([x[GLUCOSE], x[REGULATION]]), x[INSULIN]
+
+
+def join(y: jax.Array, insulin: jax.Array) -> jax.Array:
+    """Glucose and regulation `(12, ...)`, and insulin `(7, ...)`, to the state `(19, ...)`."""
+    return jnp.concatenate([y[GLUCOSE], insulin, y[GLUCOSE.stop :]])
+
+
+def derivative(p: SorensenParameters, x: jax.Array, inputs: Inputs) -> jax.Array:
+    """Right-hand side of the model.
+
+    Parameters
+    ----------
+    p : SorensenParameters
+    x : (19, ...) array
+        State in the order of `STATE_NAMES`.
+    inputs : Inputs
+        Insulin infusion mU/min and glucose from meals mg/min, each `(...)`.
+
+    Returns
+    -------
+    (19, ...) array
+        Rates of change per minute.
+    """
+    y, insulin = split(x)
+    return join(
+        glucose_balances(p, y, insulin_effects(p, insulin), inputs.meal_mg_min),
+        insulin_balances(p, insulin, inputs.insulin_mU_min),
+    )

@@ -1,0 +1,49 @@
+"""What a pump may do: the constraints (17) and (18) of Parker, Doyle and Peppas (1999)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+
+
+@pytree
+class DoseLimits:
+    """Bounds on the infusion and on its change from one sample to the next."""
+
+    max_change_mU_min: jax.Array | float = 16.7
+    min_mU_min: jax.Array | float = 0.0
+    max_mU_min: jax.Array | float = 66.9
+
+    def clip(self, insulin_mU_min: jax.Array, previous_mU_min: jax.Array) -> jax.Array:
+        """Clip the change first and the magnitude second, as the paper does."""
+        change = jnp.clip(insulin_mU_min - previous_mU_min, -self.max_change_mU_min, self.max_change_mU_min)
+        return jnp.clip(previous_mU_min + change, self.min_mU_min, self.max_mU_min)
+
+
+PARKER_1999_LIMITS: Final = DoseLimits()
+"""The full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin below 100 mU/l."""
+
+
+def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max_mU_min: float = 66.9) -> DoseLimits:
+    """Limits of one's own.
+
+    Raises
+    ------
+    ValueError
+        Unless ``0 < max_change`` and ``0 <= min < max``, all finite.
+    """
+    if not 0.0 < max_change_mU_min < math.inf:
+        raise ValueError(
+            f"a rate limit of {max_change_mU_min:g} mU/min per sample is not possible; give a finite value above 0"
+        )
+    if not 0.0 <= min_mU_min < max_mU_min < math.inf:
+        raise ValueError(
+            f"a dose range of {min_mU_min:g} to {max_mU_min:g} mU/min is not possible; "
+            "give 0 or more as the lower and a larger finite value as the upper bound"
+        )
+    return DoseLimits(max_change_mU_min=max_change_mU_min, min_mU_min=min_mU_min, max_mU_min=max_mU_min)

@@ -1,0 +1,57 @@
+"""A pump that can only deliver multiples of a smallest rate."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.pumps.limited import LimitedPump
+from glucoloop.pumps.protocol import Pump
+
+
+@pytree
+class _Carry:
+    inner: object
+    owed_mU_min: jax.Array
+
+
+@pytree
+class Resolution:
+    """Rounds what the pump inside delivers down to whole steps, and owes the rest to the next sample.
+
+    What is owed is carried over, so that the mean dose is right to one step; the dose stays at or below the upper
+    limit, while a change may exceed the rate limit by up to one step.
+    """
+
+    inner: Pump
+    step_mU_min: float
+
+    def init(self, insulin_mU_min: jax.Array) -> _Carry:
+        """Nothing is owed at the start."""
+        return _Carry(inner=self.inner.init(insulin_mU_min), owed_mU_min=jnp.zeros_like(insulin_mU_min))
+
+    def deliver(self, state: _Carry, command_mU_min: jax.Array) -> tuple[_Carry, jax.Array]:
+        """Deliver whole steps."""
+        inner, wanted = self.inner.deliver(state.inner, command_mU_min)
+        due = wanted + state.owed_mU_min
+        # A hair is added because a whole number of steps may come out just below itself.
+        delivered = jnp.floor(due / self.step_mU_min + 1e-9) * self.step_mU_min
+        return _Carry(inner=inner, owed_mU_min=due - delivered), delivered
+
+
+def with_resolution(step_mU_min: float, inner: Pump | None = None) -> Resolution:
+    """Pump with a delivery resolution.
+
+    Raises
+    ------
+    ValueError
+        Unless the step is positive and finite.
+    """
+    if not 0.0 < step_mU_min < math.inf:
+        raise ValueError(
+            f"a delivery resolution of {step_mU_min:g} mU/min is not possible; give a finite value above 0"
+        )
+    return Resolution(inner=inner if inner is not None else LimitedPump(), step_mU_min=float(step_mU_min))

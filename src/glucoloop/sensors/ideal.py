@@ -1,0 +1,24 @@
+"""A sensor that tells the truth at once."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.sensors.protocol import Reading
+
+
+@pytree
+class IdealSensor:
+    """Reads the patient's glucose without noise or delay."""
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
+        """There is no state."""
+        del glucose_mg_dl, key
+        return ()
+
+    def read(self, state: tuple[()], glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[tuple[()], Reading]:
+        """Read the truth."""
+        del key
+        return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))
