@@ -1,0 +1,78 @@
+"""What a controller sees, and what it answers.
+
+An observation is the controller's only door: it never sees the plant.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, Protocol
+
+import jax
+
+from glucoloop._pytree import pytree
+
+
+@pytree
+class Observation:
+    """What is known at a sample."""
+
+    glucose_mg_dl: jax.Array
+    """The sensor's reading; anything at all where it is not valid."""
+    valid: jax.Array
+    """Whether the sensor stands by its reading."""
+    setpoint_mg_dl: jax.Array
+    delivered_mU_min: jax.Array
+    """Rate that the pump really delivered since the last sample."""
+    announced_carbs_g: jax.Array
+    """Carbohydrate of a meal that begins during the coming sample, if the scenario announces meals; else 0."""
+
+
+class Status(enum.IntEnum):
+    """How a decision came about."""
+
+    OK = 0
+    SATURATED = 1
+    READING_MISSING = 2
+    NOT_CONVERGED = 3
+    NON_FINITE = 4
+
+    @property
+    def text(self) -> str:
+        """A sentence that a person can act on."""
+        return _STATUS_TEXTS[self]
+
+
+_STATUS_TEXTS = {
+    Status.OK: "The dose is the controller's own.",
+    Status.SATURATED: "The dose was cut to the pump's limits; check the tuning if this lasts.",
+    Status.READING_MISSING: "There was no valid reading; the dose rests on the model's prediction. Check the sensor.",
+    Status.NOT_CONVERGED: "The optimisation did not converge; the best allowed dose found was taken. Check the tuning.",
+    Status.NON_FINITE: "The computation gave no finite number; the last dose was kept. Check the model.",
+}
+
+
+@pytree
+class Decision:
+    """A dose and how it came about."""
+
+    insulin_mU_min: jax.Array
+    status: jax.Array
+    """A `Status`, as an integer."""
+
+
+class Controller(Protocol):
+    """Observations in, decisions out. Designed once; `step` never raises. The state is any pytree."""
+
+    @property
+    def sample_time_min(self) -> float:
+        """Time between two observations."""
+        ...
+
+    def init(self, observation: Observation) -> Any:
+        """State of a controller that wakes at this observation."""
+        ...
+
+    def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
+        """Decide on the dose for the coming sample."""
+        ...

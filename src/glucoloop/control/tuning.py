@@ -1,0 +1,58 @@
+"""Tuning of the predictive controllers, in the paper's notation (m, p, Gamma_y, Gamma_u)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class MPCTuning:
+    """Horizons and weights of a predictive controller.
+
+    Parameters
+    ----------
+    move_horizon : int
+        Moves m that the controller plans, at least 1.
+    prediction_horizon : int
+        Samples p that it looks ahead, at least m.
+    output_weight : float
+        Gamma_y on the error of glucose, above 0.
+    move_weight : float
+        Gamma_u on each move, 0 or more.
+
+    Raises
+    ------
+    ValueError
+        Outside these bounds.
+    """
+
+    move_horizon: int = 2
+    prediction_horizon: int = 8
+    output_weight: float = 1.0
+    move_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.move_horizon <= LONGEST_MOVE_HORIZON:
+            raise ValueError(
+                f"a move horizon of {self.move_horizon} is not possible; "
+                f"give a whole number from 1 to {LONGEST_MOVE_HORIZON}"
+            )
+        if not self.move_horizon <= self.prediction_horizon <= LONGEST_PREDICTION_HORIZON:
+            raise ValueError(
+                f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
+                f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
+            )
+        if not 0.0 < self.output_weight < math.inf:
+            raise ValueError(f"an output weight of {self.output_weight:g} is not possible; give a finite value above 0")
+        if not 0.0 <= self.move_weight < math.inf:
+            raise ValueError(f"a move weight of {self.move_weight:g} is not possible; give a finite value of 0 or more")
+
+
+LONGEST_MOVE_HORIZON: Final = 50
+LONGEST_PREDICTION_HORIZON: Final = 288
+NOISE_FREE: Final = MPCTuning(move_horizon=2, prediction_horizon=8, output_weight=1.0, move_weight=0.0)
+"""Sec. IV: the least sum of squared errors without noise."""
+NOISY: Final = MPCTuning(move_horizon=2, prediction_horizon=10, output_weight=3.0, move_weight=1.0)
+"""Sec. IV: detuned for noise of variance 1.45."""

@@ -1,0 +1,7 @@
+"""Carrying patients through time: integrators, the closed loop, and the experiments made with it."""
+
+from glucoloop.simulation.adaptive import Adaptive
+from glucoloop.simulation.closed_loop import Trace, simulate
+from glucoloop.simulation.exponential import Exponential
+
+__all__ = ["Adaptive", "Exponential", "Trace", "simulate"]

@@ -1,0 +1,75 @@
+"""The reference: any patient, by an adaptive Runge-Kutta method of eighth order, with every kink of a meal honoured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.meals.lehmann_deutsch import Emptying, appearance_mg_min
+from glucoloop.patients.protocol import Inputs, Patient
+from glucoloop.simulation.plant import SampleGrid
+
+
+@pytree
+class AdaptivePlant:
+    """A patient and his meals; implements `Plant`."""
+
+    patient: Patient
+    kinks: Emptying
+    inside_min: jax.Array
+    tolerance: float = static()
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """State after the sample that begins at the time `exogenous`, and glucose on the fine grid inside it."""
+        start = exogenous
+        end = start + self.inside_min[-1]
+
+        def rates(t: Any, x: jax.Array, _: Any) -> jax.Array:
+            meal = appearance_mg_min(t, self.kinks)
+            return self.patient.derivative(t, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal))
+
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(rates),
+            diffrax.Dopri8(),
+            start,
+            end,
+            self.inside_min[-1] / 50.0,
+            x,
+            saveat=diffrax.SaveAt(ts=start + self.inside_min),
+            stepsize_controller=diffrax.ClipStepSizeController(
+                diffrax.PIDController(rtol=self.tolerance, atol=self.tolerance),
+                # outside the sample a kink is of no concern: sorted, each lies at its place or at the end
+                jump_ts=jnp.sort(
+                    jnp.where((self.kinks.t_min > start) & (self.kinks.t_min < end), self.kinks.t_min, end)
+                ),
+            ),
+            max_steps=None,
+        )
+        states = solution.ys
+        assert states is not None
+        return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """The adaptive integrator.
+
+    Parameters
+    ----------
+    tolerance : float
+        Relative and absolute local error.
+    """
+
+    tolerance: float = 1e-9
+
+    def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[AdaptivePlant, jax.Array]:
+        """The patient and his meals, and the time at which each sample begins."""
+        plant = AdaptivePlant(
+            patient=patient, kinks=kinks, inside_min=jnp.asarray(grid.inside_min), tolerance=self.tolerance
+        )
+        return plant, jnp.asarray(grid.t_min)

@@ -1,0 +1,228 @@
+"""The closed loop: a patient, a controller, a sensor, a pump and a scenario make a trace."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Controller, Observation
+from glucoloop.meals.scenario import Scenario
+from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.sensors import IdealSensor, Reading, Sensor
+from glucoloop.simulation.adaptive import Adaptive
+from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
+
+
+@pytree
+class Trace:
+    """What happened, sample by sample; time on the leading axis, people trailing."""
+
+    t_min: jax.Array
+    """(samples,)"""
+    glucose_mg_dl: jax.Array
+    """(samples, ...) the patient's glucose, free of noise, at each sample."""
+    reading_mg_dl: jax.Array
+    """(samples, ...) what the sensor said."""
+    reading_valid: jax.Array
+    """(samples, ...)"""
+    command_mU_min: jax.Array
+    """(samples, ...) what the controller asked for."""
+    insulin_mU_min: jax.Array
+    """(samples, ...) what the pump delivered from this sample to the next."""
+    status: jax.Array
+    """(samples, ...) `control.protocol.Status` of each decision."""
+    carbs_g: jax.Array
+    """(samples,) carbohydrate of the meals that begin between this sample and the next."""
+    states: jax.Array
+    """(samples + 1, states, ...) of the patient, from the start to the horizon."""
+    fine_t_min: jax.Array
+    """(points,) a grid of one minute, from 0 to the horizon."""
+    fine_glucose_mg_dl: jax.Array
+    """(points, ...) glucose free of noise on it."""
+    setpoint_mg_dl: jax.Array
+    basal_insulin_mU_min: jax.Array
+
+
+@pytree
+class _Start:
+    """Where the loop begins."""
+
+    x: jax.Array
+    insulin_mU_min: jax.Array
+    setpoint_mg_dl: jax.Array
+
+
+@pytree
+class _Eaten:
+    """Meals on the grid of samples, and the grid."""
+
+    t_min: jax.Array | npt.NDArray[np.float64]
+    fine_t_min: jax.Array | npt.NDArray[np.float64]
+    carbs_g: jax.Array | npt.NDArray[np.float64]
+    announced_g: jax.Array | npt.NDArray[np.float64]
+
+
+def _eaten(scenario: Scenario, grid: SampleGrid) -> _Eaten:
+    carbs_g = np.zeros(grid.samples)
+    for meal in scenario.meals:
+        carbs_g[int(meal.t_min / grid.sample_time_min)] += meal.carbs_g
+    return _Eaten(
+        t_min=grid.t_min,
+        fine_t_min=grid.fine_t_min,
+        carbs_g=carbs_g,
+        announced_g=carbs_g if scenario.announced else np.zeros_like(carbs_g),
+    )
+
+
+@jax.jit
+def _run(
+    plant: Plant,
+    controller: Controller,
+    sensor: Sensor,
+    pump: Pump,
+    start: _Start,
+    exogenous: Any,
+    eaten: _Eaten,
+    key: jax.Array,
+) -> Trace:
+    """The loop proper: one scan over samples."""
+    patient = plant.patient
+    sensor_key, reading_key = jax.random.split(key)
+    glucose = patient.glucose_mg_dl(start.x)
+
+    def observe(reading: Reading, delivered: jax.Array, carbs_g: jax.Array) -> Observation:
+        return Observation(
+            glucose_mg_dl=reading.glucose_mg_dl,
+            valid=reading.valid,
+            setpoint_mg_dl=start.setpoint_mg_dl,
+            delivered_mU_min=delivered,
+            announced_carbs_g=jnp.broadcast_to(carbs_g, glucose.shape),
+        )
+
+    def sample(carry: Any, entry: Any) -> Any:
+        x, delivered, in_sensor, in_controller, in_pump = carry
+        index, outside, announced_g = entry
+        glucose = patient.glucose_mg_dl(x)
+        in_sensor, reading = sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, index))
+        in_controller, decision = controller.step(in_controller, observe(reading, delivered, announced_g))
+        in_pump, delivered = pump.deliver(in_pump, decision.insulin_mU_min)
+        record = (x, reading, decision, delivered)
+        x, inside = plant.advance(x, delivered, outside)
+        return (x, delivered, in_sensor, in_controller, in_pump), (*record, inside)
+
+    in_sensor = sensor.init(glucose, sensor_key)
+    # The controller wakes at what the first sample will show it.
+    _, first = sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, 0))
+    in_controller = controller.init(observe(first, start.insulin_mU_min, eaten.announced_g[0]))
+    carry = (start.x, start.insulin_mU_min, in_sensor, in_controller, pump.init(start.insulin_mU_min))
+    index = jnp.arange(eaten.carbs_g.shape[0])
+    last, (x, reading, decision, delivered, inside) = jax.lax.scan(sample, carry, (index, exogenous, eaten.announced_g))
+    states = jnp.concatenate([x, last[0][None]])
+    return Trace(
+        t_min=jnp.asarray(eaten.t_min),
+        glucose_mg_dl=jax.vmap(patient.glucose_mg_dl)(x),
+        reading_mg_dl=reading.glucose_mg_dl,
+        reading_valid=reading.valid,
+        command_mU_min=decision.insulin_mU_min,
+        insulin_mU_min=delivered,
+        status=decision.status,
+        carbs_g=jnp.asarray(eaten.carbs_g),
+        states=states,
+        fine_t_min=jnp.asarray(eaten.fine_t_min),
+        fine_glucose_mg_dl=jnp.concatenate([glucose[None], inside.reshape(-1, *glucose.shape)]),
+        setpoint_mg_dl=start.setpoint_mg_dl,
+        basal_insulin_mU_min=start.insulin_mU_min,
+    )
+
+
+def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
+    """Samples of a run.
+
+    Raises
+    ------
+    ValueError
+        Unless the horizon is a whole number of samples.
+    """
+    samples = round(horizon_min / sample_time_min)
+    if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
+        nearest = max(1, samples) * sample_time_min
+        raise ValueError(
+            f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
+            f"{nearest:g} min would be"
+        )
+    return SampleGrid(sample_time_min=sample_time_min, samples=samples)
+
+
+def default_integrator(patient: Patient) -> Integrator:
+    """The fast integrator where the patient's structure allows it, and else the adaptive one."""
+    return Exponential() if isinstance(patient, SemilinearPatient) else Adaptive()
+
+
+def _start(patient: Patient, scenario: Scenario) -> _Start:
+    insulin = patient.basal_insulin_mU_min
+    if scenario.initial_glucose_mg_dl is not None:
+        insulin = patient.insulin_for(scenario.initial_glucose_mg_dl)
+    setpoint = (
+        patient.setpoint_mg_dl if scenario.setpoint_mg_dl is None else jnp.asarray(scenario.setpoint_mg_dl, float)
+    )
+    return _Start(x=patient.steady_state(insulin), insulin_mU_min=insulin, setpoint_mg_dl=setpoint)
+
+
+def simulate(
+    patient: Patient,
+    controller: Controller,
+    sensor: Sensor | None = None,
+    pump: Pump | None = None,
+    scenario: Scenario | None = None,
+    key: jax.Array | int = 0,
+    *,
+    integrator: Integrator | None = None,
+) -> Trace:
+    """Close the loop.
+
+    At each sample the sensor reads, the controller decides, and the pump delivers until the next one. The patient
+    starts at rest.
+
+    Parameters
+    ----------
+    patient : Patient
+    controller : Controller
+    sensor : Sensor, optional
+        Ideal by default.
+    pump : Pump, optional
+        The limits of Parker et al. (1999) by default.
+    scenario : Scenario, optional
+        The 50 g oral glucose test at 50 min over 600 min by default.
+    key : JAX key or int
+        Source of all randomness: the same key gives the same trace.
+    integrator : Integrator, optional
+        `Exponential` where the patient allows it, else `Adaptive`.
+
+    Returns
+    -------
+    Trace
+
+    Raises
+    ------
+    ValueError
+        Where the horizon is not a whole number of the controller's samples, or the patient cannot rest at the
+        initial glucose.
+    """
+    sensor = IdealSensor() if sensor is None else sensor
+    pump = LimitedPump() if pump is None else pump
+    scenario = Scenario() if scenario is None else scenario
+    integrator = default_integrator(patient) if integrator is None else integrator
+    key = jax.random.key(key) if isinstance(key, int) else key
+
+    grid = sample_grid(scenario.horizon_min, controller.sample_time_min)
+    plant, exogenous = integrator.prepare(patient, scenario.emptying(), grid)
+    start = _start(patient, scenario)
+    trace: Trace = _run(plant, controller, sensor, pump, start, exogenous, _eaten(scenario, grid), key)
+    return trace

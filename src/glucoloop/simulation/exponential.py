@@ -1,0 +1,262 @@
+"""Exponential integrator of a semilinear patient: linear transport exactly, one step per sample.
+
+Over a step of length h the infusion is constant. The driven block (insulin) is propagated by its matrix exponential.
+Its effects on the slow block are taken at three Gauss nodes of its path, that path first being projected on quadratics,
+so that each effect enters as a quadratic in time with the right moments, however fast insulin moves within the step.
+The meal enters as the quadratic with its exact moments. The slow block is linearised at the patient's basal state, its
+linear part is propagated exactly, and what is left, which is small near that state, is treated by the fourth-order
+exponential Runge-Kutta method of Krogstad (2005). Between samples the same quadratics give the glucose at any moment.
+
+References
+----------
+S. Krogstad, "Generalized integrating factor methods for stiff PDEs", J. Comput. Phys. 203, 2005.
+M. Hochbruck, A. Ostermann, "Exponential integrators", Acta Numerica 19, 2010.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+
+from glucoloop._pytree import pytree
+from glucoloop.meals.lehmann_deutsch import Emptying, appearance_moments
+from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.simulation.plant import SampleGrid
+
+Matrix = npt.NDArray[np.float64]
+
+_FINE_NODES, _FINE_WEIGHTS = np.polynomial.legendre.leggauss(32)  # for moments of the driven path; exact to rounding
+_GAUSS_NODES: Final = np.polynomial.legendre.leggauss(3)[0]
+
+
+def _legendre(x: Matrix) -> Matrix:
+    """P_0, P_1, P_2 at points of [-1, 1], as columns."""
+    return np.stack([np.ones_like(x), x, (3.0 * x * x - 1.0) / 2.0], axis=-1)
+
+
+# A quadratic over the step is carried by its values at the start, the middle and the end.
+_FROM_MOMENTS: Final = _legendre(np.array([-1.0, 0.0, 1.0])) * np.array([1.0, 3.0, 5.0])
+_FROM_GAUSS: Final = _legendre(np.array([-1.0, 0.0, 1.0])) @ np.linalg.inv(_legendre(_GAUSS_NODES))
+_PROJECT_ON_GAUSS: Final = (
+    _legendre(_GAUSS_NODES) * np.array([1.0, 3.0, 5.0]) @ (_legendre(_FINE_NODES) * _FINE_WEIGHTS[:, None] / 2.0).T
+)
+
+
+def _phi(M: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """``phi_0 .. phi_3`` of a square matrix, from one augmented exponential."""
+    n = M.shape[0]
+    augmented = np.zeros((4 * n, 4 * n))
+    augmented[:n, :n] = M
+    augmented[: 3 * n, n:] += np.eye(3 * n)
+    E = scipy.linalg.expm(augmented)
+    return E[:n, :n], E[:n, n : 2 * n], E[:n, 2 * n : 3 * n], E[:n, 3 * n :]
+
+
+@pytree
+class Matrices:
+    """What a step needs, computed once per patient and step length."""
+
+    driven_end: jax.Array
+    """(d, d + 1) the driven block at the end of the step, from its start and the infusion."""
+    driven_gauss: jax.Array
+    """(3, d, d + 1) its projected path at the Gauss nodes."""
+    linear: jax.Array
+    """(n, n) the linear part of the slow block, which the exponentials hold."""
+    half: jax.Array
+    """(3, n, n) half step: exponential, ``h/2 phi_1``, ``h phi_2``."""
+    full: jax.Array
+    """(3, n, n) full step: exponential, ``h phi_1``, ``2 h phi_2``."""
+    end: jax.Array
+    """(3, n, n) weights of a quadratic source, by its values at start, middle and end."""
+    dense: tuple[jax.Array, ...]
+    """For each substep, (times, 4, n) rows that read glucose at the moments inside it."""
+
+
+def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
+    """``E, W_0, W_m, W_1`` with ``y(theta h) = E y + W_0 s_0 + W_m s_m + W_1 s_1``, stacked.
+
+    The source is the quadratic through s_0, s_m, s_1 at the start, the middle and the end of the step.
+    """
+    phi_0, phi_1, phi_2, phi_3 = _phi(theta * h * L)
+    a, b, c = h * theta * phi_1, h * theta**2 * phi_2, 2.0 * h * theta**3 * phi_3
+    return np.stack([phi_0, a - 3.0 * b + 2.0 * c, 4.0 * b - 4.0 * c, -b + 2.0 * c])
+
+
+@jax.jit
+def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Jacobian of the slow block at the state x, A, b, and the row that reads glucose from the slow block."""
+    y, z = patient.split(x)
+    none = jnp.zeros(())
+    L = jax.jacfwd(lambda y: patient.slow_derivative(y, patient.effects(z), none))(y)
+    A = jax.jacfwd(lambda z: patient.driven_derivative(z, none))(z)
+    b = patient.driven_derivative(jnp.zeros_like(z), jnp.ones(()))
+    row = jax.grad(lambda y: patient.glucose_mg_dl(patient.join(y, z)))(y)
+    return L, A, b, row
+
+
+def design(patient: SemilinearPatient, step_min: float, dense_times_min: Sequence[Matrix]) -> Matrices:
+    """Matrices of one step.
+
+    Parameters
+    ----------
+    patient : SemilinearPatient
+        One person.
+    step_min : float
+        Length of the step.
+    dense_times_min : sequence of (times,) arrays
+        For each substep of a sample, the moments inside it, counted from its start, at which glucose is wanted.
+    """
+    basal = patient.steady_state(patient.basal_insulin_mU_min)
+    L, A, b, row = (np.asarray(part) for part in _linearisation(patient, basal))
+    return _design(_Hashed(L), _Hashed(A), _Hashed(b), _Hashed(row), step_min, tuple(map(_Hashed, dense_times_min)))
+
+
+class _Hashed:
+    """An array that a cache can know again by its content."""
+
+    def __init__(self, array: Matrix) -> None:
+        self.array = array
+        self._content = (array.shape, array.tobytes())
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Hashed) and self._content == other._content
+
+
+@functools.lru_cache(maxsize=64)
+def _design(
+    slow: _Hashed, transport: _Hashed, entry: _Hashed, output: _Hashed, h: float, dense_times: tuple[_Hashed, ...]
+) -> Matrices:
+    """Matrix exponentials cost more than a day of closed loop, so the same patient is not designed for twice."""
+    L, A, row = slow.array, transport.array, output.array
+    d = A.shape[0]
+    driven = np.zeros((d + 1, d + 1))
+    driven[:d, :d], driven[:d, d] = A, entry.array
+
+    path = scipy.linalg.expm(((_FINE_NODES + 1.0) / 2.0 * h)[:, None, None] * driven)[:, :d]
+    half_0, half_1, half_2, _ = _phi(h / 2.0 * L)
+    full_0, full_1, full_2, _ = _phi(h * L)
+    dense = [
+        np.array([row @ _quadratic_weights(L, h, t / h) for t in times.array]).reshape(-1, 4, L.shape[0])
+        for times in dense_times
+    ]
+    return Matrices(
+        driven_end=jnp.asarray(scipy.linalg.expm(h * driven)[:d]),
+        driven_gauss=jnp.asarray(np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path)),
+        linear=jnp.asarray(L),
+        half=jnp.asarray(np.stack([half_0, h / 2.0 * half_1, h * half_2])),
+        full=jnp.asarray(np.stack([full_0, h * full_1, 2.0 * h * full_2])),
+        end=jnp.asarray(_quadratic_weights(L, h, 1.0)[1:]),
+        dense=tuple(jnp.asarray(rows) for rows in dense),
+    )
+
+
+def step(
+    patient: SemilinearPatient,
+    matrices: Matrices,
+    dense: jax.Array,
+    x: jax.Array,
+    insulin_mU_min: jax.Array,
+    meal_moments: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """One step.
+
+    Parameters
+    ----------
+    patient, matrices
+        The patient and the matrices made for him.
+    dense : (times, 4, n) array
+        Rows that read glucose inside the step.
+    x : (states, ...) array
+        State at the start.
+    insulin_mU_min : (...) array
+        Infusion held over the step.
+    meal_moments : (3, ...) array
+        Legendre moments of the meal's appearance, mg/min.
+
+    Returns
+    -------
+    x : (states, ...) array
+        State at the end.
+    glucose_mg_dl : (times, ...) array
+        Glucose at the moments inside.
+    """
+    y, z = patient.split(x)
+    drive = jnp.concatenate([z, insulin_mU_min[None]])
+    path = jnp.stack([patient.effects(at_node @ drive) for at_node in matrices.driven_gauss])
+    effects_0, effects_m, effects_1 = jnp.tensordot(jnp.asarray(_FROM_GAUSS, path.dtype), path, 1)
+    meal_0, meal_m, meal_1 = jnp.tensordot(jnp.asarray(_FROM_MOMENTS, path.dtype), meal_moments, 1)
+
+    def source(y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+        return patient.slow_derivative(y, effects, meal_mg_min) - matrices.linear @ y
+
+    s_0 = source(y, effects_0, meal_0)
+    base = matrices.half[0] @ y + matrices.half[1] @ s_0
+    s_a = source(base, effects_m, meal_m)
+    s_b = source(base + matrices.half[2] @ (s_a - s_0), effects_m, meal_m)
+    base = matrices.full[0] @ y
+    s_1 = source(base + matrices.full[1] @ s_0 + matrices.full[2] @ (s_b - s_0), effects_1, meal_1)
+    s_m = (s_a + s_b) / 2.0
+    y_end = base + matrices.end[0] @ s_0 + matrices.end[1] @ s_m + matrices.end[2] @ s_1
+    glucose = dense[:, 0] @ y + dense[:, 1] @ s_0 + dense[:, 2] @ s_m + dense[:, 3] @ s_1
+    return patient.join(y_end, matrices.driven_end @ drive), glucose
+
+
+@pytree
+class ExponentialPlant:
+    """A patient with the matrices that carry him over one sample; implements `Plant`."""
+
+    patient: SemilinearPatient
+    matrices: Matrices
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """State after one sample, and glucose on the fine grid inside it."""
+        inside = []
+        for dense, moments in zip(self.matrices.dense, exogenous, strict=True):
+            x, glucose = step(self.patient, self.matrices, dense, x, insulin_mU_min, moments)
+            inside.append(glucose)
+        return x, jnp.concatenate(inside)
+
+
+@dataclass(frozen=True)
+class Exponential:
+    """The fast integrator: exact transport, fourth order in the rest, by default one step per sample.
+
+    Parameters
+    ----------
+    substeps : int
+        Steps per sample.
+    """
+
+    substeps: int = 1
+
+    def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[ExponentialPlant, jax.Array]:
+        """Matrices for the patient, and the meal's moments `(samples, substeps, 3, ...)`.
+
+        Raises
+        ------
+        TypeError
+            For a patient that is not semilinear.
+        """
+        if not isinstance(patient, SemilinearPatient):
+            raise TypeError(f"{type(patient).__name__} has no linear driven block; use the adaptive integrator for it")
+        h = grid.sample_time_min / self.substeps
+        index = np.minimum((grid.inside_min / h - 1e-9).astype(int), self.substeps - 1)
+        dense = [grid.inside_min[index == i] - i * h for i in range(self.substeps)]
+        starts = jnp.arange(grid.samples * self.substeps).reshape(grid.samples, self.substeps) * h
+        return ExponentialPlant(patient=patient, matrices=design(patient, h, dense)), _moments(starts, h, kinks)
+
+
+@jax.jit
+def _moments(starts_min: jax.Array, step_min: float, kinks: Emptying) -> jax.Array:
+    return jax.vmap(jax.vmap(lambda t: appearance_moments(t, step_min, kinks)))(starts_min)

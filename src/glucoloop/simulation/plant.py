@@ -1,0 +1,58 @@
+"""What the closed loop asks of an integrator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.meals.lehmann_deutsch import Emptying
+from glucoloop.patients.protocol import Patient
+
+
+@dataclass(frozen=True)
+class SampleGrid:
+    """Samples of the loop, and the fine grid of about one minute on which glucose is recorded between them."""
+
+    sample_time_min: float
+    samples: int
+
+    @property
+    def inside_min(self) -> npt.NDArray[np.float64]:
+        """Moments of the fine grid within a sample, its end included, counted from its start."""
+        parts = max(1, round(self.sample_time_min))
+        return self.sample_time_min * np.arange(1, parts + 1, dtype=np.float64) / parts
+
+    @property
+    def t_min(self) -> npt.NDArray[np.float64]:
+        """Time of each sample `(samples,)`."""
+        return self.sample_time_min * np.arange(self.samples, dtype=np.float64)
+
+    @property
+    def fine_t_min(self) -> npt.NDArray[np.float64]:
+        """The whole fine grid, from 0 to the horizon."""
+        return np.concatenate([[0.0], (self.t_min[:, None] + self.inside_min).ravel()])
+
+
+class Plant(Protocol):
+    """A patient made ready to be advanced by whole samples; a pytree."""
+
+    @property
+    def patient(self) -> Patient:
+        """Whom it carries."""
+        ...
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Any) -> tuple[jax.Array, jax.Array]:
+        """State after one sample, and glucose on the fine grid inside it."""
+        ...
+
+
+class Integrator(Protocol):
+    """Makes a plant of a patient."""
+
+    def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[Plant, Any]:
+        """The plant, and what reaches it from outside, one entry per sample on the leading axis."""
+        ...
