@@ -1,0 +1,22 @@
+"""Small convex quadratic programs of predictive control: exact for two moves, interior point for more."""
+
+from glucoloop.optimize.moves_qp import (
+    MovesSolution,
+    QPSolution,
+    limit_moves,
+    minimise_many_moves,
+    minimise_moves,
+    solve_qp,
+)
+from glucoloop.optimize.two_moves import minimise_one_move, minimise_two_moves
+
+__all__ = [
+    "MovesSolution",
+    "QPSolution",
+    "limit_moves",
+    "minimise_many_moves",
+    "minimise_moves",
+    "minimise_one_move",
+    "minimise_two_moves",
+    "solve_qp",
+]
