@@ -1,0 +1,342 @@
+"""Linear state-space models: linearisation, exact zero-order hold, and their responses.
+
+A model describes deviations from an operating point (x0, u0, y0):
+
+    dx/dt = A x + B u + E d,    y = C x              (`ContinuousModel`)
+    x(k+1) = Phi x(k) + Gamma u(k) + Psi d(k)        (`LinearModel`)
+
+One input, the insulin infusion; one output, the glucose concentration; `d`, where there is one, is a disturbance such
+as the rate of appearance of a meal. No direct feedthrough: the output is read before the new input acts.
+
+References
+----------
+C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23(3), 1978,
+395-404.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree, static
+
+
+@pytree
+class ContinuousModel:
+    """A linear model in continuous time, and the point about which it holds.
+
+    Attributes
+    ----------
+    A : (n, n)
+        State matrix, per min.
+    B : (n,)
+        Input matrix, per min and mU/min.
+    C : (n,)
+        Output row.
+    E : (n,) or None
+        Disturbance matrix.
+    state : (n,)
+        Operating point x0.
+    insulin_mU_min : ()
+        Operating point u0.
+    glucose_mg_dl : ()
+        Operating point y0.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    E: Array | None = None
+    state: Array
+    insulin_mU_min: Array
+    glucose_mg_dl: Array
+
+
+@pytree
+class LinearModel:
+    """A linear model sampled with a zero-order hold, and the point about which it holds.
+
+    Attributes
+    ----------
+    Phi : (n, n)
+        Transition over one sample.
+    Gamma : (n,)
+        Effect of an input held over one sample, per mU/min.
+    C : (n,)
+        Output row.
+    Psi : (n,) or None
+        Effect of a disturbance held over one sample.
+    state : (n,)
+        Operating point x0.
+    insulin_mU_min : ()
+        Operating point u0.
+    glucose_mg_dl : ()
+        Operating point y0.
+    sample_time_min : float
+        Sample time; static.
+    """
+
+    Phi: Array
+    Gamma: Array
+    C: Array
+    Psi: Array | None = None
+    state: Array
+    insulin_mU_min: Array
+    glucose_mg_dl: Array
+    sample_time_min: float = static()
+
+
+def linearise(
+    derivative: Callable[..., Array],
+    output: Callable[[Array], Array],
+    state: ArrayLike,
+    insulin_mU_min: ArrayLike,
+    disturbance: ArrayLike | None = None,
+) -> ContinuousModel:
+    """Differentiate a nonlinear model at a point, exactly, by forward-mode differentiation.
+
+    ``A = df/dx``, ``B = df/du``, ``C = dh/dx``, ``E = df/dd``.
+
+    Parameters
+    ----------
+    derivative
+        ``f(x, u)``, or ``f(x, u, d)`` if a disturbance is given: the time derivative (n,) of the state, per min.
+    output
+        ``h(x)``: the glucose concentration, mg/dl.
+    state : (n,)
+        Point x0. It need not be a steady state; the drift ``f(x0, u0)`` is not part of the model.
+    insulin_mU_min : ()
+        Infusion u0.
+    disturbance : (), optional
+        Disturbance d0.
+
+    Returns
+    -------
+    ContinuousModel
+
+    Raises
+    ------
+    ValueError
+        If the state is not a vector, the input or disturbance is not a scalar, or `derivative` or `output` returns
+        another shape.
+
+    Notes
+    -----
+    Traceable by JAX, so that a controller can linearise again at every sample; for a cohort use `jax.vmap`.
+    """
+    x, u = jnp.asarray(state, dtype=float), jnp.asarray(insulin_mU_min, dtype=float)
+    if x.ndim != 1:
+        raise ValueError(f"The state must be a vector, but its shape is {x.shape}; use jax.vmap for many people.")
+    if u.ndim != 0:
+        raise ValueError(f"The insulin infusion must be a scalar, but its shape is {u.shape}.")
+    point = (x, u)
+    if disturbance is not None:
+        d = jnp.asarray(disturbance, dtype=float)
+        if d.ndim != 0:
+            raise ValueError(f"The disturbance must be a scalar, but its shape is {d.shape}.")
+        point = (x, u, d)  # type: ignore[assignment]
+    jacobians = jax.jacfwd(derivative, argnums=tuple(range(len(point))))(*point)
+    C, y = jax.jacfwd(output)(x), jnp.asarray(output(x))
+    if jacobians[0].shape != (x.size, x.size):
+        raise ValueError(
+            f"The derivative must have the shape {x.shape} of the state, but it has {jacobians[0].shape[:-1]}."
+        )
+    if y.ndim != 0:
+        raise ValueError(f"The output must be a scalar, but its shape is {y.shape}.")
+    return ContinuousModel(
+        A=jacobians[0],
+        B=jacobians[1],
+        C=C,
+        E=jacobians[2] if disturbance is not None else None,
+        state=x,
+        insulin_mU_min=u,
+        glucose_mg_dl=y,
+    )
+
+
+def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple[Array, Array]:
+    """Sample ``dx/dt = A x + B u`` with `u` held over each sample, exactly.
+
+    ``exp([[A, B], [0, 0]] T) = [[Phi, Gamma], [0, I]]``; `A` may be singular.
+
+    Parameters
+    ----------
+    A : (n, n)
+        State matrix, per min.
+    B : (n,) or (n, q)
+        Input matrix.
+    sample_time_min
+        Sample time T.
+
+    Returns
+    -------
+    Phi : (n, n)
+        Transition over one sample.
+    Gamma : (n,) or (n, q)
+        Effect of held inputs, in the shape of `B`.
+
+    Raises
+    ------
+    ValueError
+        If `A` is not square, `B` has another number of rows, or the sample time is not positive and finite.
+    """
+    A, B = jnp.asarray(A, dtype=float), jnp.asarray(B, dtype=float)
+    _check_sample_time(sample_time_min)
+    if A.ndim != 2 or A.shape[0] != A.shape[1]:
+        raise ValueError(f"A must be square, but its shape is {A.shape}.")
+    n = A.shape[0]
+    if B.ndim not in (1, 2) or B.shape[0] != n:
+        raise ValueError(f"B must be ({n},) or ({n}, q) to go with A, but its shape is {B.shape}.")
+    columns = B.reshape(n, -1)
+    q = columns.shape[1]
+    augmented = jnp.zeros((n + q, n + q)).at[:n, :n].set(A).at[:n, n:].set(columns)
+    hold = jax.scipy.linalg.expm(augmented * sample_time_min, max_squarings=48)
+    return hold[:n, :n], hold[:n, n:].reshape(B.shape)
+
+
+def discretise(model: ContinuousModel, sample_time_min: float) -> LinearModel:
+    """Sample a continuous model with input and disturbance held over each sample, exactly.
+
+    Parameters
+    ----------
+    model
+        The continuous model.
+    sample_time_min
+        Sample time.
+
+    Returns
+    -------
+    LinearModel
+
+    Raises
+    ------
+    ValueError
+        If the sample time is not positive and finite.
+    """
+    inputs = model.B[:, None] if model.E is None else jnp.stack([model.B, model.E], axis=1)
+    Phi, held = zero_order_hold(model.A, inputs, sample_time_min)
+    return LinearModel(
+        Phi=Phi,
+        Gamma=held[:, 0],
+        C=model.C,
+        Psi=None if model.E is None else held[:, 1],
+        state=model.state,
+        insulin_mU_min=model.insulin_mU_min,
+        glucose_mg_dl=model.glucose_mg_dl,
+        sample_time_min=float(sample_time_min),
+    )
+
+
+def impulse_response(model: LinearModel, samples: int) -> Array:
+    """Response of the output to a unit input held over the first sample: ``h_i = C Phi^(i-1) Gamma``.
+
+    Parameters
+    ----------
+    model
+        The model.
+    samples
+        Number of coefficients, at least 1.
+
+    Returns
+    -------
+    (samples,)
+        h_1, h_2, ... in mg/dl per mU/min; the output `i` samples after the input began.
+
+    Raises
+    ------
+    ValueError
+        If `samples` is less than 1.
+    """
+    if samples < 1:
+        raise ValueError(f"A response needs at least 1 sample, but {samples} were asked for.")
+
+    def step(x: Array, _: None) -> tuple[Array, Array]:
+        return model.Phi @ x, model.C @ x
+
+    _, h = jax.lax.scan(step, model.Gamma, None, length=samples)
+    return h
+
+
+def step_response(model: LinearModel, samples: int) -> Array:
+    """Response of the output to a unit step of the input: ``S_i = h_1 + ... + h_i``.
+
+    Parameters
+    ----------
+    model
+        The model.
+    samples
+        Number of coefficients, at least 1.
+
+    Returns
+    -------
+    (samples,)
+        S_1, S_2, ... in mg/dl per mU/min; the output `i` samples after the step.
+
+    Raises
+    ------
+    ValueError
+        If `samples` is less than 1.
+    """
+    return jnp.cumsum(impulse_response(model, samples))
+
+
+def simulate_linear(
+    model: LinearModel,
+    insulin_mU_min: ArrayLike,
+    disturbance: ArrayLike | None = None,
+    state_deviation: ArrayLike | None = None,
+) -> Array:
+    """Run a linear model through a record of inputs.
+
+    Parameters
+    ----------
+    model
+        The model.
+    insulin_mU_min : (N,)
+        Infusion held over each sample, absolute (not a deviation).
+    disturbance : (N,), optional
+        Disturbance held over each sample, as a deviation from the operating point.
+    state_deviation : (n,), optional
+        Initial state less x0; zero by default.
+
+    Returns
+    -------
+    (N + 1,)
+        Glucose concentration, absolute, mg/dl: at the start, then after each sample.
+
+    Raises
+    ------
+    ValueError
+        If the inputs are not a vector, the disturbances do not match them, or the model has no disturbance.
+    """
+    u = jnp.asarray(insulin_mU_min, dtype=float)
+    if u.ndim != 1:
+        raise ValueError(f"The insulin infusion must be a vector over samples, but its shape is {u.shape}.")
+    if disturbance is None:
+        d, Psi = jnp.zeros_like(u), jnp.zeros_like(model.Gamma)
+    else:
+        d = jnp.asarray(disturbance, dtype=float)
+        if model.Psi is None:
+            raise ValueError("The model has no disturbance input; linearise it with one, or leave the disturbance out.")
+        if d.shape != u.shape:
+            raise ValueError(f"The disturbance must have the shape {u.shape} of the infusion, but it has {d.shape}.")
+        Psi = model.Psi
+    x = jnp.zeros_like(model.state) if state_deviation is None else jnp.asarray(state_deviation, dtype=float)
+
+    def step(x: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
+        u_k, d_k = inputs
+        x = model.Phi @ x + model.Gamma * (u_k - model.insulin_mU_min) + Psi * d_k
+        return x, model.C @ x
+
+    _, y = jax.lax.scan(step, x, (u, d))
+    return model.glucose_mg_dl + jnp.concatenate([(model.C @ x)[None], y])
+
+
+def _check_sample_time(sample_time_min: float) -> None:
+    if not 0.0 < sample_time_min < float("inf"):
+        raise ValueError(f"The sample time must be positive and finite, but it is {sample_time_min} min.")
