@@ -1,7 +1,27 @@
-"""glucoloop: an open laboratory for automatic insulin dosing. Research software, not a medical device."""
+"""glucoloop: an open laboratory for automatic insulin dosing. Research software, not a medical device.
 
+The names below are the everyday interface; they are imported when first used, so that `import glucoloop` and
+``glucoloop --help`` answer at once. Everything else lives in the layers: `glucoloop.patients`, `glucoloop.control` and
+so on.
+"""
+
+from __future__ import annotations
+
+import importlib
 import os
 import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glucoloop.control import MPCTuning, design_linear_mpc
+    from glucoloop.identification import identify_record, record_from_samples
+    from glucoloop.meals import Meal, Scenario
+    from glucoloop.metrics import summarise
+    from glucoloop.patients import at_basal, at_setpoint, patient
+    from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
+    from glucoloop.report import plot
+    from glucoloop.sensors import dead_time, white_noise
+    from glucoloop.simulation import Adaptive, Exponential, excite, identify, simulate
 
 __version__ = "0.1.0"
 
@@ -9,3 +29,61 @@ __version__ = "0.1.0"
 os.environ.setdefault("JAX_ENABLE_X64", "true")
 if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)
+
+_HOME = {
+    "Adaptive": "simulation",
+    "Exponential": "simulation",
+    "LimitedPump": "pumps",
+    "MPCTuning": "control",
+    "Meal": "meals",
+    "Scenario": "meals",
+    "at_basal": "patients",
+    "at_setpoint": "patients",
+    "dead_time": "sensors",
+    "design_linear_mpc": "control",
+    "dose_limits": "pumps",
+    "excite": "simulation",
+    "identify": "simulation",
+    "identify_record": "identification",
+    "patient": "patients",
+    "plot": "report",
+    "record_from_samples": "identification",
+    "simulate": "simulation",
+    "summarise": "metrics",
+    "white_noise": "sensors",
+    "with_resolution": "pumps",
+}
+
+__all__ = [
+    "Adaptive",
+    "Exponential",
+    "LimitedPump",
+    "MPCTuning",
+    "Meal",
+    "Scenario",
+    "at_basal",
+    "at_setpoint",
+    "dead_time",
+    "design_linear_mpc",
+    "dose_limits",
+    "excite",
+    "identify",
+    "identify_record",
+    "patient",
+    "plot",
+    "record_from_samples",
+    "simulate",
+    "summarise",
+    "white_noise",
+    "with_resolution",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'glucoloop' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"glucoloop.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

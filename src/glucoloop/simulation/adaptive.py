@@ -41,18 +41,22 @@ class AdaptivePlant:
             self.inside_min[-1] / 50.0,
             x,
             saveat=diffrax.SaveAt(ts=start + self.inside_min),
-            stepsize_controller=diffrax.ClipStepSizeController(
-                diffrax.PIDController(rtol=self.tolerance, atol=self.tolerance),
-                # outside the sample a kink is of no concern: sorted, each lies at its place or at the end
-                jump_ts=jnp.sort(
-                    jnp.where((self.kinks.t_min > start) & (self.kinks.t_min < end), self.kinks.t_min, end)
-                ),
-            ),
+            stepsize_controller=self._steps(start, end),
             max_steps=None,
         )
         states = solution.ys
         assert states is not None
         return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
+
+    def _steps(self, start: jax.Array, end: jax.Array) -> Any:
+        """Adaptive steps, none of them across a kink."""
+        adaptive = diffrax.PIDController(rtol=self.tolerance, atol=self.tolerance)
+        kinks = self.kinks.t_min
+        if kinks.size == 0:
+            return adaptive
+        # outside the sample a kink is of no concern: sorted, each lies at its place or at the end
+        inside = jnp.sort(jnp.where((kinks > start) & (kinks < end), kinks, end))
+        return diffrax.ClipStepSizeController(adaptive, jump_ts=inside)
 
 
 @dataclass(frozen=True)

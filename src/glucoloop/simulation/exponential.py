@@ -76,8 +76,10 @@ class Matrices:
     """(3, n, n) full step: exponential, ``h phi_1``, ``2 h phi_2``."""
     end: jax.Array
     """(3, n, n) weights of a quadratic source, by its values at start, middle and end."""
-    dense: tuple[jax.Array, ...]
-    """For each substep, (times, 4, n) rows that read glucose at the moments inside it."""
+    dense: jax.Array
+    """(substeps, times, 4, n) rows that read glucose at the moments inside each substep, padded with zeros."""
+    wanted: jax.Array
+    """(points,) which of the ``substeps * times`` readings are not padding."""
 
 
 def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
@@ -146,10 +148,12 @@ def _design(
     path = scipy.linalg.expm(((_FINE_NODES + 1.0) / 2.0 * h)[:, None, None] * driven)[:, :d]
     half_0, half_1, half_2, _ = _phi(h / 2.0 * L)
     full_0, full_1, full_2, _ = _phi(h * L)
-    dense = [
-        np.array([row @ _quadratic_weights(L, h, t / h) for t in times.array]).reshape(-1, 4, L.shape[0])
-        for times in dense_times
-    ]
+    most = max(times.array.size for times in dense_times)
+    dense = np.zeros((len(dense_times), most, 4, L.shape[0]))
+    for rows, times in zip(dense, dense_times, strict=True):
+        for position, t in enumerate(times.array):
+            rows[position] = row @ _quadratic_weights(L, h, t / h)
+    wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.array.size)]
     return Matrices(
         driven_end=jnp.asarray(scipy.linalg.expm(h * driven)[:d]),
         driven_gauss=jnp.asarray(np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path)),
@@ -157,7 +161,8 @@ def _design(
         half=jnp.asarray(np.stack([half_0, h / 2.0 * half_1, h * half_2])),
         full=jnp.asarray(np.stack([full_0, h * full_1, 2.0 * h * full_2])),
         end=jnp.asarray(_quadratic_weights(L, h, 1.0)[1:]),
-        dense=tuple(jnp.asarray(rows) for rows in dense),
+        dense=jnp.asarray(dense),
+        wanted=jnp.asarray(wanted),
     )
 
 
@@ -221,11 +226,16 @@ class ExponentialPlant:
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: jax.Array) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        inside = []
-        for dense, moments in zip(self.matrices.dense, exogenous, strict=True):
-            x, glucose = step(self.patient, self.matrices, dense, x, insulin_mU_min, moments)
-            inside.append(glucose)
-        return x, jnp.concatenate(inside)
+        dense = self.matrices.dense
+        if dense.shape[0] == 1:
+            return step(self.patient, self.matrices, dense[0], x, insulin_mU_min, exogenous[0])
+
+        def substep(x: jax.Array, entry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+            rows, moments = entry
+            return step(self.patient, self.matrices, rows, x, insulin_mU_min, moments)
+
+        x, inside = jax.lax.scan(substep, x, (dense, exogenous))
+        return x, inside.reshape(-1, *inside.shape[2:])[self.matrices.wanted]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,188 @@
+"""Experiments on a virtual patient without a controller: excite him, and identify a model from what he answers."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from glucoloop.identification import Identification, Record, Validation, design_csrs, identify_record, validate
+from glucoloop.identification import random_binary_sequence as binary_sequence
+from glucoloop.meals.lehmann_deutsch import Emptying
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.simulation.adaptive import Adaptive
+from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
+
+NOMINAL_INSULIN_MU_MIN: Final = 22.33
+"""The paper's amplitude: the nominal rate, the largest that may be taken away from it."""
+
+
+@jax.jit
+def _excite(
+    plant: Plant, sensor: Sensor, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Any, key: jax.Array
+) -> jax.Array:
+    """Readings at the start and after each sample."""
+    patient = plant.patient
+    sensor_key, reading_key = jax.random.split(key)
+    in_sensor = sensor.init(patient.glucose_mg_dl(x), sensor_key)
+
+    def read(in_sensor: Any, x: jax.Array, index: jax.Array) -> tuple[Any, jax.Array]:
+        in_sensor, reading = sensor.read(in_sensor, patient.glucose_mg_dl(x), jax.random.fold_in(reading_key, index))
+        return in_sensor, jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
+
+    def sample(carry: Any, entry: Any) -> Any:
+        x, in_sensor = carry
+        index, insulin, outside = entry
+        in_sensor, reading = read(in_sensor, x, index)
+        x, _ = plant.advance(x, insulin, outside)
+        return (x, in_sensor), reading
+
+    samples = insulin_mU_min.shape[0]
+    (x, in_sensor), readings = jax.lax.scan(sample, (x, in_sensor), (jnp.arange(samples), insulin_mU_min, exogenous))
+    _, last = read(in_sensor, x, jnp.asarray(samples))
+    return jnp.concatenate([readings, last[None]])
+
+
+def excite(
+    patient: Patient,
+    insulin_mU_min: ArrayLike,
+    sensor: Sensor | None = None,
+    key: jax.Array | int = 0,
+    *,
+    sample_time_min: float = 5.0,
+    integrator: Integrator | None = None,
+) -> Record:
+    """Give a fasting patient at rest a sequence of infusion rates and read his glucose.
+
+    Parameters
+    ----------
+    patient : Patient
+    insulin_mU_min : (N,) array
+        Rates, each held over one sample. The patient starts at rest at his basal rate.
+    sensor : Sensor, optional
+        Ideal by default. A sensor with dead time gives a record from which the dead time is identified too.
+    key : JAX key or int
+    sample_time_min : float
+    integrator : Integrator, optional
+        Eight exponential steps per sample by default, since the sequence may jump far.
+
+    Returns
+    -------
+    Record
+        N rates and N + 1 readings.
+
+    Raises
+    ------
+    ValueError
+        For a rate that is negative or not finite.
+    """
+    rates = np.asarray(insulin_mU_min, float)
+    if not np.all(np.isfinite(rates) & (rates >= 0.0)):
+        worst = rates[~(np.isfinite(rates) & (rates >= 0.0))].flat[0]
+        raise ValueError(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
+    if integrator is None:
+        integrator = Exponential(substeps=8) if isinstance(patient, SemilinearPatient) else Adaptive()
+    key = jax.random.key(key) if isinstance(key, int) else key
+    fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
+    grid = SampleGrid(sample_time_min=sample_time_min, samples=rates.size)
+    plant, exogenous = integrator.prepare(patient, fasting, grid)
+    x = patient.steady_state(patient.basal_insulin_mU_min)
+    glucose = _excite(plant, sensor or IdealSensor(), x, jnp.asarray(rates), exogenous, key)
+    return Record(insulin_mU_min=jnp.asarray(rates), glucose_mg_dl=glucose, sample_time_min=sample_time_min)
+
+
+def identify(
+    patient: Patient,
+    sensor: Sensor | None = None,
+    key: jax.Array | int = 0,
+    *,
+    memory: int = 36,
+    amplitude_mU_min: float = NOMINAL_INSULIN_MU_MIN,
+    samples: int | None = None,
+    laguerre_pole: float = 0.84,
+    laguerre_functions: int | None = 2,
+    sample_time_min: float = 5.0,
+) -> Identification:
+    """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III).
+
+    Parameters
+    ----------
+    patient : Patient
+    sensor : Sensor, optional
+        Ideal by default; `white_noise` gives the paper's noisy record.
+    key : JAX key or int
+    memory : int
+        Samples M after which the response has died out.
+    amplitude_mU_min : float
+        Height of the pulses, at most the basal rate.
+    samples : int, optional
+        Length of the record; the shortest, ``2 M``, by default.
+    laguerre_pole : float
+    laguerre_functions : int or None
+        Functions that smooth the impulse response; None leaves it as it is.
+    sample_time_min : float
+
+    Returns
+    -------
+    Identification
+        Its ``model`` is what a controller is designed on.
+
+    Raises
+    ------
+    ValueError
+        For an amplitude above the basal rate, a record that is too short, or a setting out of bounds.
+    """
+    basal = float(patient.basal_insulin_mU_min)
+    if not amplitude_mU_min <= basal:
+        raise ValueError(
+            f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
+            f"give an amplitude of at most {basal:.2f} mU/min"
+        )
+    sequence = design_csrs(memory, amplitude_mU_min, samples)
+    record = excite(patient, basal + np.asarray(sequence), sensor, key, sample_time_min=sample_time_min)
+    return identify_record(
+        record,
+        memory=memory,
+        laguerre_pole=laguerre_pole,
+        laguerre_functions=laguerre_functions,
+        basal_insulin_mU_min=basal,
+    )
+
+
+def validate_on(
+    patient: Patient,
+    model: StepResponseModel,
+    *,
+    samples: int = 100,
+    amplitude_mU_min: float | None = None,
+    seed: int = 0,
+) -> tuple[Record, Validation]:
+    """Drive a random binary sequence through the patient and the model, as the paper does for its Fig. 3.
+
+    Parameters
+    ----------
+    patient : Patient
+    model : StepResponseModel
+    samples : int
+    amplitude_mU_min : float, optional
+        A tenth of the basal rate by default.
+    seed : int
+
+    Returns
+    -------
+    record : Record
+        The patient's noise-free answer.
+    validation : Validation
+        Prediction and residuals.
+    """
+    basal = float(patient.basal_insulin_mU_min)
+    amplitude = 0.1 * basal if amplitude_mU_min is None else amplitude_mU_min
+    sequence = np.asarray(binary_sequence(samples, amplitude, seed))
+    record = excite(patient, basal + sequence, sample_time_min=model.sample_time_min)
+    return record, validate(model, sequence, record.glucose_mg_dl - patient.setpoint_mg_dl)
