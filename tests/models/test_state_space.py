@@ -14,6 +14,7 @@ from glucoloop.models.state_space import (
     step_response,
     zero_order_hold,
 )
+from glucoloop.patients import Inputs, patient
 
 X0, U0, D0 = np.array([1.2, 0.7, 2.0]), 0.4, 0.1
 
@@ -158,3 +159,18 @@ def test_records_that_do_not_fit_are_refused(continuous, discrete):
     plain = discretise(linearise(derivative, output, X0, U0), 5.0)
     with pytest.raises(ValueError, match="no disturbance input"):
         simulate_linear(plain, np.zeros(3), np.zeros(3))
+
+
+def test_the_patient_at_the_setpoint_has_its_known_dynamics():
+    person = patient("setpoint-81")
+    u0 = 25.6060573442
+
+    def flow(x, u, meal):
+        return person.derivative(0.0, x, Inputs(insulin_mU_min=u, meal_mg_min=meal))
+
+    model = discretise(linearise(flow, person.glucose_mg_dl, person.steady_state(u0), u0, 0.0), 5.0)
+    np.testing.assert_allclose(np.abs(np.linalg.eigvals(model.Phi)).max(), 0.954500318, rtol=1e-9)
+    known = [-0.010266601, -0.77305708, -1.741683, -2.8207981]
+    np.testing.assert_allclose(step_response(model, 36)[np.array([0, 5, 11, 35])], known, rtol=1e-7)
+    np.testing.assert_allclose(step_response(model, 2000)[-1], -3.17618654, rtol=1e-8)
+    np.testing.assert_allclose(model.glucose_mg_dl, 81.1, rtol=1e-11)

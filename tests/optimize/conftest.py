@@ -27,7 +27,7 @@ def enumerate_active_sets(H, f, G, h):
         kkt[:, :m, m:] = np.swapaxes(rows[active], 1, 2)
         right = np.concatenate([np.broadcast_to(-gradient, (len(active), m)), h[active]], axis=1)
         x = np.linalg.solve(kkt, right[..., None])[:, :m, 0] / scale
-        x = x[np.all(x @ G.T - h <= 1e-8 * (1.0 + np.abs(h)), axis=1)]
+        x = x[np.all(x @ G.T - h <= 1e-11 * (1.0 + np.abs(h)), axis=1)]
         objective = 0.5 * np.einsum("ni,ij,nj->n", x, H, x) + x @ f
         if len(x) and objective.min() < least:
             best, least = x[objective.argmin()], objective.min()
