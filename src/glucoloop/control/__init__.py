@@ -1,7 +1,33 @@
 """Controllers: pure functions from observations to doses, designed once and never handed a patient."""
 
+from glucoloop.control.imc import IMC, design_imc
 from glucoloop.control.linear_mpc import LinearMPC, design_linear_mpc
+from glucoloop.control.mpc_se import MPCSE, design_mpc_se
+from glucoloop.control.nlqdmc_se import NLQDMC, design_nlqdmc_se
+from glucoloop.control.open_loop import OpenLoop, design_open_loop
+from glucoloop.control.pid import PID, PIDTuning, design_pid, internal_model_tuning
 from glucoloop.control.protocol import Controller, Decision, Observation, Status
-from glucoloop.control.tuning import MPCTuning
+from glucoloop.control.tuning import MPCTuning, StateTuning
 
-__all__ = ["Controller", "Decision", "LinearMPC", "MPCTuning", "Observation", "Status", "design_linear_mpc"]
+__all__ = [
+    "IMC",
+    "MPCSE",
+    "NLQDMC",
+    "PID",
+    "Controller",
+    "Decision",
+    "LinearMPC",
+    "MPCTuning",
+    "Observation",
+    "OpenLoop",
+    "PIDTuning",
+    "StateTuning",
+    "Status",
+    "design_imc",
+    "design_linear_mpc",
+    "design_mpc_se",
+    "design_nlqdmc_se",
+    "design_open_loop",
+    "design_pid",
+    "internal_model_tuning",
+]

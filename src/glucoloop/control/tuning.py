@@ -6,6 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+import numpy.typing as npt
+
+LONGEST_MOVE_HORIZON: Final = 50
+LONGEST_PREDICTION_HORIZON: Final = 288
+
 
 @dataclass(frozen=True)
 class MPCTuning:
@@ -50,8 +56,37 @@ class MPCTuning:
             raise ValueError(f"a move weight of {self.move_weight:g} is not possible; give a finite value of 0 or more")
 
 
-LONGEST_MOVE_HORIZON: Final = 50
-LONGEST_PREDICTION_HORIZON: Final = 288
+@dataclass(frozen=True)
+class StateTuning(MPCTuning):
+    """Tuning of the controllers that estimate the state: the horizons and weights, and a reference filter.
+
+    Parameters
+    ----------
+    reference_filter : float
+        phi_r, at least 0 and below 1. The reference goes from the estimated glucose to the setpoint as ``phi_r^(i-s)``
+        for the sample i ahead; 0 asks for the setpoint at once.
+    reference_start : int
+        s, 0 or 1: whether the reference starts to move at this sample or at the next.
+    """
+
+    reference_filter: float = 0.65
+    reference_start: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 <= self.reference_filter < 1.0:
+            raise ValueError(
+                f"a reference filter of {self.reference_filter:g} is not possible; give 0 or more and less than 1"
+            )
+        if self.reference_start not in (0, 1):
+            raise ValueError(f"a reference start of {self.reference_start} is not possible; give 0 or 1")
+
+    def reference(self) -> npt.NDArray[np.float64]:
+        """``phi_r^(i-s)`` for i = 1 .. p."""
+        ahead = np.arange(1, self.prediction_horizon + 1) - self.reference_start
+        return np.asarray(self.reference_filter**ahead, np.float64)
+
+
 NOISE_FREE: Final = MPCTuning(move_horizon=2, prediction_horizon=8, output_weight=1.0, move_weight=0.0)
 """Sec. IV: the least sum of squared errors without noise."""
 NOISY: Final = MPCTuning(move_horizon=2, prediction_horizon=10, output_weight=3.0, move_weight=1.0)

@@ -4,5 +4,16 @@ from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.closed_loop import Trace, simulate
 from glucoloop.simulation.experiment import excite, identify, validate_on
 from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 
-__all__ = ["Adaptive", "Exponential", "Trace", "excite", "identify", "simulate", "validate_on"]
+__all__ = [
+    "Adaptive",
+    "Exponential",
+    "Trace",
+    "excite",
+    "identify",
+    "linear_model",
+    "nonlinear_model",
+    "simulate",
+    "validate_on",
+]

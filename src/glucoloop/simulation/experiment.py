@@ -9,8 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from glucoloop.identification import Identification, Record, Validation, design_csrs, identify_record, validate
-from glucoloop.identification import random_binary_sequence as binary_sequence
+from glucoloop.identification import (
+    FirstOrderModel,
+    Identification,
+    Record,
+    Validation,
+    design_csrs,
+    fit_first_order,
+    identify_record,
+    random_binary_sequence,
+    validate,
+)
 from glucoloop.meals.lehmann_deutsch import Emptying
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.protocol import Patient, SemilinearPatient
@@ -183,6 +192,33 @@ def validate_on(
     """
     basal = float(patient.basal_insulin_mU_min)
     amplitude = 0.1 * basal if amplitude_mU_min is None else amplitude_mU_min
-    sequence = np.asarray(binary_sequence(samples, amplitude, seed))
+    sequence = np.asarray(random_binary_sequence(samples, amplitude, seed))
     record = excite(patient, basal + sequence, sample_time_min=model.sample_time_min)
     return record, validate(model, sequence, record.glucose_mg_dl - patient.setpoint_mg_dl)
+
+
+def fit_step(
+    patient: Patient,
+    *,
+    step_mU_min: float = NOMINAL_INSULIN_MU_MIN / 2.0,
+    horizon_min: float = 600.0,
+    delay_min: float | None = 5.0,
+    sample_time_min: float = 5.0,
+) -> FirstOrderModel:
+    """First-order model with dead time, fitted to a patient's answer to a lasting step of insulin.
+
+    Parameters
+    ----------
+    patient : Patient
+    step_mU_min : float
+        Above the basal rate; half the nominal rate by default.
+    horizon_min : float
+    delay_min : float or None
+        Dead time of the model; None fits it too.
+    sample_time_min : float
+    """
+    samples = round(horizon_min / sample_time_min)
+    basal = float(patient.basal_insulin_mU_min)
+    record = excite(patient, np.full(samples, basal + step_mU_min), sample_time_min=sample_time_min)
+    response = np.asarray(record.glucose_mg_dl - patient.setpoint_mg_dl)
+    return fit_first_order(sample_time_min * np.arange(samples + 1), response, step_mU_min, delay_min)

@@ -1,0 +1,55 @@
+"""From a wanted rate to a decision: what every controller does last, whatever it was told."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop.control.protocol import Decision, Observation, Status
+from glucoloop.pumps.limits import DoseLimits
+
+_SATURATED_MU_MIN: Final = 1e-9
+
+
+def is_known(observation: Observation) -> jax.Array:
+    """Whether there is a reading to work with."""
+    return observation.valid & jnp.isfinite(observation.glucose_mg_dl)
+
+
+def delivered_since(observation: Observation, previous_mU_min: jax.Array) -> jax.Array:
+    """Rate that the pump delivered since the last sample, or the one before where the pump's word is no number."""
+    return jnp.where(jnp.isfinite(observation.delivered_mU_min), observation.delivered_mU_min, previous_mU_min)
+
+
+def decide(
+    wanted_mU_min: jax.Array,
+    delivered_mU_min: jax.Array,
+    limits: DoseLimits,
+    known: jax.Array,
+    converged: jax.Array | bool = True,
+) -> Decision:
+    """Clip a wanted rate to the limits and say how it came about.
+
+    Parameters
+    ----------
+    wanted_mU_min : (...) array
+        Any number, or none.
+    delivered_mU_min : (...) array
+        Rate in force, which is kept if nothing finite is wanted.
+    limits : DoseLimits
+    known : (...) array
+        Whether there was a reading.
+    converged : (...) array
+        Whether an optimisation, if any, succeeded.
+    """
+    finite = jnp.isfinite(wanted_mU_min)
+    insulin = limits.clip(jnp.where(finite, wanted_mU_min, delivered_mU_min), delivered_mU_min)
+    saturated = jnp.abs(insulin - wanted_mU_min) > _SATURATED_MU_MIN
+    status = jnp.select(
+        [~finite, ~known, ~jnp.broadcast_to(converged, finite.shape), saturated],
+        [Status.NON_FINITE, Status.READING_MISSING, Status.NOT_CONVERGED, Status.SATURATED],
+        Status.OK,
+    )
+    return Decision(insulin_mU_min=insulin, status=status)

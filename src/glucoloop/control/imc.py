@@ -1,0 +1,146 @@
+"""Discrete internal model control with a filter, on a first-order model with dead time.
+
+Parker, Doyle and Peppas (1999), Sec. VII, compare with the controller of Sorensen (1985); the design is in M. Morari,
+E. Zafiriou, Robust Process Control, 1989, ch. 4 and 8.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+
+@pytree
+class IMCState:
+    """What the controller remembers; deviations from where it woke."""
+
+    model_mg_dl: jax.Array
+    """Output of the internal model."""
+    filtered_mg_dl: jax.Array
+    """Filtered change of glucose asked of the model."""
+    pending_mU_min: jax.Array
+    """(delay, ...) delivered rates that the model has not felt yet, the oldest first."""
+    error_mg_dl: jax.Array
+    basal_mU_min: jax.Array
+    insulin_mU_min: jax.Array
+
+
+@pytree
+class IMC:
+    """Internal model controller; see `design_imc`."""
+
+    pole: jax.Array | float
+    gain: jax.Array | float
+    filter_pole: jax.Array | float
+    limits: DoseLimits
+    delay_samples: int = static()
+    sample_time_min: float = static()
+
+    def init(self, observation: Observation) -> IMCState:
+        """At rest under what the pump delivers."""
+        delivered = observation.delivered_mU_min
+        zero = jnp.zeros_like(delivered)
+        return IMCState(
+            model_mg_dl=zero,
+            filtered_mg_dl=zero,
+            pending_mU_min=jnp.zeros((self.delay_samples, *delivered.shape), delivered.dtype),
+            error_mg_dl=zero,
+            basal_mU_min=delivered,
+            insulin_mU_min=delivered,
+        )
+
+    def step(self, state: IMCState, observation: Observation) -> tuple[IMCState, Decision]:
+        """Feel what was delivered, compare the model with the reading, invert the model without its dead time."""
+        delivered = delivered_since(observation, state.insulin_mU_min)
+        line = jnp.concatenate([state.pending_mU_min, (delivered - state.basal_mU_min)[None]])
+        model = self.pole * state.model_mg_dl + self.gain * line[0]
+        known = is_known(observation)
+        error = jnp.where(known, model - (observation.glucose_mg_dl - observation.setpoint_mg_dl), state.error_mg_dl)
+        filtered = self.filter_pole * state.filtered_mg_dl + (1.0 - self.filter_pole) * error
+        wanted = state.basal_mU_min + (filtered - self.pole * state.filtered_mg_dl) / self.gain
+        state = IMCState(
+            model_mg_dl=model,
+            filtered_mg_dl=filtered,
+            pending_mU_min=line[1:],
+            error_mg_dl=error,
+            basal_mU_min=state.basal_mU_min,
+            insulin_mU_min=delivered,
+        )
+        return state, decide(wanted, delivered, self.limits, known)
+
+
+def design_imc(
+    gain: float,
+    tau_min: float,
+    delay_min: float,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    filter_min: float = 1.0,
+    sample_time_min: float = 5.0,
+) -> IMC:
+    """Discrete internal model controller with a first-order filter.
+
+    The model is ``y_k = a y_(k-1) + b u_(k-1-d)`` with ``a = exp(-T / tau)`` and ``b = K (1 - a)``. With the filter
+    ``v_k = f v_(k-1) + (1 - f) e_k``, ``f = exp(-T / lambda)``, on the error ``e = y_model - (y - r)``, the
+    controller inverts the model without its dead time: ``u_k = u_0 + (v_k - a v_(k-1)) / b``.
+
+    ============  =============================================  ====
+    variable      meaning                                        size
+    ============  =============================================  ====
+    ``K, tau``    gain and lag of the model                      1
+    ``d``         its dead time in samples                       1
+    ``lambda``    time constant of the filter                    1
+    ============  =============================================  ====
+
+    Parameters
+    ----------
+    gain : float
+        K, mg/dl per mU/min; not 0.
+    tau_min : float
+        Above 0.
+    delay_min : float
+        A whole number of samples; the hold itself is not counted.
+    limits : DoseLimits
+    filter_min : float
+        lambda, above 0.
+    sample_time_min : float
+        T.
+
+    Raises
+    ------
+    ValueError
+        Outside these bounds.
+
+    Examples
+    --------
+    >>> controller = design_imc(-3.45, 89.1, 5.0)
+    >>> round(float(controller.pole), 4), controller.delay_samples
+    (0.9454, 1)
+    """
+    if not (math.isfinite(gain) and gain != 0.0):
+        raise ValueError(f"a gain of {gain:g} mg/dl per mU/min is not possible; give a finite value that is not 0")
+    for name, value in (("lag", tau_min), ("filter", filter_min)):
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"a {name} of {value:g} min is not possible; give a finite value above 0")
+    delay = round(delay_min / sample_time_min) if math.isfinite(delay_min) else -1
+    if delay < 0 or abs(delay * sample_time_min - delay_min) > 1e-9:
+        raise ValueError(
+            f"a dead time of {delay_min:g} min is not possible; "
+            f"give a multiple of the sample time, {sample_time_min:g} min"
+        )
+    a = math.exp(-sample_time_min / tau_min)
+    return IMC(
+        pole=a,
+        gain=gain * (1.0 - a),
+        filter_pole=math.exp(-sample_time_min / filter_min),
+        limits=limits,
+        delay_samples=delay,
+        sample_time_min=sample_time_min,
+    )

@@ -1,0 +1,170 @@
+"""Nonlinear quadratic dynamic matrix control with state estimation (NLQDMC/SE).
+
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. VI; G. Gattu, E. Zafiriou, "Nonlinear quadratic
+dynamic matrix control with state estimation", Ind. Eng. Chem. Res. 31, 1992.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.planning import dynamic_matrix, minimise_within
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.tuning import StateTuning
+from glucoloop.estimation.kalman import filter_gain, steady_state_covariance
+from glucoloop.models.nonlinear import NonlinearModel
+from glucoloop.models.state_space import discretise, linearise, step_response
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+
+@pytree
+class NLQDMCState:
+    """What the controller remembers."""
+
+    estimate: jax.Array
+    """(n,) filtered state."""
+    insulin_mU_min: jax.Array
+    """Rate delivered before this sample."""
+
+
+@pytree
+class NLQDMC:
+    """NLQDMC with state estimation; see `design_nlqdmc_se`."""
+
+    model: NonlinearModel
+    process_noise: jax.Array
+    """(n, n) Q."""
+    measurement_variance: jax.Array | float
+    reference: jax.Array
+    """(p,) ``phi_r^(i-s)``."""
+    output_weight: jax.Array | float
+    move_weight: jax.Array | float
+    limits: DoseLimits
+    move_horizon: int = static()
+    dead_time_samples: int = static()
+    sample_time_min: float = static()
+
+    def init(self, observation: Observation) -> NLQDMCState:
+        """At rest at the model's operating point."""
+        return NLQDMCState(estimate=self.model.state, insulin_mU_min=observation.delivered_mU_min)
+
+    def step(self, state: NLQDMCState, observation: Observation) -> tuple[NLQDMCState, Decision]:
+        """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""
+        delivered = delivered_since(observation, state.insulin_mU_min)
+        x = self.model.advance(state.estimate, delivered)
+        linear = discretise(
+            linearise(self.model.derivative, self.model.glucose_mg_dl, x, delivered), self.sample_time_min
+        )
+        P = steady_state_covariance(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
+        K = filter_gain(P, linear.C, self.measurement_variance)
+        known = is_known(observation)
+        correction = K * jnp.where(known, observation.glucose_mg_dl - self.model.glucose_mg_dl(x), 0.0)
+        x = x + correction
+
+        def ahead(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
+            x = self.model.advance(x, delivered) + correction
+            return x, self.model.glucose_mg_dl(x)
+
+        p = self.reference.shape[0]
+        _, free = jax.lax.scan(ahead, x, None, length=p)
+        target = observation.setpoint_mg_dl
+        reference = target + self.reference * (self.model.glucose_mg_dl(x) - target)
+        S = jnp.concatenate([jnp.zeros(self.dead_time_samples), step_response(linear, p - self.dead_time_samples)])
+        A = dynamic_matrix(S, self.move_horizon, p)
+        hessian = self.output_weight**2 * A.T @ A + self.move_weight**2 * jnp.eye(self.move_horizon)
+        gradient = -(self.output_weight**2) * A.T @ (reference - free)
+        move, converged = minimise_within(hessian, gradient, delivered, self.limits)
+
+        # An estimate that is no number would never come back; the operating point is all that is left to go by.
+        sound = jnp.all(jnp.isfinite(x))
+        state = NLQDMCState(estimate=jnp.where(sound, x, self.model.state), insulin_mU_min=delivered)
+        wanted = jnp.where(sound, delivered + move, jnp.nan)
+        return state, decide(wanted, delivered, self.limits, known, converged)
+
+
+def design_nlqdmc_se(
+    model: NonlinearModel,
+    process_noise: ArrayLike,
+    tuning: StateTuning,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    measurement_variance: float = 1.45,
+    dead_time_samples: int = 0,
+) -> NLQDMC:
+    r"""Predictive control on a nonlinear model that is linearised anew at each sample.
+
+    At each sample the model is linearised at the predicted state and the rate in force, and the steady Kalman gain K of
+    that linearisation is found. The estimate and the free response come from the nonlinear model, K e being added at
+    each sample ahead; the effect of the moves comes from the linear one. The moves solve one quadratic program,
+
+        min over du of  Gamma_y^2 |r - free - A du|^2 + Gamma_u^2 |du|^2
+
+    subject to the pump's rate and magnitude limits at every planned move.
+
+    ============  ==========================================  ========
+    variable      meaning                                     size
+    ============  ==========================================  ========
+    ``x``         estimated state                             (n,)
+    ``K``         Kalman gain of the sample, filter form      (n,)
+    ``A``         dynamic matrix of the linearisation         (p, m)
+    ``free``      glucose if the rate stayed as it is         (p,)
+    ============  ==========================================  ========
+
+    Parameters
+    ----------
+    model : NonlinearModel
+        The person as the controller imagines him; `simulation.internal_model.nonlinear_model` makes one of a patient.
+    process_noise : (n,) or (n, n) array
+        Q, per sample; a vector is its diagonal.
+    tuning : StateTuning
+    limits : DoseLimits
+    measurement_variance : float
+        R, (mg/dl)^2.
+    dead_time_samples : int
+        Dead time that the controller knows of: as many rows of zeros enter A and the horizon grows by as many.
+
+    Raises
+    ------
+    ValueError
+        For noise that is not a covariance of the model's size, or a dead time that is negative.
+
+    Examples
+    --------
+    >>> from glucoloop.control.tuning import StateTuning
+    >>> StateTuning(move_horizon=2, prediction_horizon=5, reference_filter=0.57).prediction_horizon
+    5
+    """
+    n = model.state.shape[0]
+    Q = np.asarray(process_noise, float)
+    Q = np.diag(Q) if Q.ndim == 1 else Q
+    if Q.shape != (n, n) or not np.all(np.isfinite(Q)) or not np.allclose(Q, Q.T) or np.linalg.eigvalsh(Q)[0] < -1e-12:
+        raise ValueError(f"the process noise must be a covariance of the {n} states; give {n} variances of 0 or more")
+    if not 0.0 < measurement_variance < math.inf:
+        raise ValueError(
+            f"a measurement variance of {measurement_variance:g} (mg/dl)^2 is not possible; give a finite value above 0"
+        )
+    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+        raise ValueError(
+            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
+        )
+    tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
+    return NLQDMC(
+        model=model,
+        process_noise=jnp.asarray(Q),
+        measurement_variance=measurement_variance,
+        reference=jnp.asarray(tuning.reference()),
+        output_weight=tuning.output_weight,
+        move_weight=tuning.move_weight,
+        limits=limits,
+        move_horizon=tuning.move_horizon,
+        dead_time_samples=dead_time_samples,
+        sample_time_min=model.sample_time_min,
+    )

@@ -1,0 +1,68 @@
+"""No controller: a constant rate, the baseline of every comparison."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+
+@pytree
+class OpenLoop:
+    """Goes on with the rate that it finds; see `design_open_loop`."""
+
+    insulin_mU_min: jax.Array | None
+    limits: DoseLimits
+    sample_time_min: float = static()
+
+    def init(self, observation: Observation) -> jax.Array:
+        """The rate to keep."""
+        if self.insulin_mU_min is None:
+            return observation.delivered_mU_min
+        return jnp.broadcast_to(self.insulin_mU_min, observation.delivered_mU_min.shape)
+
+    def step(self, state: jax.Array, observation: Observation) -> tuple[jax.Array, Decision]:
+        """Keep it; the reading is not looked at, but a missing one is reported."""
+        delivered = delivered_since(observation, state)
+        return state, decide(state, delivered, self.limits, is_known(observation))
+
+
+def design_open_loop(
+    insulin_mU_min: float | None = None,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    sample_time_min: float = 5.0,
+) -> OpenLoop:
+    """Constant infusion.
+
+    Parameters
+    ----------
+    insulin_mU_min : float, optional
+        The rate; by default that at which the loop starts, the patient's basal rate.
+    limits : DoseLimits
+    sample_time_min : float
+
+    Raises
+    ------
+    ValueError
+        For a rate outside the limits.
+
+    Examples
+    --------
+    >>> design_open_loop(20.0).sample_time_min
+    5.0
+    """
+    if insulin_mU_min is None:
+        return OpenLoop(insulin_mU_min=None, limits=limits, sample_time_min=sample_time_min)
+    if not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
+        raise ValueError(
+            f"a constant rate of {insulin_mU_min:g} mU/min cannot be delivered; "
+            f"give {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
+        )
+    return OpenLoop(insulin_mU_min=jnp.asarray(insulin_mU_min), limits=limits, sample_time_min=sample_time_min)

@@ -1,0 +1,180 @@
+"""PID control in velocity form, tuned by hand or from a first-order model with dead time.
+
+D. E. Rivera, M. Morari, S. Skogestad, "Internal model control. 4. PID controller design", Ind. Eng. Chem. Process Des.
+Dev. 25(1), 1986.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+
+@dataclass(frozen=True)
+class PIDTuning:
+    """Parameters of a PID controller.
+
+    Parameters
+    ----------
+    gain_mU_min_per_mg_dl : float
+        Insulin for each mg/dl above the setpoint, above 0.
+    integral_time_min : float
+        Above 0; infinite for no integral action.
+    derivative_time_min : float
+        0 or more.
+
+    Raises
+    ------
+    ValueError
+        Outside these bounds.
+    """
+
+    gain_mU_min_per_mg_dl: float
+    integral_time_min: float
+    derivative_time_min: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gain_mU_min_per_mg_dl < math.inf:
+            raise ValueError(
+                f"a gain of {self.gain_mU_min_per_mg_dl:g} mU/min per mg/dl is not possible; "
+                "give a finite value above 0"
+            )
+        if not self.integral_time_min > 0.0:
+            raise ValueError(
+                f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0"
+            )
+        if not 0.0 <= self.derivative_time_min < math.inf:
+            raise ValueError(
+                f"a derivative time of {self.derivative_time_min:g} min is not possible; "
+                "give a finite value of 0 or more"
+            )
+
+
+def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_loop_min: float) -> PIDTuning:
+    """Tuning for a first-order model with dead time.
+
+    Parameters
+    ----------
+    gain : float
+        Of the model, mg/dl per mU/min; below 0, since insulin lowers glucose.
+    tau_min, delay_min : float
+        Its lag and dead time.
+    closed_loop_min : float
+        Time constant wanted of the loop, above 0.
+
+    Raises
+    ------
+    ValueError
+        For a gain that is not below 0 or a time that is not possible.
+    """
+    if not gain < 0.0:
+        raise ValueError(
+            f"a gain of {gain:g} mg/dl per mU/min is not possible; insulin lowers glucose, give a value below 0"
+        )
+    if not (tau_min > 0.0 and delay_min >= 0.0 and closed_loop_min > 0.0):
+        raise ValueError(
+            f"a lag of {tau_min:g}, a dead time of {delay_min:g} and a closed loop of {closed_loop_min:g} min are not "
+            "possible together; give a lag and a closed loop above 0 and a dead time of 0 or more"
+        )
+    half = delay_min / 2.0
+    return PIDTuning(
+        gain_mU_min_per_mg_dl=(tau_min + half) / (-gain * (closed_loop_min + half)),
+        integral_time_min=tau_min + half,
+        derivative_time_min=tau_min * half / (tau_min + half),
+    )
+
+
+@pytree
+class PIDState:
+    """Last two readings and the rate in force."""
+
+    last_mg_dl: jax.Array
+    before_last_mg_dl: jax.Array
+    setpoint_mg_dl: jax.Array
+    insulin_mU_min: jax.Array
+
+
+@pytree
+class PID:
+    """PID controller; see `design_pid`."""
+
+    proportional: jax.Array | float
+    integral: jax.Array | float
+    derivative: jax.Array | float
+    limits: DoseLimits
+    sample_time_min: float = static()
+
+    def init(self, observation: Observation) -> PIDState:
+        """The first reading stands for the ones before."""
+        reading = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
+        return PIDState(
+            last_mg_dl=reading,
+            before_last_mg_dl=reading,
+            setpoint_mg_dl=jnp.broadcast_to(observation.setpoint_mg_dl, reading.shape),
+            insulin_mU_min=observation.delivered_mU_min,
+        )
+
+    def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:
+        """Move from what the pump delivers, so that nothing winds up."""
+        delivered = delivered_since(observation, state.insulin_mU_min)
+        known = is_known(observation)
+        y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
+        setpoint = jnp.broadcast_to(observation.setpoint_mg_dl, y.shape)
+        error, last_error = y - setpoint, state.last_mg_dl - state.setpoint_mg_dl
+        bend = y - 2.0 * state.last_mg_dl + state.before_last_mg_dl
+        move = self.proportional * (error - last_error) + self.integral * error + self.derivative * bend
+        # A held reading says nothing about the error now: no move is made on it.
+        move = jnp.where(known, move, 0.0)
+        state = PIDState(
+            last_mg_dl=y,
+            before_last_mg_dl=jnp.where(known, state.last_mg_dl, state.before_last_mg_dl),
+            setpoint_mg_dl=setpoint,
+            insulin_mU_min=delivered,
+        )
+        return state, decide(delivered + move, delivered, self.limits, known)
+
+
+def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sample_time_min: float = 5.0) -> PID:
+    """PID controller in velocity form, with the derivative on the reading.
+
+    With the error ``e = y - r`` each sample moves insulin by
+
+        K_c ( e_k - e_(k-1) + (T / T_I) e_k + (T_D / T) (y_k - 2 y_(k-1) + y_(k-2)) )
+
+    from what the pump delivered, so the integral cannot wind up.
+
+    ============  =========================  ====
+    variable      meaning                    size
+    ============  =========================  ====
+    ``K_c``       gain                       1
+    ``T_I, T_D``  integral, derivative time  1
+    ``T``         sample time                1
+    ============  =========================  ====
+
+    Parameters
+    ----------
+    tuning : PIDTuning
+    limits : DoseLimits
+    sample_time_min : float
+
+    Examples
+    --------
+    >>> controller = design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0))
+    >>> round(float(controller.proportional), 3)
+    0.817
+    """
+    return PID(
+        proportional=tuning.gain_mU_min_per_mg_dl,
+        integral=tuning.gain_mU_min_per_mg_dl * sample_time_min / tuning.integral_time_min,
+        derivative=tuning.gain_mU_min_per_mg_dl * tuning.derivative_time_min / sample_time_min,
+        limits=limits,
+        sample_time_min=sample_time_min,
+    )

@@ -1,0 +1,111 @@
+"""The optimisation that every predictive controller here shares: moves that bring glucose to a reference.
+
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, eq. (15), (16), (20).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.tuning import MPCTuning
+from glucoloop.optimize.moves_qp import minimise_moves
+from glucoloop.pumps.limits import DoseLimits
+
+CONSTRAINT_HANDLING: Final = ("clip", "qp")
+_WORST_CONDITION: Final = 1e13
+
+
+def dynamic_matrix(step_response: jax.Array, moves: int, horizon: int) -> jax.Array:
+    """Matrix A `(p, m)` with ``A_ij = S_(i-j+1)``: glucose over the horizon from each planned move."""
+    lag = jnp.arange(horizon)[:, None] - jnp.arange(moves)[None, :]
+    return jnp.where(lag >= 0, step_response[jnp.clip(lag, 0, step_response.shape[0] - 1)], 0.0)
+
+
+def minimise_within(
+    hessian: jax.Array, gradient: jax.Array, delivered_mU_min: jax.Array, limits: DoseLimits
+) -> tuple[jax.Array, jax.Array]:
+    """First of the moves that minimise ``du' H du / 2 + g' du`` within the pump's limits, and whether it is exact."""
+    solution = minimise_moves(
+        hessian,
+        gradient,
+        delivered_mU_min,
+        max_move=limits.max_change_mU_min,
+        u_min=limits.min_mU_min,
+        u_max=limits.max_mU_min,
+    )
+    return solution.moves[0], solution.converged
+
+
+@pytree
+class MovePlan:
+    """Moves ``du`` that minimise ``Gamma_y^2 |error - A du|^2 + Gamma_u^2 |du|^2``, made ready."""
+
+    gain: jax.Array
+    """(p,) first row of ``(Gamma_y^2 A'A + Gamma_u^2 I)^-1 Gamma_y^2 A'``."""
+    hessian: jax.Array
+    """(m, m) ``Gamma_y^2 A'A + Gamma_u^2 I``."""
+    gradient: jax.Array
+    """(m, p) ``-Gamma_y^2 A'``."""
+    limits: DoseLimits
+    constraints: str = static()
+
+    def first_move(self, error_mg_dl: jax.Array, delivered_mU_min: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """First planned move, and whether it is the minimiser that was asked for.
+
+        Parameters
+        ----------
+        error_mg_dl : (p, ...) array
+            Reference less free response over the horizon.
+        delivered_mU_min : (...) array
+            Rate from which the moves start.
+        """
+        if self.constraints == "qp":
+            return minimise_within(self.hessian, self.gradient @ error_mg_dl, delivered_mU_min, self.limits)
+        return self.gain @ error_mg_dl, jnp.ones(jnp.shape(delivered_mU_min), bool)
+
+
+def plan_moves(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, constraints: str) -> MovePlan:
+    """Solve once for the moves that any error calls for.
+
+    Parameters
+    ----------
+    step_response : (p or more,) array
+        S_1 .. of the model.
+    tuning : MPCTuning
+    limits : DoseLimits
+    constraints : {"clip", "qp"}
+
+    Raises
+    ------
+    ValueError
+        For an unknown way of handling constraints, a response that is not finite, or one that does not determine the
+        moves within the prediction horizon.
+    """
+    if constraints not in CONSTRAINT_HANDLING:
+        known = ", ".join(CONSTRAINT_HANDLING)
+        raise ValueError(f"unknown constraint handling {constraints!r}; the known ones are: {known}")
+    S = np.asarray(step_response, float)
+    if not np.all(np.isfinite(S)):
+        raise ValueError("the step response has a value that is not finite; identify the model again")
+    p, m = tuning.prediction_horizon, tuning.move_horizon
+    A = np.asarray(dynamic_matrix(jnp.asarray(S), m, p))
+    hessian = tuning.output_weight**2 * A.T @ A + tuning.move_weight**2 * np.eye(m)
+    if not np.linalg.cond(hessian) < _WORST_CONDITION:
+        raise ValueError(
+            f"the model's response over {p} samples does not determine {m} moves; "
+            "lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
+        )
+    gradient = -(tuning.output_weight**2) * A.T
+    return MovePlan(
+        gain=jnp.asarray(-np.linalg.solve(hessian, gradient)[0]),
+        hessian=jnp.asarray(hessian),
+        gradient=jnp.asarray(gradient),
+        limits=limits,
+        constraints=constraints,
+    )

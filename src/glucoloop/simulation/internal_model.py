@@ -1,0 +1,83 @@
+"""Models of a patient that can be handed to a controller: linear, or nonlinear, about his operating point."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.meals.lehmann_deutsch import Emptying
+from glucoloop.models.state_space import LinearModel, discretise, linearise
+from glucoloop.patients.protocol import Inputs, Patient
+from glucoloop.simulation.exponential import Exponential, ExponentialPlant
+from glucoloop.simulation.plant import SampleGrid
+
+
+@functools.partial(jax.jit, static_argnames="sample_time_min")
+def _linearised(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, sample_time_min: float) -> LinearModel:
+    def derivative(x: jax.Array, u: jax.Array, meal: jax.Array) -> jax.Array:
+        return patient.derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=u, meal_mg_min=meal))
+
+    return discretise(linearise(derivative, patient.glucose_mg_dl, x, insulin_mU_min, jnp.zeros(())), sample_time_min)
+
+
+def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sample_time_min: float = 5.0) -> LinearModel:
+    """Exact linearisation of a patient at rest, sampled with a zero-order hold; its disturbance is the meal, mg/min.
+
+    Parameters
+    ----------
+    patient : Patient
+    insulin_mU_min : float, optional
+        Infusion of the operating point; the basal rate by default.
+    sample_time_min : float
+
+    Raises
+    ------
+    ValueError
+        Where the patient has no steady state under the infusion, or the sample time is not positive.
+    """
+    insulin = patient.basal_insulin_mU_min if insulin_mU_min is None else jnp.asarray(insulin_mU_min, float)
+    model: LinearModel = _linearised(patient, patient.steady_state(insulin), insulin, sample_time_min)
+    return model
+
+
+@pytree
+class InternalModel:
+    """A fasting patient as a controller imagines him; implements `models.nonlinear.NonlinearModel`."""
+
+    plant: ExponentialPlant
+    state: jax.Array
+    insulin_mU_min: jax.Array
+    sample_time_min: float = static()
+
+    def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """The patient's own, without a meal."""
+        none = jnp.zeros_like(insulin_mU_min)
+        return self.plant.patient.derivative(none, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=none))
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """One sample by the exponential integrator, without a meal."""
+        fasting = jnp.zeros((1, 3, *jnp.shape(insulin_mU_min)))
+        return self.plant.advance(x, insulin_mU_min, fasting)[0]
+
+    def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
+        """The patient's own."""
+        return self.plant.patient.glucose_mg_dl(x)
+
+
+def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> InternalModel:
+    """A patient as an internal model at his basal operating point.
+
+    Raises
+    ------
+    TypeError
+        For a patient whom the exponential integrator cannot carry.
+    """
+    fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
+    plant, _ = Exponential().prepare(patient, fasting, SampleGrid(sample_time_min=sample_time_min, samples=1))
+    insulin = patient.basal_insulin_mU_min
+    return InternalModel(
+        plant=plant, state=patient.steady_state(insulin), insulin_mU_min=insulin, sample_time_min=sample_time_min
+    )
