@@ -9,7 +9,6 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.pumps.limited import LimitedPump
-from glucoloop.pumps.protocol import Pump
 
 
 @pytree
@@ -22,11 +21,12 @@ class _Carry:
 class Resolution:
     """Rounds what the pump inside delivers down to whole steps, and owes the rest to the next sample.
 
-    What is owed is carried over, so that the mean dose is right to one step; the dose stays at or below the upper
-    limit, while a change may exceed the rate limit by up to one step.
+    What is owed, at most one step, is carried over, so that the mean dose is right to one step unless the upper limit
+    is in the way. The dose stays at or below that limit, while a change may exceed the rate limit by less than two
+    steps.
     """
 
-    inner: Pump
+    inner: LimitedPump
     step_mU_min: float
 
     def init(self, insulin_mU_min: jax.Array) -> _Carry:
@@ -38,11 +38,12 @@ class Resolution:
         inner, wanted = self.inner.deliver(state.inner, command_mU_min)
         due = wanted + state.owed_mU_min
         # A hair is added because a whole number of steps may come out just below itself.
-        delivered = jnp.floor(due / self.step_mU_min + 1e-9) * self.step_mU_min
-        return _Carry(inner=inner, owed_mU_min=due - delivered), delivered
+        most = jnp.minimum(due, self.inner.limits.max_mU_min)
+        delivered = jnp.floor(most / self.step_mU_min + 1e-9) * self.step_mU_min
+        return _Carry(inner=inner, owed_mU_min=jnp.minimum(due - delivered, self.step_mU_min)), delivered
 
 
-def with_resolution(step_mU_min: float, inner: Pump | None = None) -> Resolution:
+def with_resolution(step_mU_min: float, inner: LimitedPump | None = None) -> Resolution:
     """Pump with a delivery resolution.
 
     Raises

@@ -1,0 +1,176 @@
+"""What many tests need: the patient written out by hand, scripted controllers, and the identified model."""
+
+from math import exp, tanh
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import settings
+
+import glucoloop  # noqa: F401  (before JAX, which it sets to float64)
+from glucoloop._pytree import pytree, static
+from glucoloop.control import Decision, Status
+from glucoloop.identification import Record, design_csrs, identify_record
+from glucoloop.meals import Scenario
+from glucoloop.patients import patient
+from glucoloop.simulation import Adaptive, simulate
+
+settings.register_profile("glucoloop", deadline=None, derandomize=True)
+settings.load_profile("glucoloop")
+
+
+def sorensen_by_hand(x, u, meal):
+    """Right-hand side of the 19 balances, one scalar at a time, every constant typed where it is used."""
+    G_BV, G_BI, G_H, G_G, G_L, G_K, G_PV, G_PI = x[:8]
+    I_B, I_H, I_G, I_L, I_K, I_PV, I_PI = x[8:15]
+    A_IHGP, A_IHGU, N, A_NHGP = x[15:]
+
+    M_N = 2.7 * tanh(0.388 * N)
+    HGP = 155 * A_IHGP * (M_N - A_NHGP) * (1.425 - 1.406 * tanh(0.6199 * (G_L / 101 - 0.4969)))
+    HGU = 20 * A_IHGU * (5.6648 + 5.6589 * tanh(2.4375 * (G_L / 101 - 1.48)))
+    PGU = 35 * (G_PI / 86.81) * (7.035 + 6.51623 * tanh(0.33827 * (I_PI / 5.304 - 5.82113)))
+    KE = 71 + 71 * tanh(0.011 * (G_K - 460)) if G_K < 460 else -330 + 0.872 * G_K
+    PNR = (1.3102 - 0.61016 * tanh(1.0571 * (I_H / 15.15 - 0.46981))) * (
+        2.9285 - 2.095 * tanh(4.18 * (G_H / 91.89 - 0.6191))
+    )
+    PIC = I_PI / ((1 - 0.15) / (0.15 * 1.05) - 20 / 6.74)
+    return np.array(
+        [
+            5.9 * (G_H - G_BV) / 3.5 - (G_BV - G_BI) * 4.5 / (2.1 * 3.5),
+            (G_BV - G_BI) / 2.1 - 70 / 4.5,
+            (5.9 * G_BV + 12.6 * G_L + 10.1 * G_K + 15.1 * G_PV - 43.7 * G_H - 10) / 13.8,
+            (10.1 * (G_H - G_G) - 20 + meal) / 11.2,
+            (2.5 * G_H + 10.1 * G_G - 12.6 * G_L + HGP - HGU) / 25.1,
+            (10.1 * (G_H - G_K) - KE) / 6.6,
+            15.1 * (G_H - G_PV) / 10.4 - (G_PV - G_PI) * 67.4 / (5.0 * 10.4),
+            (G_PV - G_PI) / 5.0 - PGU / 67.4,
+            0.45 * (I_H - I_B) / 0.26,
+            (0.45 * I_B + 0.90 * I_L + 0.72 * I_K + 1.05 * I_PV - 3.12 * I_H + u) / 0.99,
+            0.72 * (I_H - I_G) / 0.94,
+            ((1 - 0.40) * (0.18 * I_H + 0.72 * I_G) - 0.90 * I_L) / 1.14,
+            (0.72 * (I_H - I_K) - 0.30 * 0.72 * I_H) / 0.51,
+            1.05 * (I_H - I_PV) / 0.74 - (I_PV - I_PI) * 6.74 / (20 * 0.74),
+            (I_PV - I_PI) / 20 - PIC / 6.74,
+            (1.2088 - 1.138 * tanh(1.669 * (I_L / 21.43 - 0.8885)) - A_IHGP) / 25,
+            (2 * tanh(0.549 * I_L / 21.43) - A_IHGU) / 25,
+            0.0916 * (PNR - N),
+            ((M_N - 1) / 2 - A_NHGP) / 65,
+        ]
+    )
+
+
+def meal_by_hand(t_min, carbs_g, start_min):
+    """Appearance in mg/min of a meal of at least 10.8 g: four ramps of emptying through a gut of 60 min."""
+
+    def R(z):
+        return 60 * z - 3600 * (1 - exp(-z / 60)) if z > 0 else 0.0
+
+    t, fall = t_min - start_min, carbs_g * 1000 / 360
+    return 12 / 60 * (R(t) - R(t - 30) - R(t - fall) + R(t - fall - 30))
+
+
+@pytree
+class Script:
+    """A controller that reads its doses from a list and then repeats the last one."""
+
+    rates_mU_min: jax.Array
+    sample_time_min: float = static(default=5.0)
+
+    def init(self, observation):
+        del observation
+        return jnp.asarray(0)
+
+    def step(self, state, observation):
+        del observation
+        rate = self.rates_mU_min[jnp.minimum(state, self.rates_mU_min.shape[0] - 1)]
+        return state + 1, Decision(insulin_mU_min=rate, status=jnp.asarray(Status.OK))
+
+
+@pytree
+class OpenPump:
+    """A pump without limits."""
+
+    def init(self, insulin_mU_min):
+        del insulin_mU_min
+        return ()
+
+    def deliver(self, state, command_mU_min):
+        return state, command_mU_min
+
+
+@pytest.fixture(scope="session", name="sorensen_by_hand")
+def _sorensen_by_hand():
+    return sorensen_by_hand
+
+
+@pytest.fixture(scope="session", name="meal_by_hand")
+def _meal_by_hand():
+    return meal_by_hand
+
+
+@pytest.fixture(scope="session")
+def script():
+    """Make a controller of a list of doses."""
+    return lambda rates: Script(rates_mU_min=jnp.atleast_1d(jnp.asarray(rates, float)))
+
+
+@pytest.fixture(scope="session")
+def open_pump():
+    return OpenPump()
+
+
+@pytest.fixture(scope="session")
+def patient_81():
+    return patient("setpoint-81")
+
+
+@pytest.fixture(scope="session")
+def patient_22():
+    return patient("nominal-22")
+
+
+@pytest.fixture(scope="session")
+def insulin_test():
+    """Record of a patient under one pulse up and one down, each 22.33 mU/min, free of noise."""
+
+    def record(person):
+        insulin = person.basal_insulin_mU_min + design_csrs(36, 22.33)
+        trace = simulate(
+            person,
+            Script(rates_mU_min=insulin),
+            pump=OpenPump(),
+            scenario=Scenario([], 360.0),
+            integrator=Adaptive(1e-11),
+        )
+        glucose = jnp.append(trace.glucose_mg_dl, person.glucose_mg_dl(trace.states[-1]))
+        return Record(insulin_mU_min=insulin, glucose_mg_dl=glucose, sample_time_min=5.0)
+
+    return record
+
+
+@pytest.fixture(scope="session")
+def record_81(patient_81, insulin_test):
+    return insulin_test(patient_81)
+
+
+@pytest.fixture(scope="session")
+def identified_81(record_81):
+    return identify_record(record_81)
+
+
+@pytest.fixture(scope="session")
+def identified_22(patient_22, insulin_test):
+    return identify_record(insulin_test(patient_22))
+
+
+@pytest.fixture(scope="session")
+def undershoot_and_settling():
+    """Undershoot in mg/dl, and minutes from the meal at 50 min to when glucose stays within 5 % of the setpoint."""
+
+    def measure(fine_glucose, setpoint):
+        glucose, setpoint = np.asarray(fine_glucose), float(setpoint)
+        outside = np.flatnonzero(np.abs(glucose - setpoint) > 0.05 * setpoint)
+        return setpoint - glucose.min(), outside[-1] + 1 - 50
+
+    return measure
