@@ -24,6 +24,7 @@ _HALVINGS: Final = 45
 _NEWTON_STEPS: Final = 3
 _KIDNEY_GLUCOSE_MG_DL: Final = (-1.0, 4000.0)
 _INSULIN_MU_MIN: Final = (0.0, 1000.0)
+_ROUNDING_MG_MIN: Final = 1e-9
 
 
 def _root(balance: Callable[[jax.Array], jax.Array], low: jax.Array, high: jax.Array) -> jax.Array:
@@ -101,5 +102,6 @@ def infusion_for(p: SorensenParameters, glucose_mg_dl: jax.Array) -> jax.Array:
     def balance(u: jax.Array) -> jax.Array:
         return _state(p, G_K, u)[1]
 
-    solvable = (balance(low) >= 0.0) & (balance(high) <= 0.0)
+    # glucose at rest without insulin is solvable too, though its balance may come out a hair below zero
+    solvable = (balance(low) >= -_ROUNDING_MG_MIN) & (balance(high) <= 0.0)
     return jnp.where(solvable, jnp.maximum(_root(balance, low, high), 0.0), jnp.nan)

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from glucoloop.meals import Meal, Scenario, appearance_mg_min
+
+
+@pytest.mark.parametrize("carbs_g", [0.0, -10.0, np.nan, np.inf, 1e9, 1000.1])
+def test_an_impossible_meal_is_refused(carbs_g):
+    with pytest.raises(ValueError, match=r"^a meal of .* g is not possible; give more than 0 and at most 1000 g$"):
+        Meal(carbs_g, 0.0)
+
+
+@pytest.mark.parametrize("t_min", [-1.0, np.nan, np.inf])
+def test_a_meal_at_an_impossible_time_is_refused(t_min):
+    with pytest.raises(ValueError, match=r"^a meal at .* min is not possible; give a finite time of 0 min or later$"):
+        Meal(50.0, t_min)
+
+
+@pytest.mark.parametrize("horizon", [0.0, -5.0, np.nan, np.inf, 400 * 1440.0])
+def test_an_impossible_horizon_is_refused(horizon):
+    with pytest.raises(ValueError, match=r"^a horizon of .* min is not possible; give more than 0 and at most"):
+        Scenario([], horizon)
+
+
+@pytest.mark.parametrize("t_min", [600.0, 601.0])
+def test_a_meal_after_the_end_is_refused(t_min):
+    with pytest.raises(ValueError, match=r"begins after the run ends at 600 min; move the meal or lengthen the run"):
+        Scenario([Meal(50.0, 10.0), Meal(20.0, t_min)], 600.0)
+
+
+@pytest.mark.parametrize("glucose", [0.0, -1.0, np.nan, np.inf])
+def test_an_impossible_glucose_is_refused(glucose):
+    with pytest.raises(ValueError, match=r"^a setpoint of .* mg/dl is not possible; give a finite value above 0"):
+        Scenario(setpoint_mg_dl=glucose)
+    with pytest.raises(ValueError, match=r"^a initial glucose of .* mg/dl is not possible|^an initial glucose of "):
+        Scenario(initial_glucose_mg_dl=glucose)
+
+
+def test_bounds_are_included():
+    assert Scenario([Meal(1000.0, 0.0)], 366 * 1440.0).horizon_min == 366 * 1440.0
+
+
+def test_the_default_is_the_oral_glucose_test():
+    scenario = Scenario()
+    assert scenario.meals == (Meal(50.0, 50.0),)
+    assert scenario.horizon_min == 600.0
+    assert float(appearance_mg_min(100.0, scenario.emptying())) == pytest.approx(157.00817, rel=1e-7)
+
+
+def test_meals_are_sorted_and_any_iterable_will_do():
+    scenario = Scenario((meal for meal in (Meal(20.0, 300.0), Meal(60.0, 30.0))), 600.0)
+    assert [meal.t_min for meal in scenario.meals] == [30.0, 300.0]
+
+
+def test_a_scenario_without_meals_has_no_appearance():
+    assert float(appearance_mg_min(100.0, Scenario([], 60.0).emptying())) == 0.0
+
+
+def test_scenarios_compare_by_content():
+    assert Scenario([Meal(20.0, 5.0)], 60.0) == Scenario((Meal(20.0, 5.0),), 60)
+    assert hash(Scenario()) == hash(Scenario())

@@ -1,0 +1,119 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.stats
+
+from glucoloop.sensors import IdealSensor, dead_time, white_noise
+
+N = 20_000
+KEYS = jax.random.split(jax.random.key(7), N)
+
+
+def errors(sensor):
+    """What the sensor adds to 100 mg/dl, for many keys."""
+    state = sensor.init(jnp.asarray(100.0), jax.random.key(0))
+    return np.asarray(jax.vmap(lambda key: sensor.read(state, jnp.asarray(100.0), key)[1].glucose_mg_dl)(KEYS)) - 100.0
+
+
+def readings(sensor, glucose, keys):
+    state, told = sensor.init(jnp.asarray(glucose[0]), jax.random.key(9)), []
+    for value, key in zip(glucose, keys, strict=True):
+        state, reading = sensor.read(state, jnp.asarray(value), key)
+        assert bool(reading.valid)
+        told.append(float(reading.glucose_mg_dl))
+    return np.array(told)
+
+
+def test_noise_has_its_variance_and_no_mean():
+    noise = errors(white_noise(1.45))  # the bound lies beyond four standard deviations
+    assert abs(noise.mean()) < 5.0 * np.sqrt(1.45 / N)
+    assert abs(noise.var() - 1.45) < 5.0 * 1.45 * np.sqrt(2.0 / N)
+    assert abs(np.corrcoef(noise[:-1], noise[1:])[0, 1]) < 5.0 / np.sqrt(N)
+    assert scipy.stats.kstest(noise, scipy.stats.norm(scale=np.sqrt(1.45)).cdf).pvalue > 1e-6
+
+
+def test_noise_keeps_its_bound():
+    noise = errors(white_noise(25.0, 2.0))
+    assert np.abs(noise).max() == pytest.approx(2.0, abs=1e-13)
+    beyond = 2.0 * scipy.stats.norm.sf(2.0 / 5.0)
+    assert abs(np.mean(np.abs(noise) > 2.0 - 1e-12) - beyond) < 5.0 * np.sqrt(beyond * (1.0 - beyond) / N)
+
+
+def test_without_variance_there_is_no_noise():
+    np.testing.assert_array_equal(errors(white_noise(0.0)), 0.0)
+
+
+def test_a_key_gives_one_reading_and_another_gives_another():
+    noise = errors(white_noise())
+    np.testing.assert_array_equal(noise, errors(white_noise()))
+    assert len(np.unique(noise)) > N - 10
+
+
+def test_the_ideal_sensor_tells_the_truth():
+    glucose = np.array([81.1, 120.0, 60.0])
+    np.testing.assert_array_equal(readings(IdealSensor(), glucose, KEYS[:3]), glucose)
+
+
+@pytest.mark.parametrize("glucose", [np.nan, np.inf])
+def test_the_ideal_sensor_does_not_stand_by_what_is_not_a_number(glucose):
+    _, reading = IdealSensor().read((), jnp.asarray(glucose), KEYS[0])
+    assert not bool(reading.valid)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 3])
+def test_dead_time_shifts_the_readings(samples):
+    glucose = np.arange(80.0, 90.0)
+    told = readings(dead_time(samples), glucose, KEYS[:10])
+    np.testing.assert_array_equal(told, np.r_[np.full(samples, 80.0), glucose][:10])
+
+
+def test_dead_times_add_up():
+    glucose = np.arange(80.0, 90.0)
+    np.testing.assert_array_equal(
+        readings(dead_time(1, dead_time(2)), glucose, KEYS[:10]), readings(dead_time(3), glucose, KEYS[:10])
+    )
+
+
+def test_noise_before_a_dead_time_is_as_old_as_its_reading():
+    glucose = np.arange(80.0, 90.0)
+    noisy = readings(white_noise(), glucose, KEYS[:10])
+    told = readings(dead_time(3, white_noise()), glucose, KEYS[:10])
+    np.testing.assert_array_equal(told, np.r_[[80.0] * 3, noisy[:7]])
+
+
+def test_noise_after_a_dead_time_is_that_of_the_moment():
+    glucose = np.arange(80.0, 90.0)
+    noise = readings(white_noise(), glucose, KEYS[:10]) - glucose
+    told = readings(white_noise(inner=dead_time(3)), glucose, KEYS[:10])
+    np.testing.assert_allclose(told, np.r_[[80.0] * 3, glucose[:7]] + noise, rtol=1e-14)
+
+
+def test_readings_of_a_cohort_are_those_asked_for():
+    glucose = jnp.array([80.0, 120.0, 200.0])
+    sensor = dead_time(1, white_noise(1.45))
+    state = sensor.init(glucose, KEYS[0])
+    state, first = sensor.read(state, glucose + 5.0, KEYS[1])
+    state, second = sensor.read(state, glucose, KEYS[2])
+    np.testing.assert_array_equal(first.glucose_mg_dl, glucose)
+    noise = np.asarray(second.glucose_mg_dl - glucose - 5.0)
+    assert len(np.unique(noise)) == 3
+    assert np.all(np.abs(noise) <= 5.0)
+
+
+@pytest.mark.parametrize("variance", [-1.0, np.nan, np.inf])
+def test_an_impossible_variance_is_refused(variance):
+    with pytest.raises(ValueError, match=r"noise variance of .* is not possible; give a finite value of 0 or more"):
+        white_noise(variance)
+
+
+@pytest.mark.parametrize("bound", [0.0, -1.0, np.nan])
+def test_an_impossible_bound_is_refused(bound):
+    with pytest.raises(ValueError, match=r"noise bound of .* is not possible; give a value above 0"):
+        white_noise(1.45, bound)
+
+
+@pytest.mark.parametrize("samples", [-1, 1.5, True, 289, "2"])
+def test_an_impossible_dead_time_is_refused(samples):
+    with pytest.raises(ValueError, match=r"dead time of .* is not possible; give a whole number from 0 to 288"):
+        dead_time(samples)
