@@ -2,7 +2,7 @@
 
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.closed_loop import Trace, simulate
-from glucoloop.simulation.experiment import excite, identify, validate_on
+from glucoloop.simulation.experiment import excite, fit_step, identify, validate_on
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 
@@ -11,6 +11,7 @@ __all__ = [
     "Exponential",
     "Trace",
     "excite",
+    "fit_step",
     "identify",
     "linear_model",
     "nonlinear_model",
