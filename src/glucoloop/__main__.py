@@ -1,0 +1,5 @@
+"""``python -m glucoloop``."""
+
+from glucoloop.cli import main
+
+main()

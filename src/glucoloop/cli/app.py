@@ -1,0 +1,74 @@
+"""The program: its commands, and how it leaves."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Final
+
+import typer
+
+import glucoloop
+from glucoloop.cli import compare, identify, run
+from glucoloop.cli.mistakes import interrupted, mistake, sentence
+
+USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
+"""Typer hands out only this one of its usage errors; the others share its base."""
+
+app = typer.Typer(
+    name="glucoloop",
+    help=(
+        "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, "
+        "compare controllers. Research software, not a medical device."
+    ),
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run", help=run.HELP)(run.command)
+app.command("identify", help=identify.HELP)(identify.command)
+app.command("compare", help=compare.HELP)(compare.command)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"glucoloop {glucoloop.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and leave.", callback=_tell_version, is_eager=True)
+    ] = False,
+) -> None:
+    del version
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command and leave: 0 done, 2 the user's mistake, in one sentence, 130 interrupted; a bug is a traceback."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        code = app(args=arguments, prog_name="glucoloop", standalone_mode=False)
+    except USAGE_ERRORS as error:
+        _leave_usage(error, arguments)
+    except (KeyboardInterrupt, typer.Abort):
+        interrupted()
+    except (ValueError, OSError) as error:
+        told = sentence(error)
+        if told is None:
+            raise
+        mistake(told)
+    # Typer turns an interrupt into this code when it is not to leave by itself.
+    if code == 130:
+        interrupted()
+    sys.exit(code or 0)
+
+
+def _leave_usage(error: Exception, arguments: Sequence[str]) -> None:
+    told = str(getattr(error, "format_message", error.__str__)()).strip()
+    if not told:  # no arguments: the help has been shown
+        sys.exit(2)
+    named = [argument for argument in arguments if argument in ("run", "identify", "compare")][:1]
+    mistake(f"{' '.join(told.split()).rstrip('.')}; see {' '.join(['glucoloop', *named, '--help'])}")

@@ -1,0 +1,216 @@
+"""A configured run, made: patient, sensor, pump and controller from their configuration, and the loop closed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+
+from glucoloop.config.run import Case, Run, Situation
+from glucoloop.control import Controller
+from glucoloop.meals import Scenario
+from glucoloop.metrics import Metrics, summarise
+from glucoloop.patients import SorensenPatient, patient
+from glucoloop.pumps import DoseLimits, LimitedPump, Pump, dose_limits, with_resolution
+from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
+from glucoloop.simulation import Adaptive, Exponential, Trace, identify, simulate
+from glucoloop.storage.model_file import ModelFile, model_file, read_model
+from glucoloop.trials.catalogue import controller_entry
+from glucoloop.trials.designs import DesignCase
+
+# Far from the small numbers by which the loop splits its key, so that the record's noise is not the loop's.
+_RECORD_KEY: Final = 0x4D4F444C
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run and what came of it."""
+
+    run: Run
+    model: ModelFile | None
+    """None for a controller that uses none."""
+    trace: Trace
+    metrics: Metrics
+    limits: DoseLimits
+    notes: tuple[str, ...]
+    """How the model came about, and what else is worth knowing; one sentence each."""
+
+    def report(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "config": self.run.keys(),
+            "model": None if self.model is None else self.model.model_dump(mode="json"),
+            "metrics": self.metrics.as_dict(),
+        }
+
+
+def close_the_loop(run: Run) -> Outcome:
+    """Identify or read the model, design the controller, and simulate.
+
+    Raises
+    ------
+    ValueError
+        For a configuration that is not possible, in one sentence.
+    """
+    situation, case = run.situation, run.case
+    person = patient(situation.operating_point)
+    limits = dose_limits(
+        max_change_mU_min=situation.max_change_mU_min,
+        min_mU_min=situation.min_insulin_mU_min,
+        max_mU_min=situation.max_insulin_mU_min,
+    )
+    scenario = Scenario(
+        situation.eaten(),
+        situation.duration_min,
+        setpoint_mg_dl=situation.setpoint_mg_dl,
+        initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
+        announced=situation.announce_meals,
+    )
+    known_samples = situation.dead_time_samples if case.known_dead_time else 0
+    model = _model(run, person)
+    controller = _controller(run, person, model, limits, known_samples)
+    trace = simulate(
+        person,
+        controller,
+        sensor(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples),
+        _pump(situation, limits),
+        scenario,
+        situation.seed,
+        integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
+    )
+    return Outcome(
+        run=run,
+        model=model,
+        trace=trace,
+        metrics=summarise(trace, limits),
+        limits=limits,
+        notes=tuple(_notes(run, model)),
+    )
+
+
+def sensor(noise_variance: float, bound_mg_dl: float, dead_time_samples: int) -> Sensor:
+    """Sensor with noise, dead time, both or neither."""
+    inner: Sensor = IdealSensor()
+    if noise_variance > 0.0:
+        inner = white_noise(noise_variance, bound_mg_dl, inner)
+    return dead_time(dead_time_samples, inner) if dead_time_samples else inner
+
+
+def record_key(seed: int) -> jax.Array:
+    """Key of the record that a model is identified from; the loop's own is the seed's."""
+    key: jax.Array = jax.random.fold_in(jax.random.key(seed), _RECORD_KEY)
+    return key
+
+
+def _pump(situation: Situation, limits: DoseLimits) -> Pump:
+    pump = LimitedPump(limits=limits)
+    step = situation.pump_resolution_mU_min
+    return pump if step is None else with_resolution(step, pump)
+
+
+def _model(run: Run, person: SorensenPatient) -> ModelFile | None:
+    """The model that the controller is designed on, before it is told of a dead time."""
+    situation, case = run.situation, run.case
+    if not controller_entry(case.controller).uses_model:
+        return None
+    if case.model is not None:
+        return _given_model(Path(case.model), situation, case)
+    settings = _identification_settings(case)
+    identification = identify(
+        person,
+        sensor(settings["model_noise_variance"], situation.noise_bound_mg_dl, 0),
+        record_key(situation.seed),
+        memory=settings["memory"],
+        laguerre_pole=settings["laguerre_pole"],
+        laguerre_functions=settings["laguerre_functions"] or None,
+        sample_time_min=situation.sample_time_min,
+    )
+    variance = settings["model_noise_variance"]
+    noise = f"a record with noise of variance {variance:g}" if variance else "a noise-free record"
+    smooth = f"{settings['laguerre_functions']} Laguerre functions with pole {settings['laguerre_pole']:.4g}"
+    return model_file(
+        identification,
+        operating_point=situation.operating_point,
+        source=(
+            f"identified from {noise} of {2 * settings['memory']} samples, "
+            f"{smooth if settings['laguerre_functions'] else 'not smoothed'}"
+        ),
+        dead_time_min=0.0,
+        settings={**settings, "seed": situation.seed, "noise_bound_mg_dl": situation.noise_bound_mg_dl},
+    )
+
+
+def _identification_settings(case: Case) -> dict[str, Any]:
+    settings = {
+        "model_noise_variance": case.model_noise_variance,
+        "memory": case.memory,
+        "laguerre_pole": case.laguerre_pole,
+        "laguerre_functions": case.laguerre_functions,
+    }
+    return settings
+
+
+def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
+    model = read_model(path)
+    if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
+        own, runs = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
+        raise ValueError(
+            f"the model was identified for {own}-min samples, the run uses {runs} min; "
+            f"identify again with --sample-time {runs} or run with --sample-time {own}"
+        )
+    held = model.provenance.dead_time_min
+    if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
+        raise ValueError(
+            f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
+            f"run with --dead-time {held:g} or --unknown-dead-time, or identify again"
+        )
+    return model
+
+
+def _controller(
+    run: Run, person: SorensenPatient, model: ModelFile | None, limits: DoseLimits, known_samples: int
+) -> Controller:
+    told = None
+    if model is not None:
+        told = model.step_response_model()
+        # A model from a late record holds the dead time already.
+        if not model.provenance.dead_time_min:
+            told = told.delayed(known_samples)
+    design = controller_entry(run.case.controller).designer()
+    case = DesignCase(
+        patient=person,
+        model=told,
+        limits=limits,
+        sample_time_min=run.situation.sample_time_min,
+        noise_variance=run.situation.noise_variance,
+        dead_time_samples=known_samples,
+    )
+    controller: Controller = design(case, **run.case.tuning)
+    return controller
+
+
+def _notes(run: Run, model: ModelFile | None) -> Iterator[str]:
+    situation, case = run.situation, run.case
+    if model is not None:
+        gain = f"gain {model.step_response[-1]:.4g} mg/dl per mU/min"
+        where = f"from {case.model}, which was {model.provenance.source}" if case.model else model.provenance.source
+        yield f"Model: {where}; {gain}."
+        yield from model.provenance.notes
+        resting = model.operating_point
+        if resting.name not in (None, situation.operating_point):
+            yield f"The model was identified at {resting.name}, but the run is at {situation.operating_point}."
+    elif case.model is not None:
+        yield f"The controller {case.controller} uses no model; {case.model} was not read."
+    if situation.dead_time_min and case.known_dead_time:
+        yield f"The controller knows of the dead time of {situation.dead_time_min:g} min."
+    elif situation.dead_time_min:
+        yield (
+            f"The controller does not know of the dead time of {situation.dead_time_min:g} min; "
+            "--known-dead-time tells it."
+        )
+    elif case.known_dead_time:
+        yield "There is no dead time to know of; --dead-time adds one."

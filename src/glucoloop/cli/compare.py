@@ -1,0 +1,114 @@
+"""``glucoloop compare``: several controllers or tunings in one situation, side by side."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, Option, names, with_options
+from glucoloop.cli.request import Output, file_keys, split_off_output, with_meals
+from glucoloop.cli.screen import show, stage
+from glucoloop.cli.telling import mmol_lines, print_json, where_written, with_version
+
+if TYPE_CHECKING:
+    from glucoloop.cli.closed_loop import Outcome
+    from glucoloop.config import Comparison
+    from glucoloop.storage.folder import OutputFolder
+
+HELP: Final = (
+    "Compare controllers or tunings: the same patient, meals, sensor and pump for each, one table, one picture.\n\n"
+    "A case is a label and what is its own, [LABEL:] [CONTROLLER,] [KEY=VALUE, ...]; its keys are the controller and "
+    "model options with underscores. Controller and model options given beside the cases hold for every case that "
+    "does not say otherwise.\n\n"
+    "  glucoloop compare --case mpc --case 'careful: mpc, move_weight=1'\n\n"
+    "  glucoloop compare --noise 1.45 --case 'short: prediction_horizon=6' --case 'long: prediction_horizon=14'\n\n"
+    "  glucoloop compare --dead-time 10 --case 'unknown: mpc' --case 'known: mpc, known_dead_time=true'\n\n"
+    "In a file, each case is a table: [[case]], with label = 'careful', controller = 'mpc', move_weight = 1."
+)
+_CASES: Final = Option(
+    "cases",
+    "--case",
+    list[str],
+    "A case, like 'careful: mpc, move_weight=1'; two or more, with those of the file.",
+    "Cases",
+    metavar="CASE",
+)
+_OPTIONS: Final = (_CASES, *SITUATION, *CASE, *OUTPUT, MMOL)
+
+
+@with_options(_OPTIONS)
+def command(given: Given) -> None:
+    """Check what was asked for, run all cases, write and tell them."""
+    keys, output, file = split_off_output(given)
+    asked = _read(with_meals(keys), file_keys(file))
+    outcomes: dict[str, Outcome] = {}
+    files: dict[str, str] = {}
+    with output.folder() as folder:
+        with stage("Importing the simulator"):
+            from glucoloop.cli.closed_loop import close_the_loop
+            from glucoloop.cli.compiled import keep_compiled
+        keep_compiled()
+        for label, run in asked.runs().items():
+            with stage(f"Closing the loop of {label}"):
+                try:
+                    outcomes[label] = close_the_loop(run)
+                except ValueError as error:
+                    error.args = (f"case {label!r}: {error}",)
+                    raise
+        if folder is not None:
+            with stage("Drawing"):
+                _write(folder, asked, outcomes, output)
+            files = folder.paths()
+    _tell(outcomes, output, files)
+
+
+def _read(keys: Given, of_file: Given) -> Comparison:
+    from glucoloop.config import overlay, read_comparison
+    from glucoloop.config.case_text import parse_case
+
+    of_file_cases = of_file.pop("case", [])
+    if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
+        raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
+    cases = [*of_file_cases, *(parse_case(text) for text in keys.pop("cases", None) or ())]
+    return read_comparison(overlay(of_file, keys), cases, names(_OPTIONS, keys))
+
+
+def _write(folder: OutputFolder, asked: Comparison, outcomes: Mapping[str, Outcome], output: Output) -> None:
+    from glucoloop.cli.pictures import write_pictures
+    from glucoloop.config import toml_text
+    from glucoloop.storage import tables
+    from glucoloop.storage.strict_json import json_text
+
+    samples = tables.stacked({label: tables.sample_table(outcome.trace) for label, outcome in outcomes.items()})
+    folder.write("trace.parquet", tables.parquet(samples))
+    folder.write("trace.csv", tables.csv(samples))
+    minutes = tables.stacked({label: tables.minute_table(outcome.trace) for label, outcome in outcomes.items()})
+    folder.write("glucose_1min.parquet", tables.parquet(minutes))
+    folder.write("metrics.json", json_text(with_version(_report(outcomes))) + "\n")
+    keys = asked.keys()
+    for number, (table, (label, outcome)) in enumerate(zip(keys["case"], outcomes.items(), strict=True), start=1):
+        if outcome.model is not None:
+            name = f"model-{number}-{re.sub(r'[^a-z0-9]+', '-', label.lower()).strip('-') or 'case'}.json"
+            folder.write(name, outcome.model.text())
+            if outcome.run.case.model is not None:
+                table["model"] = name
+    folder.write("compare.toml", toml_text(keys, "compare --config compare.toml"))
+    write_pictures(folder, outcomes, title=f"Comparison at {asked.situation.operating_point}", mmol=output.mmol)
+
+
+def _report(outcomes: Mapping[str, Outcome]) -> dict[str, object]:
+    return {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
+
+
+def _tell(outcomes: Mapping[str, Outcome], output: Output, files: dict[str, str]) -> None:
+    notes = tuple(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes)
+    if output.json:
+        print_json(_report(outcomes), files, notes)
+        return
+    from glucoloop.report import comparison_table
+
+    show(comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}))
+    for line in (*notes, *(mmol_lines(outcomes) if output.mmol else ())):
+        print(line)
+    print(where_written(output.out, files))

@@ -1,0 +1,284 @@
+"""A configured identification, made: the experiment or the record, the fit, and its check."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+import numpy as np
+
+from glucoloop.cli.closed_loop import record_key, sensor
+from glucoloop.config.identification import IdentificationConfig, identification_keys
+from glucoloop.identification import (
+    Identification,
+    Record,
+    Validation,
+    best_pole,
+    design_csrs,
+    fit_first_order,
+    identify_record,
+    random_binary_sequence,
+    record_from_samples,
+    validate,
+)
+from glucoloop.patients import patient
+from glucoloop.simulation import excite
+from glucoloop.storage.files import read_text
+from glucoloop.storage.model_file import ModelFile, model_file
+from glucoloop.storage.tables import read_record_columns
+
+VALIDATION_SAMPLES: Final = 100
+VALIDATION_SHARE: Final = 0.1
+"""Of the basal rate."""
+
+
+@dataclass(frozen=True)
+class Identified:
+    """An identification and what came of it."""
+
+    config: IdentificationConfig
+    record: Record
+    data: str | None
+    """Text of the record's file."""
+    identification: Identification
+    model: ModelFile
+    truth: jax.Array | None
+    """Impulse response from a record free of noise, where there is a patient to ask and noise to compare with."""
+    validation: Validation
+    validation_insulin_mU_min: jax.Array
+    validated_on: str
+    notes: tuple[str, ...]
+
+    @property
+    def run_hint(self) -> str:
+        """Options of ``glucoloop run`` that go with the model."""
+        options = {"--sample-time": (self.config.sample_time_min, 5.0), "--dead-time": (self.config.dead_time_min, 0.0)}
+        hint = "".join(f" {option} {value:g}" for option, (value, default) in options.items() if value != default)
+        return f"{hint} --known-dead-time" if self.config.dead_time_min else hint
+
+    def rows(self) -> Iterator[tuple[str, str, str]]:
+        """Name, value and unit of what there is to know about the model."""
+        yield "Gain", f"{float(self.identification.model.gain):.4f}", "mg/dl per mU/min"
+        yield "Time constant, first-order fit", _time_constant(self.identification), "min"
+        yield "Memory", f"{self.identification.model.memory}", f"samples of {self.record.sample_time_min:g} min"
+        yield "Basal insulin", f"{self.identification.basal_insulin_mU_min:.3f}", "mU/min"
+        yield "Glucose at that rate", f"{self.identification.baseline_glucose_mg_dl:.2f}", "mg/dl"
+        yield "Laguerre pole", f"{self.identification.laguerre_pole:.4g}", ""
+        yield "Laguerre functions", f"{self.identification.laguerre_coefficients.size}", ""
+        yield "Misfit of the record, rms", f"{self.identification.model_rms_mg_dl:.3f}", "mg/dl"
+        yield "Check: sum of |residual|", f"{float(self.validation.sum_absolute_residual_mg_dl):.2f}", "mg/dl"
+        yield "Check: worst residual", f"{float(self.validation.worst_residual_mg_dl):.2f}", "mg/dl"
+        yield "Check: fit", f"{float(self.validation.fit_percent):.1f}", "%"
+
+    def report(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        validation = {
+            field.name: float(value)
+            for field in dataclasses.fields(self.validation)
+            if np.ndim(value := getattr(self.validation, field.name)) == 0
+        }
+        return {
+            "config": self.config.model_dump(mode="json"),
+            "model": self.model.model_dump(mode="json"),
+            "fit": {
+                "gain_mg_dl_per_mU_min": float(self.identification.model.gain),
+                "record_rms_mg_dl": self.identification.model_rms_mg_dl,
+                "laguerre_pole": self.identification.laguerre_pole,
+                "laguerre_coefficients": np.asarray(self.identification.laguerre_coefficients).tolist(),
+            },
+            "validation": {"on": self.validated_on, **validation},
+        }
+
+
+def identify(config: IdentificationConfig) -> Identified:
+    """Identify from the patient or from the record.
+
+    Raises
+    ------
+    ValueError
+        For a configuration or a record that is not possible, in one sentence.
+    """
+    return _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
+
+
+def _from_patient(config: IdentificationConfig) -> Identified:
+    person = patient(config.operating_point)
+    basal = float(person.basal_insulin_mU_min)
+    if config.amplitude_mU_min > basal:
+        raise ValueError(
+            f"pulses of {config.amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
+            f"give an amplitude of at most {basal:.2f} mU/min"
+        )
+    pulses = basal + np.asarray(design_csrs(config.memory, config.amplitude_mU_min, config.samples))
+    late = config.dead_time_samples
+
+    def experiment(noise_variance: float) -> Record:
+        reads = sensor(noise_variance, config.noise_bound_mg_dl, late)
+        return excite(person, pulses, reads, record_key(config.seed), sample_time_min=config.sample_time_min)
+
+    record = experiment(config.noise_variance)
+    identification = _fit(config, record, "csrs", basal_insulin_mU_min=basal)
+    truth = None
+    if config.noise_variance:
+        quiet = identify_record(
+            experiment(0.0), memory=config.memory, laguerre_functions=None, basal_insulin_mU_min=basal
+        )
+        truth = quiet.impulse_response
+    sequence = random_binary_sequence(VALIDATION_SAMPLES, VALIDATION_SHARE * basal, config.seed)
+    answer = excite(
+        person,
+        basal + np.asarray(sequence),
+        sensor(0.0, config.noise_bound_mg_dl, late),
+        sample_time_min=config.sample_time_min,
+    )
+    noise = (
+        f"a record with noise of variance {config.noise_variance:g}" if config.noise_variance else "a noise-free record"
+    )
+    source = f"identified from {noise} of {pulses.size} samples"
+    return Identified(
+        config=config,
+        record=record,
+        data=None,
+        identification=identification,
+        model=_model_file(config, identification, source, ()),
+        truth=truth,
+        validation=validate(identification.model, sequence, answer.glucose_mg_dl - person.setpoint_mg_dl),
+        validation_insulin_mU_min=sequence,
+        validated_on="random binary sequence",
+        notes=(
+            f"Model: {source} at {config.operating_point}.",
+            f"Checked on a random binary sequence of {VALIDATION_SAMPLES} samples, free of noise.",
+        ),
+    )
+
+
+def _from_data(config: IdentificationConfig, path: Path) -> Identified:
+    try:
+        record, notes = record_from_samples(
+            *read_record_columns(path).values(), sample_time_min=config.sample_time_min, max_gap_min=config.max_gap_min
+        )
+        method, why = _method(config, record)
+        identification = _fit(
+            config,
+            record,
+            method,
+            basal_insulin_mU_min=config.basal_insulin_mU_min,
+            starts_at_rest=config.starts_at_rest,
+        )
+    except ValueError as error:
+        raise ValueError(_in_options(str(error))) from error
+    insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
+    source = f"identified from {path.name}, {record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
+    notes = (why, *notes)
+    if not config.starts_at_rest:
+        notes = (
+            *notes,
+            "The check shows the first readings worse than they are: insulin before the record is unknown.",
+        )
+    return Identified(
+        config=config,
+        record=record,
+        data=read_text(path, "a record"),
+        identification=identification,
+        model=_model_file(config, identification, source, notes),
+        truth=None,
+        validation=validate(
+            identification.model, insulin, record.glucose_mg_dl - identification.baseline_glucose_mg_dl
+        ),
+        validation_insulin_mU_min=insulin,
+        validated_on="the record itself",
+        notes=(f"Model: {source}.", *notes, "Checked on the record itself, since there is no other."),
+    )
+
+
+def _method(config: IdentificationConfig, record: Record) -> tuple[str, str]:
+    """The method for a record, and why in a sentence."""
+    if config.method != "auto":
+        return config.method, f"Method: {config.method}, as asked."
+    try:
+        if config.starts_at_rest:
+            identify_record(
+                record,
+                memory=config.memory,
+                laguerre_functions=None,
+                basal_insulin_mU_min=config.basal_insulin_mU_min,
+            )
+            return "csrs", "Method: cross-correlation, since the record is one of balanced pulses."
+    except ValueError:
+        return (
+            "least-squares",
+            "Method: least squares, since the record is not one of the balanced pulses that cross-correlation needs.",
+        )
+    return "least-squares", "Method: least squares, since the record does not start at rest."
+
+
+def _fit(
+    config: IdentificationConfig,
+    record: Record,
+    method: str,
+    *,
+    basal_insulin_mU_min: float | None,
+    starts_at_rest: bool = True,
+) -> Identification:
+    def fit(pole: float, functions: int | None) -> Identification:
+        return identify_record(
+            record,
+            method,
+            memory=config.memory,
+            laguerre_pole=pole,
+            laguerre_functions=functions,
+            basal_insulin_mU_min=basal_insulin_mU_min,
+            starts_at_rest=starts_at_rest,
+        )
+
+    pole = config.laguerre_pole
+    if config.best_pole:
+        raw = fit(pole, None).impulse_response
+        pole = float(best_pole(raw, config.laguerre_functions).pole)
+    return fit(pole, config.laguerre_functions or None)
+
+
+def _model_file(
+    config: IdentificationConfig, identification: Identification, source: str, notes: tuple[str, ...]
+) -> ModelFile:
+    smooth = (
+        f"{config.laguerre_functions} Laguerre functions with pole {identification.laguerre_pole:.4g}"
+        if config.laguerre_functions
+        else "not smoothed"
+    )
+    return model_file(
+        identification,
+        operating_point=config.operating_point if config.data is None else None,
+        source=f"{source}, {smooth}",
+        dead_time_min=config.dead_time_min,
+        settings=identification_keys(config),
+        notes=notes,
+    )
+
+
+def _time_constant(identification: Identification) -> str:
+    model = identification.model
+    t_min = model.sample_time_min * np.arange(1, model.memory + 1)
+    try:
+        return f"{float(fit_first_order(t_min, model.step_response, 1.0).tau_min):.1f}"
+    except ValueError:
+        return "n/a"  # the response is not one that a time constant describes
+
+
+_OPTIONS_OF: Final = {
+    "basal_insulin_mU_min": "--basal-insulin",
+    "starts_at_rest=False": "--not-from-rest",
+    "method='least-squares'": "--method least-squares",
+    "max_gap_min": "--max-gap",
+}
+
+
+def _in_options(told: str) -> str:
+    """A sentence of the library, in the words of the command line."""
+    for word, option in _OPTIONS_OF.items():
+        told = told.replace(word, option)
+    return told

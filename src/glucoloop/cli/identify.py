@@ -1,0 +1,171 @@
+"""``glucoloop identify``: a model from a pulse experiment on the virtual patient, or from a record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from glucoloop.cli.options import (
+    DEAD_TIME,
+    LAGUERRE_FUNCTIONS,
+    LAGUERRE_POLE,
+    MEMORY,
+    NOISE,
+    NOISE_BOUND,
+    OPERATING_POINT,
+    OUTPUT,
+    SAMPLE_TIME,
+    SEED,
+    Given,
+    Option,
+    names,
+    with_options,
+)
+from glucoloop.cli.request import Output, file_keys, split_off_output
+from glucoloop.cli.screen import show, stage
+from glucoloop.cli.telling import print_json, where_written, with_version
+
+if TYPE_CHECKING:
+    from glucoloop.cli.identified import Identified
+    from glucoloop.config import IdentificationConfig
+    from glucoloop.storage.folder import OutputFolder
+
+HELP: Final = (
+    "Identify a step-response model, which `glucoloop run --model` uses.\n\n"
+    "Without --data the virtual patient gets the paper's insulin test, a pulse up and a pulse down, and the model is "
+    "checked on a random binary sequence. With --data the model comes from your record: a CSV file whose first line "
+    "names t_min, insulin_mU_min and glucose_mg_dl. A rate lasts until the next row; an empty reading is missing.\n\n"
+    "  glucoloop identify --noise 1.45 --out model\n\n"
+    "  glucoloop identify --data record.csv --out model\n\n"
+    "  glucoloop run --model model/model.json"
+)
+_EXPERIMENT: Final = "Experiment on the virtual patient"
+_RECORD: Final = "Record"
+_OPTIONS: Final = (
+    OPERATING_POINT,
+    NOISE,
+    NOISE_BOUND,
+    DEAD_TIME,
+    Option(
+        "amplitude_mU_min",
+        "--amplitude",
+        float,
+        "Height of the pulses, at most the basal rate.",
+        _EXPERIMENT,
+        metavar="MU_MIN",
+        default="22.33",
+    ),
+    Option("samples", "--samples", int, "Length of the experiment.", _EXPERIMENT, metavar="N", default="2 M"),
+    Option("data", "--data", str, "Record to identify from.", _RECORD, metavar="FILE.csv"),
+    Option(
+        "method",
+        "--method",
+        str,
+        "csrs: cross-correlation, for balanced pulses from rest; least-squares: any input that moves enough.",
+        _RECORD,
+        metavar="auto|csrs|least-squares",
+        default="auto",
+    ),
+    Option(
+        "max_gap_min", "--max-gap", float, "Longest gap that is interpolated.", _RECORD, metavar="MIN", default="15"
+    ),
+    Option(
+        "basal_insulin_mU_min",
+        "--basal-insulin",
+        float,
+        "Rate before the record; its median by default.",
+        _RECORD,
+        metavar="MU_MIN",
+    ),
+    Option(
+        "starts_at_rest",
+        "--from-rest/--not-from-rest",
+        bool,
+        "Whether insulin was at the basal rate for the memory before the record.",
+        _RECORD,
+        default="from rest",
+    ),
+    SAMPLE_TIME,
+    SEED,
+    MEMORY,
+    LAGUERRE_POLE,
+    Option("best_pole", "--best-pole", bool, "Search for the pole that fits best.", LAGUERRE_POLE.panel),
+    LAGUERRE_FUNCTIONS,
+    *OUTPUT,
+)
+
+
+@with_options(_OPTIONS)
+def command(given: Given) -> None:
+    """Check what was asked for, identify, write the model and tell about it."""
+    keys, output, file = split_off_output(given)
+    asked = _read(keys, file_keys(file))
+    files: dict[str, str] = {}
+    with output.folder() as folder:
+        with stage("Importing the simulator"):
+            from glucoloop.cli.compiled import keep_compiled
+            from glucoloop.cli.identified import identify
+        keep_compiled()
+        with stage("Identifying a model"):
+            identified = identify(asked)
+        if folder is not None:
+            with stage("Drawing"):
+                _write(folder, identified)
+            files = folder.paths()
+    _tell(identified, output, files)
+
+
+def _read(keys: Given, of_file: Given) -> IdentificationConfig:
+    from glucoloop.config import read_identification
+    from glucoloop.config.identification import overlay_identification
+
+    return read_identification(overlay_identification(of_file, keys), names(_OPTIONS, keys))
+
+
+def _write(folder: OutputFolder, identified: Identified) -> None:
+    from glucoloop.cli.pictures import write_figure
+    from glucoloop.config import toml_text
+    from glucoloop.config.identification import identification_keys
+    from glucoloop.report import plot_identification, plot_validation
+    from glucoloop.storage import tables
+    from glucoloop.storage.strict_json import json_text
+
+    folder.write("model.json", identified.model.text())
+    folder.write("record.csv", tables.csv(tables.record_table(identified.record)))
+    folder.write("fit.json", json_text(with_version(identified.report())) + "\n")
+    write_figure(folder, "response", plot_identification(identified.identification, truth=identified.truth))
+    write_figure(
+        folder,
+        "validation",
+        plot_validation(
+            identified.validation,
+            sample_time_min=identified.record.sample_time_min,
+            insulin_deviation_mU_min=identified.validation_insulin_mU_min,
+            title=identified.validated_on.capitalize(),
+        ),
+    )
+    keys = identification_keys(identified.config)
+    if identified.data is not None:
+        folder.write("data.csv", identified.data)
+        keys["data"] = "data.csv"
+    folder.write("identify.toml", toml_text(keys, "identify --config identify.toml"))
+
+
+def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None:
+    if output.json:
+        print_json(identified.report(), files, identified.notes)
+        return
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("Model")
+    table.add_column("Value", justify="right")
+    table.add_column("Unit")
+    for name, value, unit in identified.rows():
+        table.add_row(name, value, unit)
+    show(table)
+    for line in identified.notes:
+        print(line)
+    print(where_written(output.out, files))
+    if "model.json" in files:
+        print(f"Use it: glucoloop run --model {files['model.json']}{identified.run_hint}")

@@ -1,0 +1,40 @@
+"""Telling the user's mistake, in one sentence, from a bug, which keeps its traceback."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from pathlib import Path
+from typing import Final, NoReturn
+
+_PACKAGE: Final = Path(__file__).resolve().parent.parent
+
+
+def sentence(error: Exception) -> str | None:
+    """What to say about an error, or None if it is a bug.
+
+    The library refuses with a sentence of its own. A ValueError that another library raises was not foreseen.
+    """
+    if isinstance(error, OSError):
+        return _of_the_system(error)
+    origin = Path(traceback.extract_tb(error.__traceback__)[-1].filename)
+    return str(error) if origin.resolve().is_relative_to(_PACKAGE) else None
+
+
+def mistake(told: str) -> NoReturn:
+    """Say a sentence and leave."""
+    print(f"glucoloop: {told.rstrip('.')}.", file=sys.stderr)
+    sys.exit(2)
+
+
+def interrupted() -> NoReturn:
+    """Leave after Ctrl-C."""
+    print("glucoloop: interrupted, nothing was written.", file=sys.stderr)
+    sys.exit(130)
+
+
+def _of_the_system(error: OSError) -> str | None:
+    if error.strerror is None:
+        return None
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror}; nothing was written, free some space or choose another place"

@@ -1,0 +1,280 @@
+"""The options of the commands, and how a command gets them.
+
+An option stands for a key of the configuration, so that the command line and files say the same things. Options that
+were not given are not passed on: files and defaults speak for them.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+import typer
+
+from glucoloop.trials.catalogue import CONTROLLERS, all_settings
+
+Given = dict[str, Any]
+"""Key -> value of the options that were given."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option."""
+
+    key: str
+    flag: str
+    """A switch has its opposite after a slash."""
+    kind: Any
+    help: str
+    panel: str
+    metavar: str | None = None
+    default: str | None = None
+    """As shown in the help."""
+
+    @property
+    def name(self) -> str:
+        """What the user calls it."""
+        return self.flag.split("/")[0]
+
+    def parameter(self) -> inspect.Parameter:
+        """As Typer reads it from a command's signature."""
+        shown: Any = self.default if self.default is not None else False
+        info = typer.Option(
+            self.flag, help=self.help, metavar=self.metavar, rich_help_panel=self.panel, show_default=shown
+        )
+        annotation = Annotated[self.kind | None, info]
+        return inspect.Parameter(self.key, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+
+
+def names(options: Iterable[Option], given: Given) -> dict[str, str]:
+    """Key -> what the user calls its option, of those that were given; a key of a file is called as it stands there."""
+    return {option.key: option.name for option in options if option.key in given}
+
+
+def with_options(options: Iterable[Option]) -> Callable[[Callable[[Given], None]], Callable[..., None]]:
+    """Make a command of a function of the options that were given."""
+    parameters = [option.parameter() for option in options]
+
+    def decorate(function: Callable[[Given], None]) -> Callable[..., None]:
+        def command(**values: Any) -> None:
+            function({key: value for key, value in values.items() if value is not None})
+
+        command.__doc__ = function.__doc__
+        command.__dict__["__signature__"] = inspect.Signature(parameters)
+        command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return command
+
+    return decorate
+
+
+_PATIENT: Final = "Patient and meals"
+_SENSOR: Final = "Sensor"
+_PUMP: Final = "Pump"
+_RUN: Final = "Run"
+_CONTROLLER: Final = "Controller"
+_MODEL: Final = "Model"
+_OUTPUT: Final = "Files and output"
+
+OPERATING_POINT: Final = Option(
+    "operating_point",
+    "--operating-point",
+    str,
+    "setpoint-81: held at 81.1 mg/dl by 25.61 mU/min; nominal-22: 22.33 mU/min, which hold 92.1 mg/dl.",
+    _PATIENT,
+    metavar="NAME",
+    default="setpoint-81",
+)
+NOISE: Final = Option(
+    "noise_variance",
+    "--noise",
+    float,
+    "Variance of the noise on each reading, (mg/dl)²; the paper's is 1.45.",
+    _SENSOR,
+    metavar="VARIANCE",
+    default="0",
+)
+NOISE_BOUND: Final = Option(
+    "noise_bound_mg_dl",
+    "--noise-bound",
+    float,
+    "Largest deviation of a reading.",
+    _SENSOR,
+    metavar="MG_DL",
+    default="5",
+)
+DEAD_TIME: Final = Option(
+    "dead_time_min",
+    "--dead-time",
+    float,
+    "How late readings are; whole samples.",
+    _SENSOR,
+    metavar="MIN",
+    default="0",
+)
+SAMPLE_TIME: Final = Option(
+    "sample_time_min",
+    "--sample-time",
+    float,
+    "Time between two readings, and between two doses.",
+    _RUN,
+    metavar="MIN",
+    default="5",
+)
+SEED: Final = Option("seed", "--seed", int, "The same seed gives the same noise.", _RUN, metavar="N", default="0")
+MEMORY: Final = Option(
+    "memory", "--memory", int, "Samples after which a dose has died out, M.", _MODEL, metavar="M", default="3 hours"
+)
+LAGUERRE_POLE: Final = Option(
+    "laguerre_pole",
+    "--laguerre-pole",
+    float,
+    "Pole of the Laguerre functions that smooth the impulse response.",
+    _MODEL,
+    metavar="POLE",
+    default="0.84 at 5-min samples",
+)
+LAGUERRE_FUNCTIONS: Final = Option(
+    "laguerre_functions",
+    "--laguerre-functions",
+    int,
+    "How many; 0 leaves the impulse response as it was estimated.",
+    _MODEL,
+    metavar="L",
+    default="2",
+)
+MEALS: Final = "meals"
+NO_MEAL: Final = "no_meal"
+
+SITUATION: Final = (
+    OPERATING_POINT,
+    Option("setpoint_mg_dl", "--setpoint", float, "Target; the patient's own by default.", _PATIENT, metavar="MG_DL"),
+    Option(
+        "initial_glucose_mg_dl",
+        "--initial-glucose",
+        float,
+        "Where the patient rests at the start; at his own setpoint by default.",
+        _PATIENT,
+        metavar="MG_DL",
+    ),
+    Option(
+        MEALS,
+        "--meal",
+        list[str],
+        "Carbohydrate and time, like 50g@50min, 50@50 or 50g@1.5h; repeat it for more meals.",
+        _PATIENT,
+        metavar="G@TIME",
+        default="50g@50min",
+    ),
+    Option(NO_MEAL, "--no-meal", bool, "Nothing is eaten.", _PATIENT),
+    Option(
+        "announce_meals",
+        "--announce-meals/--no-announce-meals",
+        bool,
+        "Tell the controller of each meal when it begins.",
+        _PATIENT,
+    ),
+    NOISE,
+    NOISE_BOUND,
+    DEAD_TIME,
+    Option(
+        "max_change_mU_min",
+        "--max-rate-change",
+        float,
+        "Largest change of the rate from one sample to the next.",
+        _PUMP,
+        metavar="MU_MIN",
+        default="16.7",
+    ),
+    Option("min_insulin_mU_min", "--min-insulin", float, "Least rate.", _PUMP, metavar="MU_MIN", default="0"),
+    Option("max_insulin_mU_min", "--max-insulin", float, "Greatest rate.", _PUMP, metavar="MU_MIN", default="66.9"),
+    Option(
+        "pump_resolution_mU_min",
+        "--pump-resolution",
+        float,
+        "Smallest step of the rate; any rate by default.",
+        _PUMP,
+        metavar="MU_MIN",
+    ),
+    Option("duration_min", "--duration", float, "Length of the run.", _RUN, metavar="MIN", default="600"),
+    SAMPLE_TIME,
+    SEED,
+    Option(
+        "integrator",
+        "--integrator",
+        str,
+        "fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference.",
+        _RUN,
+        metavar="fast|adaptive",
+        default="fast",
+    ),
+)
+"""What all controllers of a comparison share."""
+
+
+def _setting_options() -> Iterable[Option]:
+    """An option for each setting of the catalogue, with the default of each controller that has it."""
+    for name, owners in all_settings().items():
+        first = next(iter(owners.values()))
+        defaults = "; ".join(f"{controller}: {setting.default.text}" for controller, setting in owners.items())
+        yield Option(
+            name,
+            f"--{name.replace('_', '-')}",
+            first.type,
+            first.summary,
+            _CONTROLLER,
+            metavar="|".join(first.choices) if first.choices else None,
+            default=defaults,
+        )
+
+
+CASE: Final = (
+    Option(
+        "controller",
+        "--controller",
+        str,
+        "; ".join(f"{entry.name}: {entry.summary}" for entry in CONTROLLERS.values()) + ".",
+        _CONTROLLER,
+        metavar="NAME",
+        default="mpc",
+    ),
+    *_setting_options(),
+    Option(
+        "known_dead_time",
+        "--known-dead-time/--unknown-dead-time",
+        bool,
+        "Tell the controller of the dead time: its model is delayed, and its prediction horizon grows by as much.",
+        _CONTROLLER,
+        default="unknown",
+    ),
+    Option(
+        "model",
+        "--model",
+        str,
+        "Model from `glucoloop identify`; by default one is identified from the patient.",
+        _MODEL,
+        metavar="FILE",
+    ),
+    Option(
+        "model_noise_variance",
+        "--model-noise",
+        float,
+        "Variance of the noise on the record that the model is identified from.",
+        _MODEL,
+        metavar="VARIANCE",
+        default="as --noise",
+    ),
+    MEMORY,
+    LAGUERRE_POLE,
+    LAGUERRE_FUNCTIONS,
+)
+"""A controller, its tuning and its model."""
+
+OUTPUT: Final = (
+    Option("config", "--config", str, "Read options from a TOML file; those given here win.", _OUTPUT, metavar="FILE"),
+    Option("out", "--out", str, "Folder for tables, figures and the configuration.", _OUTPUT, metavar="DIR"),
+    Option("overwrite", "--overwrite", bool, "Replace an earlier result in that folder.", _OUTPUT),
+    Option("json", "--json", bool, "Print one JSON object instead of a table.", _OUTPUT),
+)
+MMOL: Final = Option("mmol", "--mmol", bool, "Tell glucose in mmol/l too.", _OUTPUT)

@@ -1,0 +1,33 @@
+"""Figures of runs, as files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from glucoloop.report import interactive_page, plot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from glucoloop.cli.closed_loop import Outcome
+    from glucoloop.storage.folder import OutputFolder
+
+
+def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
+    """A figure as PNG and SVG."""
+    for kind in ("png", "svg"):
+        buffer = io.BytesIO()
+        # Without a date, so that the same run gives the same file.
+        figure.savefig(buffer, format=kind, metadata={"Date": None} if kind == "svg" else None)
+        folder.write(f"{name}.{kind}", buffer.getvalue())
+
+
+def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:
+    """The figure for print and the page to zoom into, of runs in the same situation."""
+    limits = next(iter(outcomes.values())).limits
+    traces = {label: outcome.trace for label, outcome in outcomes.items()}
+    metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
+    write_figure(folder, "figure", plot(traces, title=title, mmol=mmol, limits=limits))
+    folder.write("figure.html", interactive_page(traces, metrics, title=title, limits=limits))

@@ -1,0 +1,81 @@
+"""What was asked for: the keys of a configuration file under those of the command line, and what to do with results."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from glucoloop.cli.options import MEALS, NO_MEAL, Given
+from glucoloop.cli.screen import note
+
+if TYPE_CHECKING:
+    from glucoloop.storage.folder import OutputFolder
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where results go."""
+
+    out: Path | None
+    overwrite: bool
+    json: bool
+    mmol: bool
+
+    def folder(self) -> contextlib.AbstractContextManager[OutputFolder | None]:
+        """The output folder, or None if nothing is to be written."""
+        from glucoloop.storage.folder import output_folder
+
+        if self.out is None:
+            if self.overwrite:
+                raise ValueError("--overwrite is about an output folder; name one with --out")
+            return contextlib.nullcontext()
+        return output_folder(self.out, overwrite=self.overwrite)
+
+
+def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
+    """Configuration keys, where results go, and the configuration file."""
+    keys = dict(given)
+    out, config = keys.pop("out", None), keys.pop("config", None)
+    if out == "" or config == "":
+        raise ValueError(f"--{'out' if out == '' else 'config'} is empty; give a path")
+    output = Output(
+        out=None if out is None else Path(out),
+        overwrite=bool(keys.pop("overwrite", False)),
+        json=bool(keys.pop("json", False)),
+        mmol=bool(keys.pop("mmol", False)),
+    )
+    return keys, output, None if config is None else Path(config)
+
+
+def with_meals(keys: Given) -> Given:
+    """Keys whose meals are one list; ``--no-meal`` is the empty one."""
+    keys = dict(keys)
+    fasting = keys.pop(NO_MEAL, False)
+    if not keys.get(MEALS):
+        keys.pop(MEALS, None)
+    if fasting and MEALS in keys:
+        raise ValueError("--meal and --no-meal exclude one another; leave one out")
+    return {**keys, MEALS: []} if fasting else keys
+
+
+_PATHS: Final = ("model", "data")
+
+
+def file_keys(path: Path | None) -> dict[str, Any]:
+    """Keys of a configuration file; the paths in it start at the file."""
+    import glucoloop
+    from glucoloop.config.toml import beside, read_toml
+    from glucoloop.storage.files import read_text
+
+    if path is None:
+        return {}
+    keys, version = read_toml(read_text(path, "a configuration"), str(path))
+    if version is not None and version != glucoloop.__version__:
+        note([f"{path} was written by glucoloop {version}; this is {glucoloop.__version__}, and numbers may differ."])
+    for table in (keys, *(case for case in keys.get("case", ()) if isinstance(case, dict))):
+        for key in _PATHS:
+            if isinstance(table.get(key), str):
+                table[key] = beside(table[key], path)
+    return keys

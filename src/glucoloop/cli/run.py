@@ -1,0 +1,91 @@
+"""``glucoloop run``: one controller in one situation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, names, with_options
+from glucoloop.cli.request import Output, file_keys, split_off_output, with_meals
+from glucoloop.cli.screen import show, stage
+from glucoloop.cli.telling import mmol_lines, print_json, where_written, with_version
+
+if TYPE_CHECKING:
+    from glucoloop.cli.closed_loop import Outcome
+    from glucoloop.config import Run
+    from glucoloop.storage.folder import OutputFolder
+
+HELP: Final = (
+    "Close the loop: a controller, a virtual patient, a meal.\n\n"
+    "Without options it is the noise-free loop of Parker, Doyle and Peppas (1999): 50 g of carbohydrate at 50 min, "
+    "linear MPC on a model identified from the patient. With --noise the model comes from an equally noisy record, and "
+    "the tuning is the paper's for noise.\n\n"
+    "  glucoloop run --noise 1.45 --seed 3 --out first\n\n"
+    "  glucoloop run --meal 60g@1h --meal 40g@6h --duration 720\n\n"
+    "  glucoloop run --config first/run.toml"
+)
+_OPTIONS: Final = (*SITUATION, *CASE, *OUTPUT, MMOL)
+
+
+@with_options(_OPTIONS)
+def command(given: Given) -> None:
+    """Check what was asked for, run it, write it and tell it."""
+    keys, output, file = split_off_output(given)
+    asked = _read(with_meals(keys), file_keys(file))
+    files: dict[str, str] = {}
+    with output.folder() as folder:
+        with stage("Importing the simulator"):
+            from glucoloop.cli.closed_loop import close_the_loop
+            from glucoloop.cli.compiled import keep_compiled
+        keep_compiled()
+        with stage("Closing the loop"):
+            outcome = close_the_loop(asked)
+        if folder is not None:
+            with stage("Drawing"):
+                _write(folder, outcome, output)
+            files = folder.paths()
+    _tell(outcome, output, files)
+
+
+def _read(keys: Given, of_file: Given) -> Run:
+    from glucoloop.config import overlay, read_run
+
+    return read_run(overlay(of_file, keys), names(_OPTIONS, keys))
+
+
+def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
+    from glucoloop.cli.pictures import write_pictures
+    from glucoloop.config import toml_text
+    from glucoloop.storage import tables
+    from glucoloop.storage.strict_json import json_text
+
+    samples = tables.sample_table(outcome.trace)
+    folder.write("trace.parquet", tables.parquet(samples))
+    folder.write("trace.csv", tables.csv(samples))
+    folder.write("glucose_1min.parquet", tables.parquet(tables.minute_table(outcome.trace)))
+    folder.write("metrics.json", json_text(with_version(outcome.report())) + "\n")
+    repeat = outcome.run
+    if outcome.model is not None:
+        folder.write("model.json", outcome.model.text())
+        if repeat.case.model is not None:
+            # The model goes along, so that the folder repeats the run by itself.
+            repeat = repeat.with_model("model.json")
+    folder.write("run.toml", toml_text(repeat.keys(), "run --config run.toml"))
+    case, situation = outcome.run.case, outcome.run.situation
+    write_pictures(
+        folder, {case.controller: outcome}, title=f"{case.controller} at {situation.operating_point}", mmol=output.mmol
+    )
+
+
+def _tell(outcome: Outcome, output: Output, files: dict[str, str]) -> None:
+    if output.json:
+        print_json(outcome.report(), files, outcome.notes)
+        return
+    from glucoloop.report import metrics_table
+
+    show(metrics_table(outcome.metrics))
+    for line in outcome.notes:
+        print(line)
+    if output.mmol:
+        for line in mmol_lines({outcome.run.case.controller: outcome}):
+            print(line)
+    print(where_written(output.out, files))

@@ -1,0 +1,45 @@
+"""What a command says at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import glucoloop
+from glucoloop.cli.screen import note
+
+if TYPE_CHECKING:
+    from glucoloop.cli.closed_loop import Outcome
+
+
+def with_version(report: Mapping[str, Any]) -> dict[str, Any]:
+    """A report with the version that made it, first."""
+    return {"version": glucoloop.__version__, **report}
+
+
+def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: tuple[str, ...]) -> None:
+    """The report alone on standard output; what else there is to say goes to standard error."""
+    from glucoloop.storage.strict_json import json_text
+
+    print(json_text({**with_version(report), "files": files}))
+    note(notes)
+
+
+def mmol_lines(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
+    """Glucose of each run in mmol/l."""
+    from glucoloop.units import mmol_l_from_mg_dl
+
+    for label, outcome in outcomes.items():
+        metrics, setpoint = outcome.metrics, outcome.trace.setpoint_mg_dl
+        low, high, target = (
+            f"{mmol_l_from_mg_dl(float(value)):.2f}" for value in (metrics.minimum_mg_dl, metrics.peak_mg_dl, setpoint)
+        )
+        yield f"{label}: glucose from {low} to {high} mmol/l, setpoint {target} mmol/l."
+
+
+def where_written(out: Path | None, files: Mapping[str, str]) -> str:
+    """Where the files are, or how to get some."""
+    if out is None:
+        return "Nothing was written; --out DIR keeps tables, figures and the configuration."
+    return f"Wrote {', '.join(files)} to {out}."

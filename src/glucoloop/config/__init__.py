@@ -1,0 +1,25 @@
+"""Configuration: what a command was asked to do, complete and checked."""
+
+from glucoloop.config.comparison import Comparison, read_comparison
+from glucoloop.config.identification import IdentificationConfig, read_identification
+from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.config.run import Case, Run, Situation, overlay, read_run
+from glucoloop.config.sentences import one_sentence
+from glucoloop.config.toml import read_toml, toml_text
+
+__all__ = [
+    "Case",
+    "Comparison",
+    "IdentificationConfig",
+    "Run",
+    "Situation",
+    "meal_text",
+    "one_sentence",
+    "overlay",
+    "parse_meal",
+    "read_comparison",
+    "read_identification",
+    "read_run",
+    "read_toml",
+    "toml_text",
+]

@@ -1,0 +1,88 @@
+"""A comparison: several cases in one situation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from glucoloop.config.run import (
+    Case,
+    Run,
+    Situation,
+    case_key_names,
+    case_keys,
+    overlay,
+    read_case,
+    read_run,
+    refuse_unknown,
+)
+from glucoloop.trials import catalogue
+
+MOST_CASES: Final = 20
+CASES_KEY: Final = "case"
+"""Of the tables in a file: ``[[case]]``."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Cases by label, in one situation."""
+
+    situation: Situation
+    cases: Mapping[str, Case]
+
+    def runs(self) -> dict[str, Run]:
+        """The run of each case."""
+        return {label: Run(situation=self.situation, case=case) for label, case in self.cases.items()}
+
+    def keys(self) -> dict[str, Any]:
+        """The keys from which the same comparison is read."""
+        cases = [{"label": label, **case_keys(case)} for label, case in self.cases.items()]
+        return {
+            **self.situation.model_dump(mode="json"),
+            CASES_KEY: [{key: value for key, value in case.items() if value is not None} for case in cases],
+        }
+
+
+def read_comparison(
+    keys: Mapping[str, object], cases: Sequence[Mapping[str, object]], names: Mapping[str, str] | None = None
+) -> Comparison:
+    """Comparison from the keys that hold for all cases, and those of each.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two cases or too many, a label that is missing or used twice, or a key that is unknown, wrong,
+        or belongs to the situation, which all cases share.
+    """
+    if not 2 <= len(cases) <= MOST_CASES:
+        raise ValueError(
+            f"a comparison of {len(cases)} {'case' if len(cases) == 1 else 'cases'} is not possible; "
+            f"give from 2 to {MOST_CASES}, like --case mpc --case 'careful: mpc, move_weight=1'"
+        )
+    refuse_unknown(keys)
+    shared_situation = read_run({key: value for key, value in keys.items() if key in Situation.model_fields}, names)
+    situation = shared_situation.situation
+    shared = {key: value for key, value in keys.items() if key not in Situation.model_fields}
+    read: dict[str, Case] = {}
+    for case in cases:
+        label = case.get("label")
+        if not isinstance(label, str) or not label.strip():
+            raise ValueError(f"the case {dict(case)!r} has no label; give it one, like label = 'careful'")
+        if label in read:
+            raise ValueError(f"two cases are called {label!r}; give each a label of its own")
+        own = {key: value for key, value in case.items() if key != "label"}
+        try:
+            _refuse_shared(own)
+            read[label] = read_case(overlay(shared, {"controller": "mpc", **own}), situation)
+        except ValueError as error:
+            raise ValueError(f"case {label!r}: {error}") from None
+    return Comparison(situation=situation, cases=read)
+
+
+def _refuse_shared(case: Mapping[str, object]) -> None:
+    for key in case:
+        if key in Situation.model_fields:
+            raise ValueError(f"{key} belongs to the situation, which all cases share; give it outside the cases")
+        if key not in case_key_names():
+            raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, case_key_names())}")

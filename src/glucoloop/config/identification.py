@@ -1,0 +1,127 @@
+"""An identification: the experiment on the simulated patient, or the record of a real one, and how it is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, Field
+
+from glucoloop.config.run import (
+    LONGEST_SAMPLE_TIME_MIN,
+    PAPER_SAMPLE_TIME_MIN,
+    STRICT,
+    Functions,
+    Infusion,
+    Memory,
+    Minutes,
+    NoiseBound,
+    Pole,
+    SampleTime,
+    Seed,
+    Variance,
+    checked,
+    paper_memory,
+    paper_pole,
+    whole_samples,
+)
+from glucoloop.trials.catalogue import known_names
+
+EXPERIMENT_KEYS: Final = (
+    "operating_point",
+    "noise_variance",
+    "noise_bound_mg_dl",
+    "dead_time_min",
+    "amplitude_mU_min",
+    "samples",
+)
+"""They describe the simulated experiment, which a record takes the place of."""
+RECORD_KEYS: Final = ("method", "max_gap_min", "basal_insulin_mU_min", "starts_at_rest")
+"""They describe a record."""
+
+
+class IdentificationConfig(BaseModel):
+    """Everything about an identification."""
+
+    model_config = STRICT
+
+    data: str | None = None
+    """Path of a record; None: the experiment is made on the simulated patient."""
+    operating_point: str = "setpoint-81"
+    noise_variance: Variance = 0.0
+    noise_bound_mg_dl: NoiseBound = 5.0
+    dead_time_min: Minutes = 0.0
+    amplitude_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 22.33
+    samples: Annotated[int, Field(ge=4, le=100_000)] | None = None
+    """Length of the simulated record; None: the shortest, twice the memory."""
+
+    method: Literal["auto", "csrs", "least-squares"] = "auto"
+    max_gap_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 15.0
+    basal_insulin_mU_min: Infusion | None = None
+    """Rate before the record; None: as the method finds it."""
+    starts_at_rest: bool = True
+
+    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
+    memory: Memory = 36
+    laguerre_pole: Pole = 0.84
+    best_pole: bool = False
+    """Whether the pole is searched for, in place of `laguerre_pole`."""
+    laguerre_functions: Functions = 2
+    seed: Seed = 0
+
+    @property
+    def dead_time_samples(self) -> int:
+        """Dead time of the experiment's readings."""
+        return whole_samples(self.dead_time_min, self.sample_time_min)
+
+
+def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> IdentificationConfig:
+    """Identification from flat keys, completed.
+
+    Raises
+    ------
+    ValueError
+        For an unknown key, a value of the wrong type or out of bounds, or keys that exclude one another.
+    """
+    known = IdentificationConfig.model_fields
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
+    called = {key: (names or {}).get(key, key) for key in keys}
+    if "data" in keys:
+        for key in called.keys() & set(EXPERIMENT_KEYS):
+            raise ValueError(f"{called[key]} is about the simulated patient, but there is a record; leave one out")
+    else:
+        for key in called.keys() & set(RECORD_KEYS):
+            raise ValueError(f"{called[key]} is about a record; give one with --data, or leave it out")
+    if keys.get("best_pole") and "laguerre_pole" in keys:
+        raise ValueError("a Laguerre pole is given and is also to be searched for; leave one out")
+    if keys.get("best_pole") and keys.get("laguerre_functions") == 0:
+        raise ValueError("0 Laguerre functions have no pole to search for; give more, or leave out the search")
+    sample_time = keys.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
+    derived: dict[str, object] = {}
+    # A sample time that is wrong is refused by name with the other keys, and nothing follows from it.
+    if isinstance(sample_time, int | float) and 0.0 < sample_time <= LONGEST_SAMPLE_TIME_MIN:
+        derived = {"memory": paper_memory(sample_time), "laguerre_pole": paper_pole(sample_time)}
+    return checked(IdentificationConfig, {**derived, **keys}, names)
+
+
+def overlay_identification(lower: Mapping[str, object], upper: Mapping[str, object]) -> dict[str, object]:
+    """Flat keys in two layers, of which the upper one wins; with a key go those below that it excludes."""
+    excluded: set[str] = set()
+    if "data" in upper:
+        excluded.update(EXPERIMENT_KEYS)
+    elif any(key in upper for key in EXPERIMENT_KEYS):
+        excluded.update(("data", *RECORD_KEYS))
+    if upper.get("best_pole"):
+        excluded.add("laguerre_pole")
+    elif "laguerre_pole" in upper:
+        excluded.add("best_pole")
+    return {**{key: value for key, value in lower.items() if key not in excluded}, **upper}
+
+
+def identification_keys(config: IdentificationConfig) -> dict[str, object]:
+    """The flat keys from which the same identification is read."""
+    unused = EXPERIMENT_KEYS if config.data is not None else RECORD_KEYS
+    left_out = {*unused, *(("laguerre_pole",) if config.best_pole else ())}
+    return {key: value for key, value in config.model_dump(mode="json").items() if key not in left_out}

@@ -1,0 +1,259 @@
+"""A run: the situation a controller is put in, and the controller with its tuning and its model.
+
+In files and on the command line both are given by flat keys; what is not given is filled in here, so that a
+configuration that was read is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.config.sentences import one_sentence
+from glucoloop.meals import Meal
+from glucoloop.trials import catalogue
+
+STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+LONGEST_RUN_MIN: Final = 366 * 1440.0
+LARGEST_SEED: Final = 2**63 - 1
+LONGEST_SAMPLE_TIME_MIN: Final = 120.0
+PAPER_SAMPLE_TIME_MIN: Final = 5.0
+PAPER_MEMORY_MIN: Final = 180.0
+PAPER_POLE: Final = 0.84
+IDENTIFICATION_KEYS: Final = ("model_noise_variance", "memory", "laguerre_pole", "laguerre_functions")
+"""How a model is identified for the run, in place of `model`, which names a file."""
+
+Record = TypeVar("Record", bound=BaseModel)
+Glucose = Annotated[float, Field(gt=0.0, le=2000.0)]
+Infusion = Annotated[float, Field(ge=0.0, le=10_000.0)]
+Minutes = Annotated[float, Field(ge=0.0, le=1440.0)]
+SampleTime = Annotated[float, Field(gt=0.0, le=LONGEST_SAMPLE_TIME_MIN)]
+Variance = Annotated[float, Field(ge=0.0, le=10_000.0)]
+NoiseBound = Annotated[float, Field(gt=0.0, le=1000.0)]
+Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+Memory = Annotated[int, Field(ge=2, le=2000)]
+Pole = Annotated[float, Field(gt=0.0, lt=1.0)]
+Functions = Annotated[int, Field(ge=0, le=50)]
+
+
+class Situation(BaseModel):
+    """Patient, meals, sensor and pump: what all controllers of a comparison share."""
+
+    model_config = STRICT
+
+    operating_point: str = "setpoint-81"
+    setpoint_mg_dl: Glucose | None = None
+    """Target; None: the patient's own."""
+    initial_glucose_mg_dl: Glucose | None = None
+    """Where the patient rests at the start; None: at his setpoint."""
+    meals: tuple[str, ...] = ("50g@50min",)
+    announce_meals: bool = False
+    duration_min: Annotated[float, Field(gt=0.0, le=LONGEST_RUN_MIN)] = 600.0
+    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
+    noise_variance: Variance = 0.0
+    noise_bound_mg_dl: NoiseBound = 5.0
+    dead_time_min: Minutes = 0.0
+    max_change_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 16.7
+    min_insulin_mU_min: Infusion = 0.0
+    max_insulin_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 66.9
+    pump_resolution_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
+    """Smallest step of the pump; None: any rate."""
+    integrator: Literal["fast", "adaptive"] = "fast"
+    seed: Seed = 0
+
+    @property
+    def noisy(self) -> bool:
+        """Whether readings carry noise."""
+        return self.noise_variance > 0.0
+
+    @property
+    def dead_time_samples(self) -> int:
+        """Dead time of the readings.
+
+        Raises
+        ------
+        ValueError
+            Unless it is a whole number of samples.
+        """
+        return whole_samples(self.dead_time_min, self.sample_time_min)
+
+    def eaten(self) -> tuple[Meal, ...]:
+        """The meals."""
+        return tuple(parse_meal(text) for text in self.meals)
+
+
+class Case(BaseModel):
+    """A controller, its tuning, and the model it is designed on."""
+
+    model_config = STRICT
+
+    controller: str = "mpc"
+    tuning: Mapping[str, catalogue.Value] = Field(default_factory=dict)
+    known_dead_time: bool = False
+    model: str | None = None
+    """Path of a model file; None: a model is identified from the patient."""
+    model_noise_variance: Variance | None = None
+    """Noise of the record that the model is identified from."""
+    memory: Memory | None = None
+    laguerre_pole: Pole | None = None
+    laguerre_functions: Functions | None = None
+    """0: the impulse response is left as it was estimated."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A controller in its situation."""
+
+    situation: Situation
+    case: Case
+
+    def keys(self) -> dict[str, Any]:
+        """The flat keys from which the same run is read."""
+        return {**self.situation.model_dump(mode="json"), **case_keys(self.case)}
+
+    def with_model(self, path: str) -> Self:
+        """The same run, with its model from another file."""
+        return type(self)(situation=self.situation, case=self.case.model_copy(update={"model": path}))
+
+
+def case_keys(case: Case) -> dict[str, Any]:
+    """The flat keys of a case: its tuning stands among the others."""
+    keys = case.model_dump(mode="json")
+    return {"controller": keys.pop("controller"), **keys.pop("tuning"), **keys}
+
+
+def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Run:
+    """Run from flat keys.
+
+    Parameters
+    ----------
+    keys : mapping
+    names : mapping, optional
+        What a key is called where it was given; for messages.
+
+    Raises
+    ------
+    ValueError
+        For an unknown key, or a value of the wrong type or out of bounds.
+    """
+    refuse_unknown(keys)
+    situation = checked(Situation, _only(keys, Situation), names)
+    situation = situation.model_copy(update={"meals": tuple(meal_text(meal) for meal in situation.eaten())})
+    return Run(situation=situation, case=read_case(keys, situation, names))
+
+
+def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[str, str] | None = None) -> Case:
+    """Case from flat keys, completed for its situation."""
+    own = _only(keys, Case)
+    controller = own.get("controller", "mpc")
+    settings = {key: value for key, value in keys.items() if key in catalogue.all_settings()}
+    tuning = catalogue.complete(
+        str(controller), settings, operating_point=situation.operating_point, noisy=situation.noisy
+    )
+    if catalogue.controller_entry(str(controller)).uses_model and own.get("model") is None:
+        own = {**_identification(situation), **own}
+    return checked(Case, {**own, "tuning": tuning}, names)
+
+
+def _identification(situation: Situation) -> dict[str, object]:
+    """The paper's identification, at the run's own sample time."""
+    sample_time_min = situation.sample_time_min
+    return {
+        "model_noise_variance": situation.noise_variance,
+        "memory": paper_memory(sample_time_min),
+        "laguerre_pole": paper_pole(sample_time_min),
+        "laguerre_functions": 2,
+    }
+
+
+def paper_memory(sample_time_min: float) -> int:
+    """Samples that cover the paper's memory of three hours."""
+    return max(2, round(PAPER_MEMORY_MIN / sample_time_min))
+
+
+def paper_pole(sample_time_min: float) -> float:
+    """Pole that decays with the paper's time constant at another sample time."""
+    return float(PAPER_POLE ** (sample_time_min / PAPER_SAMPLE_TIME_MIN))
+
+
+def overlay(lower: Mapping[str, object], upper: Mapping[str, object]) -> dict[str, object]:
+    """Flat keys in two layers, of which the upper one wins.
+
+    With a key go those it excludes: a model file and the way of identifying one, and the settings of a controller that
+    another one takes the place of.
+
+    Raises
+    ------
+    ValueError
+        Where one layer holds keys that exclude one another.
+    """
+    for layer in (lower, upper):
+        both = [key for key in IDENTIFICATION_KEYS if key in layer]
+        if "model" in layer and both:
+            raise ValueError(
+                f"{both[0]} tells how a model is identified, but the model comes from {layer['model']}; "
+                "leave out one of them"
+            )
+    kept = dict(lower)
+    if "model" in upper:
+        kept = {key: value for key, value in kept.items() if key not in IDENTIFICATION_KEYS}
+    elif any(key in upper for key in IDENTIFICATION_KEYS):
+        kept.pop("model", None)
+    if "controller" in upper:
+        entry = catalogue.controller_entry(str(upper["controller"]))
+        own = {setting.name for setting in entry.settings}
+        foreign = catalogue.all_settings().keys() - own
+        kept = {key: value for key, value in kept.items() if key not in foreign}
+    return {**kept, **upper}
+
+
+def refuse_unknown(keys: Mapping[str, object], more: tuple[str, ...] = ()) -> None:
+    """Refuse a key that neither a situation, a case nor any controller has."""
+    known = [*run_keys(), *more]
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, known)}")
+
+
+def run_keys() -> list[str]:
+    """All flat keys of a run."""
+    return [*Situation.model_fields, *case_key_names()]
+
+
+def case_key_names() -> list[str]:
+    """The flat keys that a case of a comparison may set."""
+    return [*(key for key in Case.model_fields if key != "tuning"), *catalogue.all_settings()]
+
+
+def whole_samples(minutes: float, sample_time_min: float) -> int:
+    """Minutes as samples.
+
+    Raises
+    ------
+    ValueError
+        Unless they are a whole number of samples.
+    """
+    samples = round(minutes / sample_time_min)
+    if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
+        below = int(minutes / sample_time_min) * sample_time_min
+        raise ValueError(
+            f"a dead time of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
+            f"give {below:g} or {below + sample_time_min:g} min"
+        )
+    return samples
+
+
+def checked(record: type[Record], keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Record:
+    """A record from its keys, refused in one sentence."""
+    try:
+        return record.model_validate({key: tuple(v) if isinstance(v, list) else v for key, v in keys.items()})
+    except ValidationError as error:
+        raise ValueError(one_sentence(error, record, names)) from None
+
+
+def _only(keys: Mapping[str, object], record: type[BaseModel]) -> dict[str, object]:
+    return {key: value for key, value in keys.items() if key in record.model_fields}

@@ -1,0 +1,80 @@
+"""A validation error as one sentence that names the key, the value, the bound and the mend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from pydantic import BaseModel, ValidationError
+
+_KINDS: Final = {
+    "int": "a whole number",
+    "float": "a number",
+    "finite_number": "a finite number",
+    "bool": "true or false",
+    "string": "a text",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a table",
+    "model": "a table",
+}
+_LONGEST_VALUE: Final = 60
+
+
+def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping[str, str] | None = None) -> str:
+    """Describe the first error.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Raised when `record` was built.
+    record : type
+    names : mapping, optional
+        What a key is called where it was given, such as an option of the command line.
+    """
+    first = error.errors(include_url=False)[0]
+    path = first["loc"]
+    key = str(path[0]) if path else ""
+    name = (names or {}).get(key, ".".join(str(part) for part in path if not _is_branch(part)))
+    if first["type"] == "missing":
+        return f"{name} is missing; add it"
+    if first["type"] == "extra_forbidden":
+        return f"{name} is not a known key; leave it out"
+    if first["type"] == "json_invalid":
+        return f"this is not JSON: {first['ctx']['error']}"
+    value = repr(first["input"])
+    shown = value if len(value) <= _LONGEST_VALUE else f"{value[:_LONGEST_VALUE]}..."
+    return f"{name} is {shown}; give {_wanted(first, record, key)}"
+
+
+def _is_branch(part: int | str) -> bool:
+    """Whether a part of a path names no key but a branch of a union."""
+    return isinstance(part, str) and part.startswith(("constrained-", "function-", "float", "int", "str"))
+
+
+def _wanted(error: Any, record: type[BaseModel], key: str) -> str:
+    context = error.get("ctx", {})
+    if error["type"] == "literal_error":
+        return f"one of {context['expected']}"
+    if error["type"] == "value_error":
+        return str(context["error"])
+    kind = next((text for start, text in _KINDS.items() if error["type"].startswith(start)), "")
+    bounds = _bounds(record, key) if len(error["loc"]) == 1 else ""
+    if kind:
+        return f"{kind} {bounds}".rstrip()
+    return f"a value {bounds}" if bounds else str(error["msg"])
+
+
+def _bounds(record: type[BaseModel], key: str) -> str:
+    """Bounds of a field in words, from its own metadata, so that they are told whole."""
+    found = record.model_fields.get(key)
+    if found is None:
+        return ""
+    words = {"gt": "above {:g}", "ge": "of at least {:g}", "lt": "below {:g}", "le": "at most {:g}"}
+    parts = [
+        text.format(bound)
+        for item in found.metadata
+        for side, text in words.items()
+        if (bound := getattr(item, side, None)) is not None
+    ]
+    return " and ".join(parts)

@@ -1,0 +1,42 @@
+"""Reading a file that somebody else may have written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+LARGEST_TEXT_BYTES: Final = 200_000_000
+
+
+def read_text(path: Path, what: str) -> str:
+    """Text of a file.
+
+    Parameters
+    ----------
+    path : Path
+    what : str
+        What it should be, for messages: ``"a model"``.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read, is empty, far too large, or not text.
+    """
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder, not {what}; name a file in it")
+        if size > LARGEST_TEXT_BYTES:
+            raise ValueError(f"{path} is too large for {what}: {size} bytes, at most {LARGEST_TEXT_BYTES} will do")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read as {what}: {error.strerror}") from None
+    if not data.strip():
+        raise ValueError(f"{path} is empty; give the path of {what}")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is not text; give the path of {what}") from None
+    if "\0" in text:
+        raise ValueError(f"{path} is not text; give the path of {what}")
+    return text

@@ -1,0 +1,140 @@
+"""``model.json``: an identified step-response model, and how it came about."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+import jax.numpy as jnp
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+import glucoloop
+from glucoloop.config.run import STRICT, SampleTime
+from glucoloop.config.sentences import one_sentence
+from glucoloop.identification import Identification
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.storage.files import read_text
+from glucoloop.storage.strict_json import json_text
+
+_ROUNDING: Final = 1e-9
+
+Response = Annotated[list[float], Field(min_length=1, max_length=10_000)]
+
+
+class RestingPoint(BaseModel):
+    """Steady state around which the model holds."""
+
+    model_config = STRICT
+
+    name: str | None
+    """Of the simulated patient's operating point; None for a record."""
+    basal_insulin_mU_min: Annotated[float, Field(ge=0.0)]
+    glucose_mg_dl: float
+
+
+class Provenance(BaseModel):
+    """How the model came about."""
+
+    model_config = STRICT
+
+    glucoloop: str
+    """Version."""
+    source: str
+    """A sentence."""
+    method: str
+    dead_time_min: Annotated[float, Field(ge=0.0)] = 0.0
+    """Dead time of the readings in the record; the model holds it."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    """What was done to the record."""
+
+
+class ModelFile(BaseModel):
+    """Contents of a model file."""
+
+    model_config = STRICT
+
+    format: Literal["glucoloop-model"] = "glucoloop-model"
+    version: Literal[1] = 1
+    sample_time_min: SampleTime
+    step_response: Response
+    """S_1 .. S_M, mg/dl per mU/min."""
+    impulse_response: Response
+    """h_1 .. h_M, its increments."""
+    operating_point: RestingPoint
+    provenance: Provenance
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        step, impulse = np.array(self.step_response), np.array(self.impulse_response)
+        if step.size != impulse.size:
+            raise ValueError(f"{step.size} values of the step response and {impulse.size} of the impulse response")
+        if not np.allclose(np.cumsum(impulse), step, rtol=0.0, atol=_ROUNDING * np.abs(step).max()):
+            raise ValueError("a step response that is not the running sum of the impulse response")
+        return self
+
+    def step_response_model(self) -> StepResponseModel:
+        """The model proper."""
+        return StepResponseModel(step_response=jnp.asarray(self.step_response), sample_time_min=self.sample_time_min)
+
+    def text(self) -> str:
+        """JSON from which the same model is read, to the last bit."""
+        return json_text(self.model_dump(mode="json")) + "\n"
+
+
+def model_file(
+    identification: Identification,
+    *,
+    operating_point: str | None,
+    source: str,
+    dead_time_min: float,
+    settings: dict[str, Any],
+    notes: tuple[str, ...] = (),
+) -> ModelFile:
+    """Model file of an identification."""
+    model = identification.model
+    return ModelFile(
+        sample_time_min=model.sample_time_min,
+        step_response=np.asarray(model.step_response).tolist(),
+        impulse_response=np.asarray(model.impulse_response).tolist(),
+        operating_point=RestingPoint(
+            name=operating_point,
+            basal_insulin_mU_min=identification.basal_insulin_mU_min,
+            glucose_mg_dl=identification.baseline_glucose_mg_dl,
+        ),
+        provenance=Provenance(
+            glucoloop=glucoloop.__version__,
+            source=source,
+            method=identification.method,
+            dead_time_min=dead_time_min,
+            settings=settings,
+            notes=notes,
+        ),
+    )
+
+
+def read_model(path: Path) -> ModelFile:
+    """Model from its file.
+
+    Raises
+    ------
+    ValueError
+        For a file that is not a model, or one whose values are missing, wrong, not finite or at odds with each other.
+    """
+    text = read_text(path, "a model")
+    try:
+        return ModelFile.model_validate_json(text)
+    except ValidationError as error:
+        raise ValueError(f"{path} is not a model that can be used: {_sentence(error)}") from None
+
+
+def _sentence(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    if first["type"] == "value_error" and not first["loc"]:
+        return f"it has {first['ctx']['error']}; identify it again"
+    if first["loc"] == ("version",):
+        return f"its format version is {first['input']!r}, but this glucoloop reads version 1; identify it again"
+    if first["loc"] == ("format",):
+        return f"its format is {first['input']!r} and not 'glucoloop-model'; write one with glucoloop identify"
+    return one_sentence(error, ModelFile)

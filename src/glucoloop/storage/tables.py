@@ -1,0 +1,108 @@
+"""Tables: what happened in a run, sample by sample and minute by minute, and records to identify from."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from glucoloop.control import Status
+from glucoloop.identification import Record
+from glucoloop.simulation import Trace
+from glucoloop.storage.files import read_text
+
+RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
+
+
+def sample_table(trace: Trace) -> pl.DataFrame:
+    """One row per sample.
+
+    Columns: ``t_min``; ``glucose_mg_dl``, free of noise; ``reading_mg_dl``, null where there was none;
+    ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller asked for;
+    ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample.
+    """
+    reading = np.where(np.asarray(trace.reading_valid), np.asarray(trace.reading_mg_dl), np.nan)
+    return pl.DataFrame(
+        {
+            "t_min": np.asarray(trace.t_min),
+            "glucose_mg_dl": np.asarray(trace.glucose_mg_dl),
+            "reading_mg_dl": pl.Series(reading).fill_nan(None),
+            "insulin_mU_min": np.asarray(trace.insulin_mU_min),
+            "command_mU_min": np.asarray(trace.command_mU_min),
+            "status": [Status(code).name.lower().replace("_", " ") for code in np.asarray(trace.status).tolist()],
+            "carbs_g": np.asarray(trace.carbs_g),
+        }
+    )
+
+
+def minute_table(trace: Trace) -> pl.DataFrame:
+    """Glucose free of noise on the grid of one minute: columns ``t_min`` and ``glucose_mg_dl``."""
+    return pl.DataFrame({"t_min": np.asarray(trace.fine_t_min), "glucose_mg_dl": np.asarray(trace.fine_glucose_mg_dl)})
+
+
+def record_table(record: Record) -> pl.DataFrame:
+    """A record with a row for each reading; the last one has no insulin rate after it, and repeats the one before."""
+    insulin, glucose = np.asarray(record.insulin_mU_min), np.asarray(record.glucose_mg_dl)
+    return pl.DataFrame(
+        {
+            "t_min": record.sample_time_min * np.arange(glucose.size),
+            "insulin_mU_min": np.append(insulin, insulin[-1]),
+            "glucose_mg_dl": glucose,
+        }
+    )
+
+
+def stacked(tables: Mapping[str, pl.DataFrame]) -> pl.DataFrame:
+    """Tables of several cases as one, its first column the case."""
+    return pl.concat([table.select(pl.lit(label).alias("case"), pl.all()) for label, table in tables.items()])
+
+
+def parquet(table: pl.DataFrame) -> bytes:
+    """A table as a Parquet file."""
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    return buffer.getvalue()
+
+
+def csv(table: pl.DataFrame) -> bytes:
+    """A table as a CSV file, its numbers exact."""
+    buffer = io.BytesIO()
+    table.write_csv(buffer)
+    return buffer.getvalue()
+
+
+def read_record_columns(path: Path) -> dict[str, list[object]]:
+    """The columns of a record from a CSV file, numbers where they are numbers; further columns are left out.
+
+    Raises
+    ------
+    ValueError
+        For a file that is not a table, or one that lacks a column.
+    """
+    text = read_text(path, "a record")
+    try:
+        table = pl.read_csv(io.BytesIO(text.encode()), infer_schema=False)
+        table = table.rename({name: name.strip() for name in table.columns})
+    except pl.exceptions.PolarsError as error:
+        raise ValueError(f"{path} is not a CSV table: {str(error).splitlines()[0]}") from None
+    for column in RECORD_COLUMNS:
+        if column not in table.columns:
+            raise ValueError(
+                f"{path} has no column {column!r}, only {', '.join(table.columns)}; "
+                f"its first line must name {', '.join(RECORD_COLUMNS)}"
+            )
+    return {column: [_number(text) for text in table[column].to_list()] for column in RECORD_COLUMNS}
+
+
+def _number(text: str | None) -> object:
+    """A number, NaN for an empty cell, or the text itself, which is refused where its row is known."""
+    if text is None or not text.strip():
+        return float("nan")
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,1 @@
+"""Trials: controllers by name, and what is done with them."""

@@ -1,0 +1,197 @@
+"""Controllers by name: what each is, what can be set, and where it is designed.
+
+A controller joins the command line, the configuration files and the comparisons by one entry in `CONTROLLERS`; its
+settings become options. Nothing here imports a numerical library, so that help is shown at once.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+Value = int | float | str
+
+
+@dataclass(frozen=True)
+class Default:
+    """Value of a setting that was not given; it may depend on whether readings are noisy, and on the patient."""
+
+    noise_free: Value
+    noisy: Value | None = None
+    """None: as without noise."""
+    at: Mapping[str, tuple[Value, Value]] = field(default_factory=dict)
+    """Operating point -> (without noise, with noise), where it has values of its own."""
+
+    def value(self, operating_point: str, *, noisy: bool) -> Value:
+        """The value for a run."""
+        quiet, loud = self.at.get(operating_point, (self.noise_free, self.noisy))
+        return loud if noisy and loud is not None else quiet
+
+    @property
+    def text(self) -> str:
+        """For help: ``8`` or ``8, with noise 10``."""
+        noisy = "" if self.noisy in (None, self.noise_free) else f", with noise {self.noisy}"
+        return f"{self.noise_free}{noisy}"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One thing that can be set about a controller.
+
+    The same name may stand in several entries, each with its default, but always with one type.
+    """
+
+    name: str
+    """As in a configuration file; the option is the same with dashes."""
+    type: type[int] | type[float] | type[str]
+    summary: str
+    """With the paper's symbol, if it has one."""
+    default: Default
+    choices: tuple[str, ...] = ()
+
+    def check(self, value: object) -> Value:
+        """The value in the setting's type; its bounds are the design's to check.
+
+        Raises
+        ------
+        ValueError
+            For a value of another type, or one that is not among the choices.
+        """
+        if self.choices and value not in self.choices:
+            raise ValueError(f"{self.name} is {value!r}; the known ones are: {', '.join(self.choices)}")
+        if isinstance(value, bool):
+            pass
+        elif self.type is float and isinstance(value, int | float):
+            return float(value)
+        elif isinstance(value, self.type):
+            return value
+        kinds: dict[type, str] = {int: "a whole number", float: "a number", str: "a text"}
+        raise ValueError(f"{self.name} is {value!r}; give {kinds[self.type]}")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A controller of the catalogue."""
+
+    name: str
+    summary: str
+    design: str
+    """``module:function``; called with a `designs.DesignCase` and the settings by name, it returns a controller."""
+    settings: tuple[Setting, ...] = ()
+    uses_model: bool = True
+    """Whether it is designed on an identified model; if not, none is identified for it."""
+
+    def setting(self, name: str) -> Setting:
+        """A setting by name.
+
+        Raises
+        ------
+        ValueError
+            If the controller has no such setting.
+        """
+        known = {setting.name: setting for setting in self.settings}
+        if name not in known:
+            raise ValueError(f"the controller {self.name} has no setting {name!r}; {known_names(name, known)}")
+        return known[name]
+
+    def designer(self) -> Callable[..., Any]:
+        """The design function; importing it imports JAX."""
+        module, function = self.design.split(":")
+        designer: Callable[..., Any] = getattr(importlib.import_module(module), function)
+        return designer
+
+
+def known_names(unknown: str, known: Iterable[str]) -> str:
+    """What to say after an unknown name: the one that was probably meant, and all there are."""
+    names = list(known)
+    if not names:
+        return "there are none"
+    close = difflib.get_close_matches(unknown, names, n=1)
+    meant = f"did you mean {close[0]!r}? " if close else ""
+    return f"{meant}the known ones are: {', '.join(names)}"
+
+
+def move_horizon(default: Default) -> Setting:
+    """The move horizon m of a predictive controller."""
+    return Setting("move_horizon", int, "Moves that are planned, m.", default)
+
+
+def prediction_horizon(default: Default) -> Setting:
+    """The prediction horizon p of a predictive controller."""
+    return Setting("prediction_horizon", int, "Samples looked ahead, p; a known dead time is added to them.", default)
+
+
+def output_weight(default: Default) -> Setting:
+    """The weight Gamma_y of a predictive controller."""
+    return Setting("output_weight", float, "Weight on the error of glucose, Γ_y.", default)
+
+
+def move_weight(default: Default) -> Setting:
+    """The weight Gamma_u of a predictive controller."""
+    return Setting("move_weight", float, "Weight on each move of insulin, Γ_u.", default)
+
+
+CONTROLLERS: Final[dict[str, Entry]] = {
+    entry.name: entry
+    for entry in (
+        Entry(
+            name="mpc",
+            summary="linear model predictive control on the identified step response",
+            design="glucoloop.trials.designs:linear_mpc",
+            settings=(
+                move_horizon(Default(2)),
+                prediction_horizon(Default(8, noisy=10)),
+                output_weight(Default(1.0, noisy=3.0)),
+                move_weight(Default(0.0, noisy=1.0)),
+                Setting(
+                    "constraints",
+                    str,
+                    "clip: the closed form, clipped as in the paper; qp: the best moves within the pump's limits.",
+                    Default("clip"),
+                    choices=("clip", "qp"),
+                ),
+            ),
+        ),
+    )
+}
+
+
+def controller_entry(name: str) -> Entry:
+    """A controller by name.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name.
+    """
+    if name not in CONTROLLERS:
+        raise ValueError(f"unknown controller {name!r}; {known_names(name, CONTROLLERS)}")
+    return CONTROLLERS[name]
+
+
+def all_settings() -> dict[str, dict[str, Setting]]:
+    """Setting name -> controller name -> that controller's setting of the name."""
+    settings: dict[str, dict[str, Setting]] = {}
+    for entry in CONTROLLERS.values():
+        for setting in entry.settings:
+            settings.setdefault(setting.name, {})[entry.name] = setting
+    return settings
+
+
+def complete(controller: str, given: Mapping[str, object], *, operating_point: str, noisy: bool) -> dict[str, Value]:
+    """All settings of a controller: the given ones, and defaults for the others.
+
+    Raises
+    ------
+    ValueError
+        For an unknown controller or setting, or a value of the wrong type.
+    """
+    entry = controller_entry(controller)
+    checked = {name: entry.setting(name).check(value) for name, value in given.items()}
+    return {
+        setting.name: checked.get(setting.name, setting.default.value(operating_point, noisy=noisy))
+        for setting in entry.settings
+    }
