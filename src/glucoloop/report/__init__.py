@@ -1,0 +1,8 @@
+"""What people look at: tables, figures and pages. Plotting libraries are imported only when something is drawn."""
+
+from glucoloop.report.figure import plot
+from glucoloop.report.identification_figure import plot_identification, plot_validation
+from glucoloop.report.page import interactive_page
+from glucoloop.report.table import comparison_table, metrics_table
+
+__all__ = ["comparison_table", "interactive_page", "metrics_table", "plot", "plot_identification", "plot_validation"]

@@ -1,0 +1,124 @@
+"""How figures look: sizes of a printed column, colours that everyone can tell apart, and fonts that can be read."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+from glucoloop.units import MIN_PER_H
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import Locator
+
+Width = Literal["single", "double"]
+
+WIDTHS_MM: Final[dict[str, float]] = {"single": 88.0, "double": 180.0}
+FONT_PT: Final = 7.0
+TITLE_PT: Final = 8.0
+GREY: Final = "0.4"
+
+# M. Okabe, K. Ito, "Color universal design", 2008; black is left for bounds, and yellow is too pale for a line.
+OKABE_ITO: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+# Dashes tell the lines apart in grey print. With one dash fewer than colours, 30 runs look different.
+DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
+
+_MM_PER_INCH: Final = 25.4
+_MAX_LEGEND_COLUMNS: Final = 4
+_LEGEND_MM: Final = 14.0  # which a figure's height allows for
+_LONGEST_IN_MINUTES: Final = 12 * MIN_PER_H
+_MAX_TICK_STEPS: Final = {"single": 6, "double": 12}
+
+
+def line_style(index: int) -> dict[str, Any]:
+    """Colour and dashes of a run."""
+    return {"color": OKABE_ITO[index % len(OKABE_ITO)], "linestyle": DASHES[index % len(DASHES)], "linewidth": 1.2}
+
+
+def literal(text: str) -> str:
+    """Text without mathematics: a dollar is a dollar."""
+    return text.replace("$", r"\$")
+
+
+def new_figure(width: Width, height_mm: float, title: str | None) -> Figure:
+    """An empty figure of a column's width, its title wrapped.
+
+    Raises
+    ------
+    ValueError
+        For an unknown width.
+    """
+    from matplotlib.figure import Figure
+
+    if width not in WIDTHS_MM:
+        raise ValueError(f"unknown width {width!r}; use one of {', '.join(map(repr, WIDTHS_MM))}")
+    size = (WIDTHS_MM[width] / _MM_PER_INCH, height_mm / _MM_PER_INCH)
+    figure = Figure(figsize=size, dpi=300, layout="constrained")
+    if title:
+        figure.suptitle(literal(textwrap.fill(title, _characters(width, TITLE_PT))), fontsize=TITLE_PT)
+    return figure
+
+
+def _characters(width: Width, font_pt: float) -> int:
+    """Characters that surely fit side by side."""
+    return int(WIDTHS_MM[width] / _MM_PER_INCH * 72.0 / (0.65 * font_pt))
+
+
+def dress(axes: Axes) -> None:
+    """Frame, ticks and fonts of a panel."""
+    axes.spines[["top", "right"]].set_visible(False)
+    for spine in axes.spines.values():
+        spine.set_linewidth(0.6)
+    axes.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
+    axes.xaxis.label.set_fontsize(FONT_PT)
+    axes.yaxis.label.set_fontsize(FONT_PT)
+
+
+def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], width: Width) -> None:
+    """A legend below the panels, in as many columns as fit; a long one makes the figure higher."""
+    # An empty prefix, since a label that begins with an underscore would be left out.
+    room = _characters(width, FONT_PT) - 10
+    texts = ["\u200b" * label.startswith("_") + textwrap.fill(literal(label), room) for label in labels]
+    for columns in range(min(_MAX_LEGEND_COLUMNS, len(texts)), 0, -1):
+        legend = figure.legend(
+            handles,
+            texts,
+            loc="outside lower center",
+            ncols=columns,
+            fontsize=FONT_PT,
+            frameon=False,
+            handlelength=2.6,
+            columnspacing=1.4,
+        )
+        extent = legend.get_window_extent()
+        if columns == 1 or extent.width <= figure.bbox.width:
+            break
+        legend.remove()
+    beyond_inch = extent.height / figure.dpi - _LEGEND_MM / _MM_PER_INCH
+    figure.set_figheight(figure.get_figheight() + max(0.0, beyond_inch))
+
+
+def time_axis(horizon_min: float, width: Width) -> tuple[float, str, float]:
+    """Minutes per unit of the axis, the unit, and the distance of ticks in it.
+
+    Minutes up to twelve hours, and hours beyond.
+    """
+    in_minutes = horizon_min <= _LONGEST_IN_MINUTES
+    divisor, unit = (1.0, "min") if in_minutes else (MIN_PER_H, "h")
+    steps = (10.0, 20.0, 30.0, 60.0, 120.0, 180.0) if in_minutes else (2.0, 3.0, 6.0, 12.0, 24.0)
+    least = horizon_min / divisor / _MAX_TICK_STEPS[width]
+    fitting = [step for step in steps if step >= least]
+    # beyond a week or two, whole days
+    return divisor, unit, fitting[0] if fitting else steps[-1] * float(np.ceil(least / steps[-1]))
+
+
+def every(tick: float) -> Locator:
+    """Ticks at multiples of a distance."""
+    from matplotlib.ticker import MultipleLocator
+
+    return MultipleLocator(tick)

@@ -1,0 +1,211 @@
+"""The closed loop in a picture, ready for print: glucose above, insulin below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.report import _style
+from glucoloop.report._runs import Floats, Run, labelled_runs, values_in_words
+from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.simulation import Trace
+from glucoloop.units import MG_DL_PER_MMOL_L
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_HEIGHTS_MM: Final = {"single": 95.0, "double": 115.0}
+_PANEL_SHARE: Final = 0.8  # of the figure's width; the rest holds labels
+_LINE_MM: Final = 3.0  # a line of text, and about two of its characters
+
+
+def plot(
+    traces: Trace | Mapping[str, Trace],
+    *,
+    title: str | None = None,
+    width: Width = "double",
+    mmol: bool = False,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
+) -> Figure:
+    """Draw one run, or several of the same scenario over each other.
+
+    Above, glucose free of noise, readings as dots where they differ from it, the setpoint, the bound on glucose, and
+    each meal with its carbohydrate. Below, the delivered insulin as steps, the basal rate, and the pump's limits where
+    they come into view.
+
+    Parameters
+    ----------
+    traces : Trace or mapping of str to Trace
+        Of one person each; labels go to the legend.
+    title : str, optional
+    width : {"single", "double"}
+        Of a printed column: 88 or 180 mm.
+    mmol : bool
+        Whether a second axis shows glucose in mmol/l.
+    limits : DoseLimits
+        Of the pump.
+    lowest_glucose_mg_dl : float
+        The bound on glucose.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Apart from pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
+
+    Raises
+    ------
+    ValueError
+        If there is no trace, one is of many people, the meals differ, or the width is unknown.
+    """
+    runs = labelled_runs(traces)
+    figure = _style.new_figure(width, _HEIGHTS_MM.get(width, 0.0), title)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+    divisor, unit, tick = _style.time_axis(max(run.horizon_min for run in runs), width)
+    entries: dict[str, Artist] = {}
+    _draw_glucose(above, runs, divisor, lowest_glucose_mg_dl, entries)
+    _mark_meals(above, runs[0].meals, divisor, panel_mm=_PANEL_SHARE * _style.WIDTHS_MM[width])
+    _draw_insulin(below, runs, divisor, limits, entries)
+    for axes in (above, below):
+        _style.dress(axes)
+    below.set_xlabel(f"Time ({unit})")
+    below.xaxis.set_major_locator(_style.every(tick))
+    figure.align_ylabels([above, below])
+    if mmol:
+        _add_mmol_axis(above)
+    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    return figure
+
+
+def _dot() -> Artist:
+    """Readings of any run, in the legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], linestyle="none", marker=".", markersize=4, markeredgewidth=0, color=GREY)
+
+
+def _draw_glucose(
+    axes: Axes, runs: Sequence[Run], divisor: float, lowest_mg_dl: float, entries: dict[str, Artist]
+) -> None:
+    setpoints = list(dict.fromkeys(run.setpoint_mg_dl for run in runs))
+    for setpoint in setpoints:
+        line = axes.axhline(setpoint, color=GREY, linewidth=0.7, zorder=1)
+    bound = axes.axhline(lowest_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+    for index, run in enumerate(runs):
+        style = _style.line_style(index)
+        axes.plot(
+            run.reading_t_min / divisor,
+            run.reading_mg_dl,
+            linestyle="none",
+            marker=".",
+            markersize=2.5,
+            markeredgewidth=0,
+            color=style["color"],
+            alpha=0.55,
+            zorder=2,
+        )
+        glucose = axes.plot(run.fine_t_min / divisor, run.fine_glucose_mg_dl, **style, zorder=3)[0]
+        entries[run.label] = glucose
+    if any(run.reading_t_min.size for run in runs):
+        entries["sensor readings"] = _dot()
+    entries[f"setpoint {values_in_words(setpoints, 'mg/dl')}"] = line
+    entries[f"lowest allowed {lowest_mg_dl:g} mg/dl"] = bound
+    axes.annotate(
+        f"{lowest_mg_dl:g} mg/dl",
+        (0.01, lowest_mg_dl),
+        xycoords=axes.get_yaxis_transform(),
+        xytext=(0, -2),
+        textcoords="offset points",
+        va="top",
+        fontsize=FONT_PT,
+    )
+    axes.set_ylabel("Glucose (mg/dl)")
+    shown = [np.array([*setpoints, lowest_mg_dl])]
+    shown += [values for run in runs for values in (run.fine_glucose_mg_dl, run.reading_mg_dl)]
+    low, high = _extent(shown)
+    axes.set_ylim(low - 0.12 * (high - low), high + 0.05 * (high - low))
+
+
+def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float, panel_mm: float) -> None:
+    """A mark on the upper edge for each meal, and its carbohydrate above, upright where meals are close."""
+    if not meals:
+        return
+    t_min = np.array([t for t, _ in meals])
+    upper_edge = axes.get_xaxis_transform()
+    axes.plot(
+        t_min / divisor,
+        np.ones_like(t_min),
+        linestyle="none",
+        marker="v",
+        markersize=4,
+        color="black",
+        transform=upper_edge,
+        clip_on=False,
+    )
+    horizon_min = axes.dataLim.x1 * divisor
+    apart_mm = np.diff(t_min).min(initial=np.inf) / horizon_min * panel_mm
+    if apart_mm < _LINE_MM:
+        return
+    texts = [f"{carbs_g:.4g} g" for _, carbs_g in meals]
+    upright = apart_mm < _LINE_MM / 2.0 * (max(map(len, texts)) + 1)
+    for t, text in zip(t_min, texts, strict=True):
+        axes.annotate(
+            text,
+            (t / divisor, 1.0),
+            xycoords=upper_edge,
+            xytext=(0, 4),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            rotation=90 if upright else 0,
+            fontsize=FONT_PT,
+        )
+
+
+def _draw_insulin(
+    axes: Axes, runs: Sequence[Run], divisor: float, limits: DoseLimits, entries: dict[str, Artist]
+) -> None:
+    basal = list(dict.fromkeys(run.basal_insulin_mU_min for run in runs))
+    for rate in basal:
+        line = axes.axhline(rate, color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)
+    entries[f"basal {values_in_words(basal, 'mU/min')}"] = line
+    for index, run in enumerate(runs):
+        axes.step(run.t_min / divisor, run.insulin_mU_min, where="post", **_style.line_style(index), zorder=3)
+    low, high = _extent([np.array([0.0, *basal]), *(run.insulin_mU_min for run in runs)])
+    low, high = low - 0.05 * (high - low), high + 0.08 * (high - low)
+    in_view = [bound for bound in (float(limits.min_mU_min), float(limits.max_mU_min)) if low <= bound <= high]
+    for bound in in_view:
+        at_limit = axes.axhline(bound, color="black", linewidth=0.6, linestyle=(0, (6, 2, 1, 2)), zorder=1)
+    if in_view:
+        noun = "pump limit" if len(in_view) == 1 else "pump limits"
+        entries[f"{noun} {values_in_words(in_view, 'mU/min')}"] = at_limit
+    axes.set_ylabel("Insulin (mU/min)")
+    axes.set_ylim(low, high)
+    axes.set_xlim(0.0, max(run.horizon_min for run in runs) / divisor)
+
+
+def _extent(shown: Sequence[Floats]) -> tuple[float, float]:
+    values = np.concatenate(shown)
+    values = values[np.isfinite(values)]
+    low, high = float(values.min()), float(values.max())
+    return low, max(high, low + 1.0)
+
+
+def _add_mmol_axis(axes: Axes) -> None:
+    right = axes.secondary_yaxis(
+        "right",
+        functions=(
+            lambda mg_dl: np.asarray(mg_dl, float) / MG_DL_PER_MMOL_L,
+            lambda mmol_l: np.asarray(mmol_l, float) * MG_DL_PER_MMOL_L,
+        ),
+    )
+    right.set_ylabel("Glucose (mmol/l)")
+    right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
+    right.spines["right"].set_linewidth(0.6)
+    right.yaxis.label.set_fontsize(FONT_PT)

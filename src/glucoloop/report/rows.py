@@ -1,0 +1,106 @@
+"""The rows of a table of metrics: what each is called, its unit, and how its value is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from glucoloop.metrics import Metrics
+from glucoloop.units import MU_PER_U
+
+NOT_AVAILABLE: Final = "n/a"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One metric of one run or of several."""
+
+    section: str
+    name: str
+    unit: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    field: str
+    name: str
+    unit: str = ""
+    digits: int = 1
+    divisor: float = 1.0
+    settled: str = ""
+    """Field that tells whether the value is more than a lower bound."""
+
+    def value(self, metrics: Mapping[str, float | int | bool | None]) -> str:
+        value = metrics[self.field]
+        if value is None:
+            return NOT_AVAILABLE
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        more = "+" if self.settled and not metrics[self.settled] else ""
+        return f"{value / self.divisor:z.{self.digits}f}{more}"
+
+
+_SECTIONS: Final[dict[str, tuple[_Entry, ...]]] = {
+    "Regulation": (
+        _Entry("undershoot_mg_dl", "Undershoot", "mg/dl"),
+        _Entry("overshoot_mg_dl", "Overshoot", "mg/dl"),
+        _Entry("settling_2pct_min", "Settling, 2 % band", "min", 0, settled="settled_2pct"),
+        _Entry("settling_5pct_min", "Settling, 5 % band", "min", 0, settled="settled_5pct"),
+        _Entry("minimum_mg_dl", "Least glucose", "mg/dl"),
+        _Entry("minimum_t_min", "  at", "min", 0),
+        _Entry("peak_mg_dl", "Greatest glucose", "mg/dl"),
+        _Entry("peak_t_min", "  at", "min", 0),
+        _Entry("sse", "Sum of squared errors", "(mg/dl)²", 0),
+    ),
+    "Glycemia": (
+        _Entry("time_below_54_pct", "Time below 54 mg/dl", "%"),
+        _Entry("time_below_60_pct", "Time below 60 mg/dl", "%"),
+        _Entry("time_below_70_pct", "Time below 70 mg/dl", "%"),
+        _Entry("time_70_180_pct", "Time from 70 to 180 mg/dl", "%"),
+        _Entry("time_above_180_pct", "Time above 180 mg/dl", "%"),
+        _Entry("time_above_250_pct", "Time above 250 mg/dl", "%"),
+        _Entry("mean_mg_dl", "Mean glucose", "mg/dl"),
+        _Entry("cv_pct", "Coefficient of variation", "%"),
+        _Entry("gmi_pct", "Glucose management indicator", "%"),
+        _Entry("lbgi", "Low blood glucose index", "", 2),
+        _Entry("hbgi", "High blood glucose index", "", 2),
+        _Entry("gri", "Glycemia risk index"),
+    ),
+    "Insulin": (
+        _Entry("insulin_total_mU", "Insulin delivered", "U", 2, divisor=MU_PER_U),
+        _Entry("insulin_total_variation_mU_min", "Total variation", "mU/min"),
+        _Entry("largest_change_mU_min", "Largest change", "mU/min"),
+    ),
+    "Constraints kept": (
+        _Entry("rate_satisfied", "Rate of change"),
+        _Entry("magnitude_satisfied", "Magnitude"),
+        _Entry("glucose_satisfied", "Least glucose"),
+        _Entry("constraints_satisfied", "All"),
+    ),
+    "Samples": (
+        _Entry("samples_saturated", "Dose beyond limits", "", 0),
+        _Entry("samples_missing", "Reading missing", "", 0),
+        _Entry("samples_not_converged", "Not converged", "", 0),
+        _Entry("samples_non_finite", "Dose not finite", "", 0),
+    ),
+}
+
+
+def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
+    """Rows for runs by label, one value per run; a time that is only a lower bound ends in "+".
+
+    Raises
+    ------
+    ValueError
+        If there are no metrics, or some are of many people.
+    """
+    if not metrics:
+        raise ValueError("there are no metrics to show; give those of at least one run")
+    plain = [of_run.as_dict() for of_run in metrics.values()]
+    return [
+        Row(section, entry.name, entry.unit, tuple(entry.value(values) for values in plain))
+        for section, entries in _SECTIONS.items()
+        for entry in entries
+    ]

@@ -1,0 +1,77 @@
+"""Tables of metrics for the terminal; piped, they are plain text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from glucoloop.metrics import Metrics
+from glucoloop.report.rows import metric_rows
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def metrics_table(metrics: Metrics) -> Table:
+    """Name, value and unit of each metric of one run.
+
+    Parameters
+    ----------
+    metrics : Metrics
+        Of one person.
+
+    Returns
+    -------
+    rich.table.Table
+
+    Raises
+    ------
+    ValueError
+        For metrics of many people.
+    """
+    return _table({"Value": metrics})
+
+
+def comparison_table(metrics: Mapping[str, Metrics]) -> Table:
+    """Metrics of several runs side by side, under their labels.
+
+    Parameters
+    ----------
+    metrics : mapping of str to Metrics
+        Each of one person.
+
+    Returns
+    -------
+    rich.table.Table
+
+    Raises
+    ------
+    ValueError
+        If there are none, or some are of many people.
+    """
+    return _table(metrics)
+
+
+def _table(metrics: Mapping[str, Metrics]) -> Table:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    rows = metric_rows(metrics)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("Metric", no_wrap=True)
+    for label in metrics:
+        # Text, since square brackets in a label would be taken for markup
+        table.add_column(Text(label), justify="right")
+    table.add_column("Unit", no_wrap=True)
+    for before, row in zip([None, *rows], rows, strict=False):
+        if before is None or before.section != row.section:
+            if before is not None:
+                table.add_section()
+            table.add_row(Text(row.section, "bold"))
+        table.add_row(*_cells(row.name, row.values, row.unit))
+    return table
+
+
+def _cells(name: str, values: Sequence[str], unit: str) -> list[str]:
+    return [f"  {name}", *values, unit]

@@ -1,0 +1,63 @@
+"""Runs written down by hand, without a patient."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop.simulation import Trace
+
+
+def _trace(fine_glucose, insulin=None, *, setpoint=80.0, basal=20.0, meal_sample=10, **fields):
+    fine = np.asarray(fine_glucose, float)
+    samples = (len(fine) - 1) // 5
+    assert len(fine) == 5 * samples + 1
+    people = fine.shape[1:]
+    insulin = np.full((samples, *people), basal) if insulin is None else np.asarray(insulin, float)
+    carbs_g = np.zeros(samples)
+    if meal_sample is not None:
+        carbs_g[meal_sample] = 50.0
+    values = {
+        "t_min": 5.0 * np.arange(samples),
+        "glucose_mg_dl": fine[:-1:5],
+        "reading_mg_dl": fine[:-1:5],
+        "reading_valid": np.ones((samples, *people), bool),
+        "command_mU_min": insulin,
+        "insulin_mU_min": insulin,
+        "status": np.zeros((samples, *people), int),
+        "carbs_g": carbs_g,
+        "states": np.zeros((samples + 1, 1, *people)),
+        "fine_t_min": np.arange(len(fine), dtype=float),
+        "fine_glucose_mg_dl": fine,
+        "setpoint_mg_dl": np.full(people, setpoint),
+        "basal_insulin_mU_min": np.full(people, basal),
+    }
+    return Trace(**{name: jnp.asarray(value) for name, value in (values | fields).items()})
+
+
+@pytest.fixture(scope="session")
+def make_trace():
+    """A run of 5-min samples whose glucose on the grid of one minute is given; people trail."""
+    return _trace
+
+
+@pytest.fixture(scope="session")
+def quiet(make_trace):
+    """A run read without noise that settles, its insulin far from the pump's limit."""
+    t = np.arange(601.0)
+    glucose = 80.0 + np.where(t > 50.0, 10.0 * np.exp(-(((t - 150.0) / 60.0) ** 2)), 0.0)
+    insulin = np.full(120, 20.0)
+    insulin[20:40] = 35.0
+    return make_trace(glucose, insulin)
+
+
+@pytest.fixture(scope="session")
+def noisy(make_trace):
+    """A run with a noisy sensor, three missing readings, and a dose at the pump's limit; it does not settle."""
+    t = np.arange(601.0)
+    glucose = 80.0 + 15.0 * np.sin(t / 40.0)
+    insulin = np.full(120, 25.0)
+    insulin[20:30] = 66.9
+    valid = np.ones(120, bool)
+    valid[10:13] = False
+    reading = glucose[:-1:5] + np.random.default_rng(0).normal(size=120)
+    return make_trace(glucose, insulin, reading_mg_dl=reading, reading_valid=valid)
