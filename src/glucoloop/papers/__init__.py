@@ -1,0 +1,1 @@
+"""Published studies, each carried out again in full."""

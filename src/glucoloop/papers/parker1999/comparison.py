@@ -1,0 +1,184 @@
+"""Our numbers beside the printed ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, Study
+from glucoloop.papers.parker1999.published import UNSETTLED, Entry, published
+from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.sensors import white_noise
+
+_CLOSE: Final = 0.1
+"""A number within this part of the printed one agrees with it."""
+_NOISE_DRAWS: Final = 200_000
+
+
+@dataclass(frozen=True)
+class Reproduced:
+    """What we find for one entry at one operating point."""
+
+    median: float | str
+    low: float | None = None
+    """10th percentile over the seeds; None where there is one run."""
+    high: float | None = None
+    unsettled: bool = False
+    """Whether more than half of the runs never settle."""
+
+    @classmethod
+    def of(cls, values: Any, settled: Any = None) -> Reproduced:
+        """Median and percentiles over the seeds, `(seeds,)`."""
+        array = np.asarray(values, float)
+        unsettled = settled is not None and bool(np.mean(~np.asarray(settled)) > 0.5)
+        if array.size == 1:
+            return cls(median=float(array[0]), unsettled=unsettled)
+        low, median, high = (float(part) for part in np.percentile(array, [10, 50, 90]))
+        return cls(median=median, low=low, high=high, unsettled=unsettled)
+
+    @property
+    def text(self) -> str:
+        """As a table shows it."""
+        if isinstance(self.median, str):
+            return self.median
+        middle = UNSETTLED if self.unsettled else _number(self.median)
+        if self.low is None or self.high is None:
+            return middle
+        return f"{middle} ({_number(self.low)} to {_number(self.high)})"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A printed entry and what stands beside it."""
+
+    entry: Entry
+    reproduced: dict[str, Reproduced]
+    """By operating point."""
+
+    def difference(self, operating_point: str) -> float | None:
+        """Reproduced less printed, where both are numbers."""
+        found = self.reproduced.get(operating_point)
+        if found is None or isinstance(found.median, str) or isinstance(self.entry.printed, str):
+            return None
+        return found.median - self.entry.printed
+
+    def agrees(self, operating_point: str) -> bool | None:
+        """Whether the entry reproduces; None where it was not measured.
+
+        A number does if it is within a tenth of the printed one or the printed one lies between the 10th and the 90th
+        percentile of the seeds; a bound if it is kept; a word if it is the same.
+        """
+        found = self.reproduced.get(operating_point)
+        if found is None:
+            return None
+        printed = self.entry.printed
+        if printed == UNSETTLED:
+            return found.unsettled
+        if isinstance(printed, str) or isinstance(found.median, str):
+            return printed == found.median
+        if self.entry.kind == "at-most":
+            return found.median <= printed
+        close = abs(found.median - printed) <= _CLOSE * abs(printed)
+        spread = found.low is not None and found.high is not None and found.low <= printed <= found.high
+        return close or spread
+
+
+def _number(value: float) -> str:
+    """Three digits that count."""
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+
+
+def _percent_less(ours: Any, theirs: Any) -> npt.NDArray[np.float64]:
+    return 100.0 * (1.0 - np.asarray(ours, float) / np.asarray(theirs, float))
+
+
+def _tables(study: Study) -> dict[str, Reproduced]:
+    found: dict[str, Reproduced] = {}
+    for name, loops in study.without_noise.items():
+        metrics = loops.metrics
+        found[f"table-1.{name}.undershoot"] = Reproduced.of(metrics.undershoot_mg_dl)
+        found[f"table-1.{name}.settling"] = Reproduced.of(metrics.settling_2pct_min, metrics.settled_2pct)
+    for (name, dead_time), loops in study.with_noise.items():
+        metrics = loops.metrics
+        wide = name == "mpc"  # the band that fits the paper's rows of each controller
+        settling = metrics.settling_5pct_min if wide else metrics.settling_2pct_min
+        settled = metrics.settled_5pct if wide else metrics.settled_2pct
+        broken = float(np.mean(~np.asarray(metrics.constraints_satisfied)))
+        found[f"table-2.{name}.{dead_time}.undershoot"] = Reproduced.of(metrics.undershoot_mg_dl)
+        found[f"table-2.{name}.{dead_time}.settling"] = Reproduced.of(settling, settled)
+        found[f"table-2.{name}.{dead_time}.constraints"] = Reproduced("violated" if broken > 0.5 else "satisfied")
+    return found
+
+
+def _claims(study: Study) -> dict[str, Reproduced]:
+    quiet = {name: loops.metrics for name, loops in study.without_noise.items()}
+    noisy = {key: loops.metrics for key, loops in study.with_noise.items()}
+    mpc, mpc_se = noisy["mpc", "0"], noisy["mpc-se", "0"]
+    found = {
+        "figure-4.mpc.minimum": Reproduced.of(mpc.minimum_mg_dl),
+        "figure-4.mpc.peak": Reproduced.of(mpc.peak_mg_dl),
+        "figure-4.mpc-se.minimum": Reproduced.of(mpc_se.minimum_mg_dl),
+        "claim.mpc-se-within": Reproduced.of(jnp.maximum(mpc_se.undershoot_mg_dl, mpc_se.overshoot_mg_dl)),
+        "claim.mpc-se-against-mpc": Reproduced.of(_percent_less(mpc_se.undershoot_mg_dl, mpc.undershoot_mg_dl)),
+    }
+    for ours, theirs, longer in (
+        ("mpc-se", "imc", False),
+        ("imc", "mpc", True),
+        ("nlqdmc-se", "mpc-se", True),
+    ):
+        less = _percent_less(quiet[ours].undershoot_mg_dl, quiet[theirs].undershoot_mg_dl)
+        shorter = _percent_less(quiet[ours].settling_2pct_min, quiet[theirs].settling_2pct_min)
+        found[f"claim.{ours}-against-{theirs}.undershoot"] = Reproduced.of(less)
+        found[f"claim.{ours}-against-{theirs}.settling"] = Reproduced.of(-shorter if longer else shorter)
+    if ("mpc", "5M") in noisy:
+        # The printed largest increase is over both controllers, dead time known or not; so is this one, of the medians.
+        increases = [
+            -_percent_less(noisy[name, dead_time].undershoot_mg_dl, noisy[name, "0"].undershoot_mg_dl)
+            for name in ("mpc", "mpc-se")
+            for dead_time in ("5", "5M")
+        ]
+        medians = [float(np.median(increase)) for increase in increases]
+        found["claim.dead-time-5"] = Reproduced(median=max(medians))
+    return found
+
+
+def _model(study: Study) -> dict[str, Reproduced]:
+    model, person = study.model, study.patient
+    reading = white_noise(NOISE_VARIANCE)
+    keys = jax.random.split(jax.random.key(0), _NOISE_DRAWS)
+    noise = jax.vmap(lambda key: reading.read((), jnp.zeros(()), key)[1].glucose_mg_dl)(keys)
+    most = person.driven_derivative(jnp.zeros(7), jnp.asarray(PARKER_1999_LIMITS.max_mU_min))
+    transport = jax.jacfwd(lambda z: person.driven_derivative(z, jnp.zeros(())))(jnp.zeros(7))
+    arterial_insulin = float(-jnp.linalg.solve(transport, most)[1])
+    return {
+        "model.nominal-insulin": Reproduced(float(person.basal_insulin_mU_min)),
+        "model.setpoint": Reproduced(float(person.setpoint_mg_dl)),
+        "model.time-constant": Reproduced(model.time_constant_min),
+        "model.left-after-memory": Reproduced(model.left_after_memory_pct),
+        "model.laguerre-pole": Reproduced(model.best_pole),
+        "model.validation.laguerre": Reproduced.of(model.laguerre_residuals),
+        "model.validation.least-squares": Reproduced.of(model.least_squares_residuals),
+        "model.noise-variance": Reproduced(float(jnp.var(noise))),
+        "model.plasma-insulin": Reproduced(arterial_insulin),
+    }
+
+
+def _tuning(study: Study) -> dict[str, Reproduced]:
+    return {
+        f"tuning.{name}": Reproduced("yes" if surface.rank == 1 else f"no, number {surface.rank} of {surface.points}")
+        for name, surface in study.tuning.items()
+    }
+
+
+def compare(studies: dict[str, Study]) -> list[Row]:
+    """Every printed entry with what each study found; an entry that a study leaves out is absent there."""
+    found = {name: _tables(study) | _claims(study) | _model(study) | _tuning(study) for name, study in studies.items()}
+    return [
+        Row(entry=entry, reproduced={name: ours[entry.id] for name, ours in found.items() if entry.id in ours})
+        for entry in published()
+    ]

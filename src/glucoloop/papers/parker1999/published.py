@@ -1,0 +1,32 @@
+"""The printed numbers, with page and place."""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from dataclasses import dataclass
+from typing import Final
+
+UNSETTLED: Final = "551+"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One printed number or statement."""
+
+    id: str
+    what: str
+    printed: float | str
+    unit: str
+    page: int
+    place: str
+    kind: str
+    """``"value"``, or ``"at-most"`` for a bound."""
+    readings: tuple[str, ...]
+    """Names in `readings.READINGS` on which our own number rests."""
+
+
+def published() -> tuple[Entry, ...]:
+    """All entries, in the order of the paper's tables."""
+    text = importlib.resources.files(__package__).joinpath("published.toml").read_text(encoding="utf-8")
+    return tuple(Entry(**{**entry, "readings": tuple(entry["readings"])}) for entry in tomllib.loads(text)["entry"])
