@@ -13,7 +13,7 @@ from glucoloop.pumps.limited import LimitedPump
 
 @pytree
 class _Carry:
-    inner: object
+    inner: jax.Array
     owed_mU_min: jax.Array
 
 

@@ -94,7 +94,7 @@ def _number(value: float) -> str:
 
 
 def _percent_less(ours: Any, theirs: Any) -> npt.NDArray[np.float64]:
-    return 100.0 * (1.0 - np.asarray(ours, float) / np.asarray(theirs, float))
+    return np.asarray(100.0 * (1.0 - np.asarray(ours, float) / np.asarray(theirs, float)), np.float64)
 
 
 def _tables(study: Study) -> dict[str, Reproduced]:

@@ -72,9 +72,9 @@ def _anew(studies: Mapping[str, Study]) -> Table:
     return Table(
         heading="Linear MPC told of its dead time in two ways: undershoot, mg/dl",
         note=(
-            "The paper identifies a new model from delayed records. Two Laguerre functions cannot hold leading zeros, so "
-            "that such a model acts on a response that has not begun; shifting the model of the undelayed patient is "
-            "nearer to the printed rows and is what Table II above shows."
+            "The paper identifies a new model from delayed records. Two Laguerre functions cannot hold leading zeros, "
+            "so such a model counts on a response that has not begun; shifting the model of the undelayed patient is "
+            "nearer to the printed rows, and is what Table II above shows."
         ),
         columns=("Operating point", "Dead time", "Model shifted", "Model identified anew"),
         rows=tuple(rows),
@@ -100,9 +100,9 @@ def tables(rows: Sequence[Row], studies: Mapping[str, Study]) -> list[Table]:
         Table(
             heading="What does not reproduce",
             note=(
-                "A number agrees if it is within a tenth of the printed one, or if the printed one lies between the 10th "
-                "and the 90th percentile over the seeds; a bound agrees if it is kept. Everything else is listed here, at "
-                "each operating point."
+                "A number agrees if it is within a tenth of the printed one, or if the printed one lies between the "
+                "10th and the 90th percentile over the seeds; a bound agrees if it is kept. Everything else is listed "
+                "here, at each operating point."
             ),
             columns=("Entry", "Printed", "Operating point", "Reproduced"),
             rows=failed,
@@ -111,7 +111,7 @@ def tables(rows: Sequence[Row], studies: Mapping[str, Study]) -> list[Table]:
     made.append(
         Table(
             heading="Readings",
-            note="What the paper leaves open, and how it is read here; each row above names by number what it rests on.",
+            note="What the paper leaves open, and how it is read here; rows name by number what they rest on.",
             columns=("Number", "Name", "Choice"),
             rows=tuple((str(_READING_NUMBERS[name]), name, choice) for name, choice in READINGS.items()),
         )

@@ -1,4 +1,4 @@
-"""What the paper leaves open or prints illegibly, and how it is read here. Each is a setting, never a hidden constant."""
+"""What the paper leaves open or prints illegibly, and how it is read here: settings, never hidden constants."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ READINGS: Final[dict[str, str]] = {
         "printed by Parker et al. (2000), in a self-consistent set."
     ),
     "operating-point": (
-        "The paper states 22.33 mU/min and 81 mg/dl; with these constants no infusion gives both. setpoint-81 keeps the "
-        "glucose (81.1 mg/dl, 25.606 mU/min), nominal-22 the insulin (22.33 mU/min, 92.099 mg/dl)."
+        "The paper states 22.33 mU/min and 81 mg/dl; with these constants no infusion gives both. setpoint-81 keeps "
+        "the glucose (81.1 mg/dl, 25.606 mU/min), nominal-22 the insulin (22.33 mU/min, 92.099 mg/dl)."
     ),
     "meal": "50 g of glucose at 50 min by the model of Lehmann and Deutsch (1992), not told to any controller.",
     "pump-limits": "0 to 66.9 mU/min, three times the nominal rate, and 16.7 mU/min per sample, a quarter of that.",
@@ -38,5 +38,7 @@ READINGS: Final[dict[str, str]] = {
     ),
     "zero-rows": "A known dead time puts rows of zeros into the dynamic matrix and lengthens the horizon.",
     "bound-in-the-median": "Violated where more than half of the runs break one of (17)-(19).",
-    "search-grid": "m from 1 to 4, p from m to 14, phi_r from .3 to .8; runs that oscillate or break a bound are left out.",
+    "search-grid": (
+        "m from 1 to 4, p from m to 14, phi_r from .3 to .8; runs that oscillate or break a bound are left out."
+    ),
 }
