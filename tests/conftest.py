@@ -166,11 +166,11 @@ def identified_22(patient_22, insulin_test):
 
 @pytest.fixture(scope="session")
 def undershoot_and_settling():
-    """Undershoot in mg/dl, and minutes from the meal at 50 min to when glucose stays within 5 % of the setpoint."""
+    """Undershoot in mg/dl, and minutes from the meal at 50 min to when glucose stays in a band about the setpoint."""
 
-    def measure(fine_glucose, setpoint):
+    def measure(fine_glucose, setpoint, band):
         glucose, setpoint = np.asarray(fine_glucose), float(setpoint)
-        outside = np.flatnonzero(np.abs(glucose - setpoint) > 0.05 * setpoint)
+        outside = np.flatnonzero(np.abs(glucose - setpoint) > band * setpoint)
         return setpoint - glucose.min(), outside[-1] + 1 - 50
 
     return measure
