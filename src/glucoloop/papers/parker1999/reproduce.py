@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from glucoloop.papers.parker1999.comparison import Row, compare
@@ -42,27 +41,42 @@ def carry_out(
     return studies, compare(studies)
 
 
-def write(folder: Path, studies: dict[str, Study], rows: list[Row], seed: int, progress: Progress) -> dict[str, Any]:
-    """Write figures and reports into an existing folder.
+def write(
+    write_file: Callable[[str, bytes | str], None],
+    studies: Mapping[str, Study],
+    rows: Sequence[Row],
+    seed: int,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write figures and reports.
+
+    Parameters
+    ----------
+    write_file : callable
+        Takes a file's name and content.
+    studies, rows, seed
+        As from and for `carry_out`.
+    progress : callable
+        Told what has just been done.
 
     Returns
     -------
     dict
         The report as plain data, as it also stands in ``report.json``.
     """
-    svg, paths = {}, {}
+    inline, files = {}, {}
     for point, one in studies.items():
-        (folder / point).mkdir()
         for name, figure in draw(one).items():
-            text = io.StringIO()
-            figure.savefig(text, format="svg")
-            svg[f"{point}/{name}"] = text.getvalue()
-            paths[f"{point}/{name}"] = f"{point}/{name}.svg"
-            (folder / point / f"{name}.svg").write_text(text.getvalue(), encoding="utf-8")
-            figure.savefig(folder / point / f"{name}.png")
+            files[f"{point}/{name}"] = f"{point}-{name}.svg"
+            for kind in ("svg", "png"):
+                drawn = io.BytesIO()
+                figure.savefig(drawn, format=kind)
+                write_file(f"{point}-{name}.{kind}", drawn.getvalue())
+                if kind == "svg":
+                    inline[f"{point}/{name}"] = drawn.getvalue().decode()
         progress(f"{point}: figures drawn")
     report = json_report(rows, studies, seed)
-    (folder / "report.json").write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    (folder / "report.md").write_text(markdown_report(rows, studies, seed, paths), encoding="utf-8")
-    (folder / "report.html").write_text(html_report(rows, studies, seed, svg), encoding="utf-8")
+    write_file("report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
+    write_file("report.md", markdown_report(rows, studies, seed, files))
+    write_file("report.html", html_report(rows, studies, seed, inline))
     return report

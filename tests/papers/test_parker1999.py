@@ -1,0 +1,215 @@
+"""The study of the paper: the printed numbers, the comparison, and a small run from end to end."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from glucoloop.papers.parker1999 import experiments
+from glucoloop.papers.parker1999.comparison import Reproduced, Row, compare
+from glucoloop.papers.parker1999.pages import html_report, markdown_report
+from glucoloop.papers.parker1999.published import Entry, published
+from glucoloop.papers.parker1999.readings import READINGS
+from glucoloop.papers.parker1999.reproduce import carry_out, write
+
+POINT = "setpoint-81"
+# Tables I and II as printed on p. 155: undershoot, settling time, whether (17)-(19) hold.
+TABLE_1 = {"imc": (8.7, 376), "mpc": (9.7, 343), "mpc-se": (4.4, 204), "nlqdmc-se": (3.6, 216)}
+TABLE_2 = {
+    "mpc": {
+        "0": (15.4, 315, None),
+        "5": (17.7, 316, True),
+        "5M": (18.8, 358, True),
+        "10": (21.1, 327, True),
+        "10M": (21.9, 378, False),
+        "15": (39.0, "551+", False),
+        "15M": (25.1, 364, False),
+    },
+    "mpc-se": {
+        "0": (12.5, 262, None),
+        "5": (15.3, 494, True),
+        "5M": (15.7, "551+", True),
+        "10": (24.8, "551+", False),
+        "10M": (17.6, "551+", True),
+        "15": (29.7, "551+", False),
+        "15M": (25.6, 536, False),
+    },
+}
+
+
+@pytest.fixture(scope="session")
+def study():
+    return experiments.study(POINT, seeds=4, seed=3, dead_times_min=(0, 10), tunings=False, progress=lambda done: None)
+
+
+def _entry(printed, kind="value"):
+    return Entry(id="x", what="x", printed=printed, unit="", page=155, place="", kind=kind, readings=())
+
+
+def _row(printed, found, kind="value"):
+    return Row(entry=_entry(printed, kind), reproduced={POINT: found})
+
+
+class TestPublished:
+    def test_holds_both_tables_as_printed(self):
+        by_id = {entry.id: entry.printed for entry in published()}
+        for name, (undershoot, settling) in TABLE_1.items():
+            assert by_id[f"table-1.{name}.undershoot"] == undershoot
+            assert by_id[f"table-1.{name}.settling"] == settling
+        words = {True: "satisfied", False: "violated"}
+        for name, rows in TABLE_2.items():
+            for dead_time, (undershoot, settling, holds) in rows.items():
+                stem = f"table-2.{name}.{dead_time}"
+                assert by_id[f"{stem}.undershoot"] == undershoot
+                assert by_id[f"{stem}.settling"] == settling
+                assert by_id.get(f"{stem}.constraints") == words.get(holds)
+
+    def test_every_entry_has_a_place_and_known_readings(self):
+        entries = published()
+        assert len({entry.id for entry in entries}) == len(entries)
+        for entry in entries:
+            assert 148 <= entry.page <= 157
+            assert entry.place
+            assert entry.kind in ("value", "at-most")
+            assert entry.readings
+            assert set(entry.readings) <= set(READINGS)
+
+    def test_every_reading_is_used(self):
+        assert {name for entry in published() for name in entry.readings} == set(READINGS)
+
+
+class TestVerdict:
+    def test_a_number_within_a_tenth_agrees(self):
+        assert _row(10.0, Reproduced(10.9)).agrees(POINT) is True
+        assert _row(10.0, Reproduced(11.1)).agrees(POINT) is False
+
+    def test_a_printed_number_among_the_seeds_agrees(self):
+        assert _row(10.0, Reproduced(14.0, low=9.5, high=20.0)).agrees(POINT) is True
+        assert _row(9.0, Reproduced(14.0, low=9.5, high=20.0)).agrees(POINT) is False
+
+    def test_a_bound_agrees_when_it_is_kept(self):
+        assert _row(15.0, Reproduced(3.0), "at-most").agrees(POINT) is True
+        assert _row(15.0, Reproduced(15.1), "at-most").agrees(POINT) is False
+
+    def test_words_and_unsettled_runs(self):
+        assert _row("violated", Reproduced("violated")).agrees(POINT) is True
+        assert _row("violated", Reproduced("satisfied")).agrees(POINT) is False
+        assert _row("551+", Reproduced(551.0, unsettled=True)).agrees(POINT) is True
+        assert _row("551+", Reproduced(551.0)).agrees(POINT) is False
+
+    def test_what_was_not_run_has_no_verdict(self):
+        row = Row(entry=_entry(1.0), reproduced={})
+        assert row.agrees(POINT) is None
+        assert row.difference(POINT) is None
+
+    def test_percentiles_are_those_of_numpy(self):
+        values = np.random.default_rng(0).normal(size=61)
+        found = Reproduced.of(values)
+        assert (found.low, found.median, found.high) == tuple(np.percentile(values, [10, 50, 90]))
+
+
+class TestStudy:
+    def test_table_1_is_the_prototypes(self, study):
+        expected = {"imc": (8.7, 386), "mpc": (10.2, 345), "mpc-se": (4.9, 203), "nlqdmc-se": (3.6, 211)}
+        for name, (undershoot, settling) in expected.items():
+            metrics = study.without_noise[name].metrics
+            assert abs(float(metrics.undershoot_mg_dl[0]) - undershoot) <= 0.3
+            assert abs(float(metrics.settling_2pct_min[0]) - settling) <= 12
+
+    def test_noise_and_dead_time_cost_what_they_should(self, study):
+        """Each noisy run is worse than the quiet one, and each dead time worse than none, for the same seeds."""
+        for name in ("mpc", "mpc-se"):
+            quiet = float(study.without_noise[name].metrics.undershoot_mg_dl[0])
+            prompt = np.asarray(study.with_noise[name, "0"].metrics.undershoot_mg_dl)
+            late = np.asarray(study.with_noise[name, "10"].metrics.undershoot_mg_dl)
+            assert np.all(prompt > quiet)
+            assert np.all(late > prompt)
+
+    def test_a_seed_is_the_same_whoever_runs_with_it(self, study):
+        again = experiments.study(
+            POINT, seeds=4, seed=3, dead_times_min=(0,), tunings=False, progress=lambda done: None
+        )
+        for name in ("mpc", "mpc-se"):
+            ours, theirs = (one.with_noise[name, "0"].metrics.undershoot_mg_dl for one in (study, again))
+            np.testing.assert_array_equal(ours, theirs)
+
+    def test_every_entry_that_was_run_is_compared(self, study):
+        rows = compare({POINT: study})
+        left_out = {row.entry.id for row in rows if not row.reproduced}
+        assert all(re.match(r"table-2\.[a-z-]+\.(5|15)M?\.|tuning\.|claim\.dead-time-5", id) for id in left_out)
+
+    def test_refusals(self):
+        for arguments, told in (
+            ({"seeds": 0}, "0 seeds"),
+            ({"operating_points": ["nominal-23"]}, "known ones are: setpoint-81, nominal-22"),
+        ):
+            given = {"operating_points": [POINT], "seeds": 1, "seed": 0, "quick": True} | arguments
+            points = given.pop("operating_points")
+            with pytest.raises(ValueError, match=told):
+                carry_out(points, **given, progress=lambda done: None)
+
+
+class _Tags(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.used = [], [], set()
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            self.used |= set(re.findall(r"url\(#([^)]+)\)", value or ""))
+            if name.endswith("href"):
+                assert value.startswith("#")
+                self.used.add(value[1:])
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in ("meta", "br"):
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def files(study):
+    found = {}
+    write(found.__setitem__, {POINT: study}, compare({POINT: study}), 3, lambda done: None)
+    return found
+
+
+class TestReport:
+    def test_writes_figures_and_three_reports(self, files):
+        figures = {f"{POINT}-figure-{number}.{kind}" for number in range(2, 7) for kind in ("svg", "png")}
+        assert set(files) == figures | {"report.html", "report.md", "report.json"}
+
+    def test_the_page_is_whole_and_needs_nothing_else(self, files):
+        page = _Tags()
+        page.feed(files["report.html"])
+        assert page.open == []
+        assert len(set(page.ids)) == len(page.ids)
+        assert page.used <= set(page.ids)
+        assert not re.search(r"<script|<link|src=", files["report.html"])
+
+    def test_all_three_tell_the_same_number(self, files, study):
+        found = Reproduced.of(study.with_noise["mpc", "0"].metrics.undershoot_mg_dl)
+        entry = next(
+            entry for entry in json.loads(files["report.json"])["entries"] if entry["id"] == "table-2.mpc.0.undershoot"
+        )
+        assert entry["reproduced"][POINT]["median"] == found.median
+        assert found.text in files["report.md"]
+        assert found.text in files["report.html"]
+
+    def test_what_does_not_reproduce_is_listed(self, study):
+        wrong = replace(_entry(1.0), id="model.setpoint", what="A <number> that is far off")
+        rows = [Row(entry=wrong, reproduced={POINT: Reproduced(5.0)})]
+        studies = {POINT: study}
+        for report in (markdown_report(rows, studies, 3, {}), html_report(rows, studies, 3, {})):
+            assert "far off" in report.split("What does not reproduce")[1]
+        assert "<number>" not in html_report(rows, studies, 3, {})
