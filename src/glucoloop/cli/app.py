@@ -71,4 +71,5 @@ def _leave_usage(error: Exception, arguments: Sequence[str]) -> None:
     if not told:  # no arguments: the help has been shown
         sys.exit(2)
     named = [argument for argument in arguments if argument in ("run", "identify", "compare")][:1]
-    mistake(f"{' '.join(told.split()).rstrip('.')}; see {' '.join(['glucoloop', *named, '--help'])}")
+    told = " ".join(told.split()).rstrip(".")
+    mistake(f"{told}{' see' if told.endswith('?') else '; see'} {' '.join(['glucoloop', *named, '--help'])}")

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import jax
 
-from glucoloop.config.run import Case, Run, Situation
+from glucoloop.config.run import IDENTIFICATION_KEYS, Case, Run, Situation
 from glucoloop.control import Controller
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
@@ -130,13 +130,13 @@ def _model(run: Run, person: SorensenPatient) -> ModelFile | None:
         sample_time_min=situation.sample_time_min,
     )
     variance = settings["model_noise_variance"]
-    noise = f"a record with noise of variance {variance:g}" if variance else "a noise-free record"
+    noise = f"with noise of variance {variance:g}" if variance else "free of noise"
     smooth = f"{settings['laguerre_functions']} Laguerre functions with pole {settings['laguerre_pole']:.4g}"
     return model_file(
         identification,
         operating_point=situation.operating_point,
         source=(
-            f"identified from {noise} of {2 * settings['memory']} samples, "
+            f"identified from a record of {2 * settings['memory']} samples {noise}, "
             f"{smooth if settings['laguerre_functions'] else 'not smoothed'}"
         ),
         dead_time_min=0.0,
@@ -145,13 +145,7 @@ def _model(run: Run, person: SorensenPatient) -> ModelFile | None:
 
 
 def _identification_settings(case: Case) -> dict[str, Any]:
-    settings = {
-        "model_noise_variance": case.model_noise_variance,
-        "memory": case.memory,
-        "laguerre_pole": case.laguerre_pole,
-        "laguerre_functions": case.laguerre_functions,
-    }
-    return settings
+    return {key: getattr(case, key) for key in IDENTIFICATION_KEYS}
 
 
 def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:

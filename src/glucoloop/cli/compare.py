@@ -71,7 +71,8 @@ def _read(keys: Given, of_file: Given) -> Comparison:
     if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
         raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
     cases = [*of_file_cases, *(parse_case(text) for text in keys.pop("cases", None) or ())]
-    return read_comparison(overlay(of_file, keys), cases, names(_OPTIONS, keys))
+    called = names(_OPTIONS, keys)
+    return read_comparison(overlay(of_file, keys, called), cases, called)
 
 
 def _write(folder: OutputFolder, asked: Comparison, outcomes: Mapping[str, Outcome], output: Output) -> None:

@@ -135,10 +135,8 @@ def _from_patient(config: IdentificationConfig) -> Identified:
         sensor(0.0, config.noise_bound_mg_dl, late),
         sample_time_min=config.sample_time_min,
     )
-    noise = (
-        f"a record with noise of variance {config.noise_variance:g}" if config.noise_variance else "a noise-free record"
-    )
-    source = f"identified from {noise} of {pulses.size} samples"
+    noise = f"with noise of variance {config.noise_variance:g}" if config.noise_variance else "free of noise"
+    source = f"identified from a record of {pulses.size} samples {noise}"
     return Identified(
         config=config,
         record=record,

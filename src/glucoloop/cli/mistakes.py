@@ -23,7 +23,8 @@ def sentence(error: Exception) -> str | None:
 
 def mistake(told: str) -> NoReturn:
     """Say a sentence and leave."""
-    print(f"glucoloop: {told.rstrip('.')}.", file=sys.stderr)
+    end = "" if told.endswith(("?", ".")) else "."
+    print(f"glucoloop: {told}{end}", file=sys.stderr)
     sys.exit(2)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import typer
 
@@ -17,6 +17,9 @@ from glucoloop.trials.catalogue import CONTROLLERS, all_settings
 
 Given = dict[str, Any]
 """Key -> value of the options that were given."""
+
+
+_NUMBERS: Final[dict[Any, str]] = {int: "a whole number", float: "a number"}
 
 
 @dataclass(frozen=True)
@@ -42,10 +45,26 @@ class Option:
         """As Typer reads it from a command's signature."""
         shown: Any = self.default if self.default is not None else False
         info = typer.Option(
-            self.flag, help=self.help, metavar=self.metavar, rich_help_panel=self.panel, show_default=shown
+            None, self.flag, help=self.help, metavar=self.metavar, rich_help_panel=self.panel, show_default=shown
         )
-        annotation = Annotated[self.kind | None, info]
-        return inspect.Parameter(self.key, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+        # Numbers come as text: what is wrong with one is told like all other mistakes.
+        kind = str if self.kind in _NUMBERS else self.kind
+        return inspect.Parameter(self.key, inspect.Parameter.KEYWORD_ONLY, default=info, annotation=kind | None)
+
+    def read(self, value: Any) -> Any:
+        """The value in the option's type.
+
+        Raises
+        ------
+        ValueError
+            For a text that is not a number.
+        """
+        if self.kind not in _NUMBERS:
+            return value
+        try:
+            return self.kind(value)
+        except ValueError:
+            raise ValueError(f"{self.name} is {value!r}; give {_NUMBERS[self.kind]}") from None
 
 
 def names(options: Iterable[Option], given: Given) -> dict[str, str]:
@@ -55,11 +74,12 @@ def names(options: Iterable[Option], given: Given) -> dict[str, str]:
 
 def with_options(options: Iterable[Option]) -> Callable[[Callable[[Given], None]], Callable[..., None]]:
     """Make a command of a function of the options that were given."""
-    parameters = [option.parameter() for option in options]
+    by_key = {option.key: option for option in options}
+    parameters = [option.parameter() for option in by_key.values()]
 
     def decorate(function: Callable[[Given], None]) -> Callable[..., None]:
         def command(**values: Any) -> None:
-            function({key: value for key, value in values.items() if value is not None})
+            function({key: by_key[key].read(value) for key, value in values.items() if value is not None})
 
         command.__doc__ = function.__doc__
         command.__dict__["__signature__"] = inspect.Signature(parameters)
@@ -224,7 +244,7 @@ def _setting_options() -> Iterable[Option]:
             first.type,
             first.summary,
             _CONTROLLER,
-            metavar="|".join(first.choices) if first.choices else None,
+            metavar="|".join(first.choices) or {int: "N", float: "X", str: "TEXT"}[first.type],
             default=defaults,
         )
 

@@ -16,11 +16,14 @@ if TYPE_CHECKING:
 
 
 def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
-    """A figure as PNG and SVG."""
+    """A figure as PNG and SVG, the same for the same run."""
+    import matplotlib
+
     for kind in ("png", "svg"):
         buffer = io.BytesIO()
-        # Without a date, so that the same run gives the same file.
-        figure.savefig(buffer, format=kind, metadata={"Date": None} if kind == "svg" else None)
+        # An SVG file would hold its date, and names drawn by chance.
+        with matplotlib.rc_context({"svg.hashsalt": "glucoloop"}):
+            figure.savefig(buffer, format=kind, metadata={"Date": None} if kind == "svg" else None)
         folder.write(f"{name}.{kind}", buffer.getvalue())
 
 

@@ -74,7 +74,10 @@ def file_keys(path: Path | None) -> dict[str, Any]:
     keys, version = read_toml(read_text(path, "a configuration"), str(path))
     if version is not None and version != glucoloop.__version__:
         note([f"{path} was written by glucoloop {version}; this is {glucoloop.__version__}, and numbers may differ."])
-    for table in (keys, *(case for case in keys.get("case", ()) if isinstance(case, dict))):
+    cases = keys.get("case")
+    for table in (keys, *(cases if isinstance(cases, list) else ())):
+        if not isinstance(table, dict):
+            continue
         for key in _PATHS:
             if isinstance(table.get(key), str):
                 table[key] = beside(table[key], path)

@@ -49,7 +49,8 @@ def command(given: Given) -> None:
 def _read(keys: Given, of_file: Given) -> Run:
     from glucoloop.config import overlay, read_run
 
-    return read_run(overlay(of_file, keys), names(_OPTIONS, keys))
+    called = names(_OPTIONS, keys)
+    return read_run(overlay(of_file, keys, called), called)
 
 
 def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:

@@ -19,7 +19,7 @@ from glucoloop.trials import catalogue
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 LONGEST_RUN_MIN: Final = 366 * 1440.0
-LARGEST_SEED: Final = 2**63 - 1
+LARGEST_SEED: Final = 2**32 - 1
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 PAPER_SAMPLE_TIME_MIN: Final = 5.0
 PAPER_MEMORY_MIN: Final = 180.0
@@ -142,6 +142,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     """
     refuse_unknown(keys)
     situation = checked(Situation, _only(keys, Situation), names)
+    whole_samples(situation.dead_time_min, situation.sample_time_min)
     situation = situation.model_copy(update={"meals": tuple(meal_text(meal) for meal in situation.eaten())})
     return Run(situation=situation, case=read_case(keys, situation, names))
 
@@ -180,7 +181,9 @@ def paper_pole(sample_time_min: float) -> float:
     return float(PAPER_POLE ** (sample_time_min / PAPER_SAMPLE_TIME_MIN))
 
 
-def overlay(lower: Mapping[str, object], upper: Mapping[str, object]) -> dict[str, object]:
+def overlay(
+    lower: Mapping[str, object], upper: Mapping[str, object], names: Mapping[str, str] | None = None
+) -> dict[str, object]:
     """Flat keys in two layers, of which the upper one wins.
 
     With a key go those it excludes: a model file and the way of identifying one, and the settings of a controller that
@@ -194,8 +197,9 @@ def overlay(lower: Mapping[str, object], upper: Mapping[str, object]) -> dict[st
     for layer in (lower, upper):
         both = [key for key in IDENTIFICATION_KEYS if key in layer]
         if "model" in layer and both:
+            called = (names or {}).get(both[0], both[0])
             raise ValueError(
-                f"{both[0]} tells how a model is identified, but the model comes from {layer['model']}; "
+                f"{called} tells how a model is identified, but the model comes from {layer['model']}; "
                 "leave out one of them"
             )
     kept = dict(lower)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -42,8 +42,9 @@ def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping
         return f"{name} is not a known key; leave it out"
     if first["type"] == "json_invalid":
         return f"this is not JSON: {first['ctx']['error']}"
-    value = repr(first["input"])
-    shown = value if len(value) <= _LONGEST_VALUE else f"{value[:_LONGEST_VALUE]}..."
+    value = first["input"]
+    shown = f"{value:g}" if isinstance(value, float) else repr(value)
+    shown = shown if len(shown) <= _LONGEST_VALUE else f"{shown[:_LONGEST_VALUE]}..."
     return f"{name} is {shown}; give {_wanted(first, record, key)}"
 
 
@@ -70,11 +71,18 @@ def _bounds(record: type[BaseModel], key: str) -> str:
     found = record.model_fields.get(key)
     if found is None:
         return ""
-    words = {"gt": "above {:g}", "ge": "of at least {:g}", "lt": "below {:g}", "le": "at most {:g}"}
+    # An optional field keeps its bounds with the branch that is not None.
+    metadata = [*found.metadata, *(item for branch in get_args(found.annotation) for item in _of_branch(branch))]
+    words = {"gt": "above", "ge": "of at least", "lt": "below", "le": "at most"}
     parts = [
-        text.format(bound)
-        for item in found.metadata
+        f"{text} {bound:g}" if isinstance(bound, float) else f"{text} {bound}"
+        for item in metadata
         for side, text in words.items()
         if (bound := getattr(item, side, None)) is not None
     ]
     return " and ".join(parts)
+
+
+def _of_branch(branch: Any) -> list[Any]:
+    """Metadata of a branch of a union; those of a field are grouped in one."""
+    return [part for item in getattr(branch, "__metadata__", ()) for part in getattr(item, "metadata", ())]

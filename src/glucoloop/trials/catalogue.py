@@ -14,6 +14,8 @@ from typing import Any, Final
 
 Value = int | float | str
 
+MOST_NAMES_TOLD: Final = 12
+
 
 @dataclass(frozen=True)
 class Default:
@@ -105,11 +107,13 @@ class Entry:
 
 
 def known_names(unknown: str, known: Iterable[str]) -> str:
-    """What to say after an unknown name: the one that was probably meant, and all there are."""
+    """What to say after an unknown name: the one that was probably meant, and the others unless they are many."""
     names = list(known)
     if not names:
         return "there are none"
     close = difflib.get_close_matches(unknown, names, n=1)
+    if close and len(names) > MOST_NAMES_TOLD:
+        return f"did you mean {close[0]!r}?"
     meant = f"did you mean {close[0]!r}? " if close else ""
     return f"{meant}the known ones are: {', '.join(names)}"
 

@@ -1,0 +1,254 @@
+"""Each mistake is answered with one sentence, and nothing is written."""
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from glucoloop.cli import main
+
+MISTAKES = {
+    "run --controller mcp": ["unknown controller 'mcp'", "did you mean 'mpc'?"],
+    "run --operating-point here": ["unknown operating point 'here'", "setpoint-81, nominal-22"],
+    "run --meal 50q@x": ["'50q@x' is not a meal", "50g@50min"],
+    "run --meal nang@50": ["is not a meal"],
+    "run --meal 1e9g@50": ["1e+09 g", "at most 1000 g"],
+    "run --meal 0@50": ["0 g", "more than 0"],
+    "run --meal 50@-3": ["-3 min", "0 min or later"],
+    "run --meal 50@700": ["700 min", "600 min"],
+    "run --meal 50@50 --no-meal": ["--meal and --no-meal"],
+    "run --noise abc": ["--noise is 'abc'", "a number"],
+    "run --noise nan": ["--noise is nan", "finite"],
+    "run --noise -1": ["--noise is -1", "at least 0"],
+    "run --noise 1e9": ["--noise is 1e+09", "at most 10000"],
+    "run --noise-bound 0": ["--noise-bound is 0", "above 0"],
+    "run --dead-time 7": ["7 min", "5 or 10 min"],
+    "run --duration 0": ["--duration is 0", "above 0"],
+    "run --duration inf": ["--duration is inf", "finite"],
+    "run --duration 603": ["603 min", "605 min"],
+    "run --sample-time 0": ["--sample-time is 0", "above 0"],
+    "run --seed -1": ["--seed is -1", "at least 0"],
+    "run --seed 1.5": ["--seed is '1.5'", "a whole number"],
+    "run --move-horizon 0": ["move horizon of 0", "from 1 to"],
+    "run --move-horizon 9": ["prediction horizon of 8", "from 9 to"],
+    "run --output-weight 0": ["output weight of 0", "above 0"],
+    "run --move-weight -1": ["move weight of -1", "0 or more"],
+    "run --constraints lp": ["'lp'", "clip, qp"],
+    "run --integrator euler": ["--integrator is 'euler'", "'fast' or 'adaptive'"],
+    "run --max-insulin 0": ["--max-insulin is 0", "above 0"],
+    "run --min-insulin 80": ["80 to 66.9"],
+    "run --max-rate-change 0": ["--max-rate-change is 0", "above 0"],
+    "run --pump-resolution 0": ["--pump-resolution is 0", "above 0"],
+    "run --setpoint 0": ["--setpoint is 0", "above 0"],
+    "run --initial-glucose 500": ["500 mg/dl", "190.83"],
+    "run --laguerre-pole 1": ["--laguerre-pole is 1", "below 1"],
+    "run --laguerre-functions 40": ["40 Laguerre functions", "at most 36"],
+    "run --memory 1": ["--memory is 1", "at least 2"],
+    "run --model absent.json --memory 20": ["--memory", "absent.json", "leave out one"],
+    "run --overwrite": ["--overwrite", "--out"],
+    "run --out=": ["--out is empty"],
+    "run --foo": ["--foo", "glucoloop run --help"],
+    "run extra": ["extra"],
+    "ruun": ["ruun", "'run'"],
+    "compare": ["0 cases", "from 2"],
+    "compare --case mpc": ["1 case ", "from 2"],
+    "compare --case mpc --case mpc": ["two cases are called 'mpc'"],
+    "compare --case mpc --case a:mpc,noise_variance=1": ["case 'a'", "noise_variance", "share"],
+    "compare --case mpc --case a:mpc,move_wait=1": ["case 'a'", "did you mean 'move_weight'"],
+    "compare --case mpc --case a:mpc,move_weight": ["move_weight=1"],
+    "compare --case mpc --case a:mpc,move_weight=1,move_weight=2": ["given twice"],
+    "compare --case mpc --case a:mpx": ["case 'a'", "unknown controller 'mpx'"],
+    "compare --case mpc --case a:mpc,move_weight=high": ["case 'a'", "'high'", "a number"],
+    "compare --case mpc --case a:mpc,prediction_horizon=1": ["case 'a'", "prediction horizon of 1"],
+    "compare --case mpc --case=": ["'' is not a case"],
+    "identify --data absent.csv": ["absent.csv", "No such file"],
+    "identify --amplitude 30": ["30 mU/min", "at most 25.61"],
+    "identify --samples 10": ["10 samples", "72"],
+    "identify --noise 1 --data record.csv": ["--noise", "leave one out"],
+    "identify --method csrs": ["--method", "--data"],
+    "identify --best-pole --laguerre-pole .8": ["pole", "leave one out"],
+    "identify --best-pole --laguerre-functions 0": ["no pole to search for"],
+    "identify --controller mpc": ["--controller"],
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_mistake_is_told_in_a_sentence(refused, tmp_path, line):
+    told = refused(*line.split(" "))
+    for part in MISTAKES[line]:
+        assert part in told
+    assert list(tmp_path.iterdir()) == []
+
+
+CONFIGURATIONS = {
+    b"": "is empty",
+    b"\x00\x01": "is not text",
+    b"\xff\xfe": "is not text",
+    b"a = [": "is not TOML",
+    b"prediction_horzon = 8": "did you mean 'prediction_horizon'",
+    b"prediction_horizon = '8'": "prediction_horizon is '8'; give a whole number",
+    b"prediction_horizon = true": "prediction_horizon is True",
+    b"noise_variance = nan": "noise_variance is nan; give a finite number",
+    b"seed = 1.0": "seed is 1; give a whole number",
+    b"meals = '50@50'": "meals is '50@50'; give a list",
+    b"meals = [50]": "give a text",
+    b"controller = 3": "unknown controller",
+    b"model = 3": "model is 3; give a text",
+    b"[[case]]": "unknown key 'case'",
+}
+
+
+@pytest.mark.parametrize("content", CONFIGURATIONS)
+def test_configuration_file_is_refused_by_key(refused, tmp_path, content):
+    (tmp_path / "a.toml").write_bytes(content)
+    assert CONFIGURATIONS[content] in refused("run", "--config", "a.toml")
+
+
+def test_configuration_that_is_a_folder_or_absent(refused, tmp_path):
+    (tmp_path / "folder").mkdir()
+    assert "is a folder" in refused("run", "--config", "folder")
+    assert "No such file" in refused("run", "--config", "absent.toml")
+
+
+@pytest.fixture(scope="session")
+def model_text(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model") / "out"
+    with pytest.raises(SystemExit):
+        main(["identify", "--out", str(folder)])
+    return (folder / "model.json").read_text()
+
+
+MODELS = {
+    "version": (9, "format version is 9"),
+    "format": ("other", "format is 'other'"),
+    "sample_time_min": ("5", "sample_time_min is '5'"),
+    "step_response": ([0.0] * 36, "running sum"),
+    "impulse_response": ([], "impulse_response"),
+    "extra": (1, "extra is not a known key"),
+}
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_model_that_was_changed_is_refused(refused, tmp_path, model_text, key):
+    value, told = MODELS[key]
+    (tmp_path / "m.json").write_text(json.dumps({**json.loads(model_text), key: value}))
+    answer = refused("run", "--model", "m.json")
+    assert told in answer
+    assert "m.json" in answer
+
+
+@pytest.mark.parametrize("key", ["step_response", "operating_point", "provenance", "sample_time_min"])
+def test_model_that_lacks_a_key_is_refused(refused, tmp_path, model_text, key):
+    model = json.loads(model_text)
+    del model[key]
+    (tmp_path / "m.json").write_text(json.dumps(model))
+    assert f"{key} is missing" in refused("run", "--model", "m.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("", "is empty"), ("[1", "is not JSON"), ("[]", "give"), ("null", "give"), ("\0", "is not text")],
+)
+def test_model_that_is_none_is_refused(refused, tmp_path, text, told):
+    (tmp_path / "m.json").write_text(text)
+    assert told in refused("run", "--model", "m.json")
+
+
+def test_model_that_is_not_finite_is_refused(refused, tmp_path, model_text):
+    model = json.loads(model_text)
+    model["step_response"][0] = float("nan")
+    (tmp_path / "m.json").write_text(json.dumps(model))
+    assert "finite" in refused("run", "--model", "m.json")
+
+
+def test_model_for_another_sample_time_is_refused(refused, tmp_path, model_text):
+    (tmp_path / "m.json").write_text(json.dumps({**json.loads(model_text), "sample_time_min": 10.0}))
+    assert refused("run", "--model", "m.json") == (
+        "the model was identified for 10-min samples, the run uses 5 min; "
+        "identify again with --sample-time 5 or run with --sample-time 10."
+    )
+
+
+def test_model_that_holds_another_dead_time_is_refused(refused, tmp_path, model_text):
+    model = json.loads(model_text)
+    model["provenance"]["dead_time_min"] = 15.0
+    (tmp_path / "m.json").write_text(json.dumps(model))
+    told = refused("run", "--model", "m.json", "--dead-time", 10, "--known-dead-time")
+    assert "--dead-time 15 or --unknown-dead-time" in told
+
+
+RECORDS = {
+    "": "is empty",
+    "t_min,insulin_mU_min\n0,1\n": "no column 'glucose_mg_dl'",
+    "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n5,1,high\n": "'high'",
+    "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n5,1,91,7\n": "is not a CSV table",
+    "t_min,insulin_mU_min,glucose_mg_dl\n5,1,90\n0,1,90\n": "later than the row before",
+    "t_min,insulin_mU_min,glucose_mg_dl\n0,-1,90\n5,1,90\n": "at least 0",
+    "t_min,insulin_mU_min,glucose_mg_dl\n0,1,5\n5,1,5\n": "mmol/l",
+    "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n60,1,90\n": "--max-gap",
+    "t_min,insulin_mU_min,glucose_mg_dl\n": "0 readings",
+}
+
+
+@pytest.mark.parametrize("text", RECORDS)
+def test_record_is_refused(refused, tmp_path, text):
+    (tmp_path / "r.csv").write_text(text)
+    assert RECORDS[text] in refused("identify", "--data", "r.csv")
+
+
+def test_folder_that_is_taken_is_refused_before_anything_is_computed(refused, tmp_path, monkeypatch):
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    (tmp_path / "file").write_text("mine")
+    assert "is not empty" in refused("run", "--out", "out")
+    assert "mine.txt, which glucoloop did not write" in refused("run", "--out", "out", "--overwrite")
+    assert "is a file" in refused("run", "--out", "file", "--overwrite")
+    assert "the folder you are in" in refused("run", "--out", ".")
+    assert (tmp_path / "out" / "mine.txt").read_text() == "mine"
+
+
+def test_full_disk_leaves_the_old_folder(glucoloop, refused, tmp_path, monkeypatch):
+    assert glucoloop("run", "--duration", 100, "--out", "out").code == 0
+    before = {file.name: file.read_bytes() for file in (tmp_path / "out").iterdir()}
+
+    def full(descriptor):
+        del descriptor
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    told = refused("run", "--duration", 100, "--seed", 1, "--out", "out", "--overwrite")
+    assert "No space left on device" in told
+    assert {file.name: file.read_bytes() for file in (tmp_path / "out").iterdir()} == before
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", interrupt)
+    answer = glucoloop("run", "--out", "a/b")
+    assert answer.code == 130
+    assert answer.err == "glucoloop: interrupted, nothing was written.\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bug_keeps_its_traceback(monkeypatch):
+    """A ValueError from outside the library was not foreseen."""
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: int("bug"))
+    with pytest.raises(ValueError, match="invalid literal"):
+        main(["run"])
+
+
+def test_unwritable_place_is_told(refused, tmp_path):
+    if os.geteuid() == 0:
+        # For root no folder is closed; what is not a folder is.
+        (tmp_path / "file").write_text("")
+        assert "cannot be made" in refused("run", "--out", "file/out")
+        return
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    assert "cannot be written" in refused("run", "--out", Path("closed") / "out")

@@ -1,0 +1,97 @@
+"""The program as a whole, as the shell sees it."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+import glucoloop
+
+HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "plotly", "glucoloop.config")
+
+
+def shell(*arguments, folder, cache):
+    environment = {**os.environ, "GLUCOLOOP_CACHE_DIR": str(cache), "COLUMNS": "200"}
+    return subprocess.run(
+        [sys.executable, "-m", "glucoloop", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from glucoloop.cli import main\n"
+        "try: main(['run', '--help'])\n"
+        f"except SystemExit: print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize("command", ["run", "identify", "compare"])
+def test_help_of_each_command(glucoloop, command):
+    answer = glucoloop(command, "--help")
+    assert answer.code == 0
+    assert "Usage: glucoloop" in answer.out
+
+
+def test_help_lists_controllers_and_symbols(glucoloop, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    out = glucoloop("run", "--help").out
+    for part in ("mpc: linear model predictive control", "Γ_y", "Γ_u", "8, with noise 10", "setpoint-81"):
+        assert part in out
+
+
+def test_version(glucoloop):
+    assert glucoloop("--version").out == f"glucoloop {__import__('glucoloop').__version__}\n"
+
+
+def test_without_arguments_it_helps(glucoloop):
+    answer = glucoloop()
+    assert answer.code == 2
+    assert "Usage: glucoloop" in answer.out + answer.err
+
+
+def test_one_json_object_and_exit_codes(tmp_path):
+    cache = tmp_path / "cache"
+    done = shell("run", "--json", "--noise", "1.45", folder=tmp_path, cache=cache)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["version"] == glucoloop.__version__
+    assert any(cache.iterdir())
+    assert shell("run", "--noise", "x", folder=tmp_path, cache="off").returncode == 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_interrupt_from_the_keyboard(tmp_path):
+    import signal
+
+    environment = {**os.environ, "GLUCOLOOP_CACHE_DIR": "off"}
+    arguments = [sys.executable, "-m", "glucoloop", "run", "--integrator", "adaptive", "--duration", "14400"]
+    with subprocess.Popen(
+        [*arguments, "--out", "out"], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    ) as running:
+        while not any(tmp_path.iterdir()):  # the folder in the making
+            time.sleep(0.05)
+        time.sleep(0.2)
+        running.send_signal(signal.SIGINT)
+        _, told = running.communicate(timeout=120)
+    assert running.returncode == 130
+    assert told == "glucoloop: interrupted, nothing was written.\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["off", "/proc/none"])
+def test_cache_is_off_silently(glucoloop, monkeypatch, place):
+    monkeypatch.setenv("GLUCOLOOP_CACHE_DIR", place)
+    answer = glucoloop("run", "--duration", 100, "--json")
+    assert answer.code == 0
+    assert answer.err.startswith("Model: ")

@@ -1,0 +1,176 @@
+"""``glucoloop run``."""
+
+import json
+import tomllib
+
+import jax.numpy as jnp
+import numpy as np
+import polars as pl
+import pytest
+
+import glucoloop as gl
+from glucoloop.models.step_response import StepResponseModel
+
+SHORT = ("--duration", 100)
+FILES = {
+    "SHA256SUMS",
+    "figure.html",
+    "figure.png",
+    "figure.svg",
+    "glucose_1min.parquet",
+    "metrics.json",
+    "model.json",
+    "run.toml",
+    "trace.csv",
+    "trace.parquet",
+}
+METRICS = {
+    "undershoot_mg_dl",
+    "peak_mg_dl",
+    "minimum_mg_dl",
+    "settling_2pct_min",
+    "settling_5pct_min",
+    "sse",
+    "time_below_60_pct",
+    "insulin_total_mU",
+}
+
+
+def test_default_run_is_the_papers_noise_free_loop(glucoloop):
+    answer = glucoloop("run", "--json")
+    report = answer.json
+    assert answer.code == 0
+    assert report["version"] == gl.__version__
+    assert METRICS <= report["metrics"].keys()
+    assert report["metrics"]["undershoot_mg_dl"] == pytest.approx(10.2, abs=0.1)
+    assert report["metrics"]["settling_2pct_min"] == pytest.approx(345, abs=2)
+    tuning = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
+    assert [report["config"][key] for key in tuning] == [2, 8, 1.0, 0.0]
+    assert report["files"] == {}
+    assert "identified from a record of 72 samples free of noise" in answer.err
+
+
+def test_run_says_what_the_library_says(glucoloop):
+    """The command and the five lines of Python are one thing."""
+    patient = gl.patient()
+    trace = gl.simulate(patient, gl.design_linear_mpc(gl.identify(patient).model))
+    assert glucoloop("run", "--json").json["metrics"] == gl.summarise(trace).as_dict()
+
+
+def test_seed_is_that_of_the_library(glucoloop, tmp_path):
+    """The readings of seed 3 are those of ``simulate(key=3)``; the model's record has noise of its own."""
+    assert glucoloop("run", "--noise", 1.45, "--seed", 3, "--model-noise", 0, "--out", "run").code == 0
+    patient = gl.patient()
+    tuning = gl.MPCTuning(2, 10, 3.0, 1.0)
+    controller = gl.design_linear_mpc(gl.identify(patient).model, tuning)
+    trace = gl.simulate(patient, controller, gl.white_noise(1.45), key=3)
+    np.testing.assert_array_equal(
+        pl.read_parquet(tmp_path / "run" / "trace.parquet")["reading_mg_dl"], trace.reading_mg_dl
+    )
+
+
+def test_noise_changes_tuning_and_record_unless_told(glucoloop):
+    config = glucoloop("run", "--noise", 1.45, "--json", *SHORT).json["config"]
+    tuning = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
+    assert [config[key] for key in tuning] == [2, 10, 3.0, 1.0]
+    assert config["model_noise_variance"] == 1.45
+    own = glucoloop("run", "--noise", 1.45, "--prediction-horizon", 12, "--model-noise", 0, "--json", *SHORT).json
+    assert [own["config"][key] for key in tuning] == [2, 12, 3.0, 1.0]
+    assert own["config"]["model_noise_variance"] == 0.0
+    assert own["model"]["step_response"] == glucoloop("run", "--json", *SHORT).json["model"]["step_response"]
+
+
+def test_folder_repeats_the_run_to_the_last_bit(glucoloop, tmp_path):
+    first = glucoloop(
+        "run", "--noise", 1.45, "--seed", 5, "--dead-time", 10, "--known-dead-time", "--meal", "40@1h", "--meal",
+        "20g@300min", "--pump-resolution", 0.5, "--setpoint", 85, "--out", "first",
+    )  # fmt: skip
+    assert first.code == 0
+    assert {file.name for file in (tmp_path / "first").iterdir()} == FILES
+    assert glucoloop("run", "--config", "first/run.toml", "--out", "deep/second").code == 0
+    for name in FILES:
+        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "deep" / "second" / name).read_bytes(), name
+    assert json.loads((tmp_path / "first/metrics.json").read_text())["config"]["seed"] == 5
+    assert tomllib.loads((tmp_path / "first/run.toml").read_text())["meals"] == ["40g@60min", "20g@300min"]
+
+
+def test_tables_hold_the_run(glucoloop, tmp_path):
+    report = glucoloop("run", "--json", "--out", "run").json
+    assert set(report["files"]) == FILES - {"SHA256SUMS"}
+    table = pl.read_parquet(tmp_path / "run/trace.parquet")
+    assert table.columns == [
+        "t_min", "glucose_mg_dl", "reading_mg_dl", "insulin_mU_min", "command_mU_min", "status", "carbs_g",
+    ]  # fmt: skip
+    assert table["t_min"].to_list() == [5.0 * k for k in range(120)]
+    assert table.filter(pl.col("carbs_g") > 0).select("t_min", "carbs_g").rows() == [(50.0, 50.0)]
+    assert set(table["status"]) == {"ok"}
+    assert pl.read_csv(tmp_path / "run/trace.csv").equals(table)
+    minutes = pl.read_parquet(tmp_path / "run/glucose_1min.parquet")
+    assert minutes["t_min"].to_list() == list(range(601))
+    assert minutes["glucose_mg_dl"].min() == report["metrics"]["minimum_mg_dl"]
+    page = (tmp_path / "run/figure.html").read_text()
+    assert "</html>" in page
+    assert 'src="http' not in page
+
+
+def test_known_dead_time_reaches_the_controller(glucoloop):
+    unknown = glucoloop("run", "--dead-time", 10, "--json")
+    known = glucoloop("run", "--dead-time", 10, "--known-dead-time", "--json")
+    assert "--known-dead-time tells it" in unknown.err
+    assert "knows of the dead time" in known.err
+    assert known.json["metrics"]["sse"] != unknown.json["metrics"]["sse"]
+
+
+def test_model_that_holds_the_dead_time_is_not_delayed_again(glucoloop):
+    """Its controller looks as much farther ahead as for a model that is delayed."""
+    model = glucoloop("identify", "--dead-time", 10, "--out", "late", "--json").json["model"]
+    held = ("run", "--model", "late/model.json", "--dead-time", 10, "--known-dead-time", "--json")
+    late = StepResponseModel(step_response=jnp.asarray(model["step_response"]), sample_time_min=5.0)
+    controller = gl.design_linear_mpc(late, gl.MPCTuning(2, 10, 1.0, 0.0))
+    trace = gl.simulate(gl.patient(), controller, gl.dead_time(2))
+    assert glucoloop(*held).json["metrics"] == gl.summarise(trace).as_dict()
+
+
+def test_model_file_gives_the_run_that_identified_it(glucoloop):
+    first = glucoloop("run", "--out", "first", "--json").json
+    again = glucoloop("run", "--model", "first/model.json", "--out", "again", "--json").json
+    assert again["metrics"] == first["metrics"]
+    # The copy of the model goes along, so the folder repeats the run wherever it is.
+    assert glucoloop("run", "--config", "again/run.toml", "--json").json["metrics"] == first["metrics"]
+
+
+def test_command_line_overrides_the_file(glucoloop, tmp_path):
+    (tmp_path / "a.toml").write_text('duration_min = 200\nprediction_horizon = 12\nmodel = "absent.json"\n')
+    config = glucoloop("run", "--config", "a.toml", "--duration", 100, "--laguerre-pole", 0.8, "--json").json["config"]
+    assert config["duration_min"] == 100.0
+    assert config["prediction_horizon"] == 12
+    assert config["model"] is None
+
+
+def test_fasting_and_a_start_off_the_setpoint(glucoloop):
+    report = glucoloop("run", "--no-meal", "--initial-glucose", 120, "--constraints", "qp", "--json").json
+    assert report["metrics"]["peak_mg_dl"] == pytest.approx(120.0)
+    assert report["config"]["meals"] == []
+
+
+def test_sample_time_reaches_everything(glucoloop):
+    report = glucoloop("run", "--sample-time", 10, "--json").json
+    assert report["model"]["sample_time_min"] == 10.0
+    assert report["config"]["memory"] == 18
+    assert report["config"]["laguerre_pole"] == pytest.approx(0.84**2)
+
+
+def test_integrators_agree(glucoloop):
+    fast, adaptive = (
+        glucoloop("run", "--integrator", name, "--json", *SHORT).json["metrics"] for name in ("fast", "adaptive")
+    )
+    assert fast["peak_mg_dl"] == pytest.approx(adaptive["peak_mg_dl"], abs=1e-3)
+
+
+def test_table_and_mmol(glucoloop):
+    answer = glucoloop("run", "--mmol", "--operating-point", "nominal-22", *SHORT)
+    assert answer.code == 0
+    assert "Undershoot" in answer.out
+    assert "setpoint 5.11 mmol/l" in answer.out
+    assert "--out DIR" in answer.out
+    assert answer.err == ""

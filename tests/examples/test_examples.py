@@ -1,0 +1,42 @@
+"""Each example runs as it stands."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from glucoloop.cli import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["example"])
+    monkeypatch.setenv("GLUCOLOOP_CACHE_DIR", "off")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("close_the_loop", "undershoot 10.2 mg/dl, settled in 345 min"),
+        ("your_own_controller", "glucose from"),
+        ("your_own_data", "1 of 576 samples were missing"),
+    ],
+)
+def test_example(capsys, name, told):
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert told in capsys.readouterr().out
+
+
+def test_every_example_has_its_test():
+    names = {path.stem for path in EXAMPLES.glob("*.py")}
+    assert names == {"close_the_loop", "your_own_controller", "your_own_data"}
+
+
+def test_configuration(capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--config", str(EXAMPLES / "noisy.toml")])
+    assert left.value.code == 0
+    assert "knows of the dead time of 5 min" in capsys.readouterr().out

@@ -1,0 +1,78 @@
+"""The catalogue: names, settings, defaults, and a controller behind every name."""
+
+import pytest
+
+import glucoloop as gl
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.trials.catalogue import (
+    CONTROLLERS,
+    Default,
+    Setting,
+    all_settings,
+    complete,
+    controller_entry,
+    known_names,
+)
+from glucoloop.trials.designs import DesignCase
+
+
+@pytest.mark.parametrize("operating_point", ["setpoint-81", "nominal-22"])
+@pytest.mark.parametrize("noisy", [False, True])
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_point):
+    case = DesignCase(
+        patient=gl.patient(operating_point),
+        model=StepResponseModel.from_impulse_response([-0.1, -0.3, -0.2, -0.1, -0.05] + [0.0] * 10, 5.0),
+        limits=PARKER_1999_LIMITS,
+        sample_time_min=5.0,
+        noise_variance=1.45 if noisy else 0.0,
+        dead_time_samples=0,
+    )
+    settings = complete(name, {}, operating_point=operating_point, noisy=noisy)
+    assert controller_entry(name).designer()(case, **settings).sample_time_min == 5.0
+
+
+def test_a_name_has_one_type_in_all_controllers():
+    for owners in all_settings().values():
+        assert len({(setting.type, setting.choices) for setting in owners.values()}) == 1
+
+
+def test_defaults_follow_noise_and_operating_point():
+    default = Default(1, noisy=2, at={"there": (3, 4)})
+    assert [default.value("here", noisy=noisy) for noisy in (False, True)] == [1, 2]
+    assert [default.value("there", noisy=noisy) for noisy in (False, True)] == [3, 4]
+    assert Default(1).value("here", noisy=True) == 1
+    assert default.text == "1, with noise 2"
+
+
+def test_unknown_names_are_answered():
+    with pytest.raises(ValueError, match=r"unknown controller 'mcp'; did you mean 'mpc'\? the known ones are: mpc"):
+        controller_entry("mcp")
+    with pytest.raises(ValueError, match="controller mpc has no setting 'gain'; the known ones are: move_horizon"):
+        controller_entry("mpc").setting("gain")
+    assert known_names("a", []) == "there are none"
+    assert known_names("name7", [f"name{k}" for k in range(20)]) == "did you mean 'name7'?"
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "told"),
+    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a number"), (str, 1, "a text")],
+)
+def test_setting_of_another_type_is_refused(kind, value, told):
+    with pytest.raises(ValueError, match=f"x is {value!r}; give {told}"):
+        Setting("x", kind, "", Default(kind())).check(value)
+
+
+def test_whole_number_will_do_for_a_number():
+    checked = Setting("x", float, "", Default(0.0)).check(1)
+    assert isinstance(checked, float)
+
+
+def test_design_that_needs_a_model_says_so():
+    case = DesignCase(
+        patient=gl.patient(), model=None, limits=PARKER_1999_LIMITS, sample_time_min=5.0, noise_variance=0.0,
+        dead_time_samples=0,
+    )  # fmt: skip
+    with pytest.raises(TypeError, match="uses no model"):
+        _ = case.identified
