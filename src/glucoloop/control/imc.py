@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -111,7 +112,7 @@ def design_imc(
     filter_min : float
         lambda, above 0.
     sample_time_min : float
-        T.
+        T, above 0.
 
     Raises
     ------
@@ -124,6 +125,7 @@ def design_imc(
     >>> round(float(controller.pole), 4), controller.delay_samples
     (0.9454, 1)
     """
+    check_sample_time(sample_time_min)
     if not (math.isfinite(gain) and gain != 0.0):
         raise ValueError(f"a gain of {gain:g} mg/dl per mU/min is not possible; give a finite value that is not 0")
     for name, value in (("lag", tau_min), ("filter", filter_min)):

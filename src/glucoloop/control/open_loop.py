@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -51,13 +52,14 @@ def design_open_loop(
     Raises
     ------
     ValueError
-        For a rate outside the limits.
+        For a rate outside the limits, or a sample time that is not possible.
 
     Examples
     --------
     >>> design_open_loop(20.0).sample_time_min
     5.0
     """
+    check_sample_time(sample_time_min)
     if insulin_mU_min is None:
         return OpenLoop(insulin_mU_min=None, limits=limits, sample_time_min=sample_time_min)
     if not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -94,7 +95,7 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
 
 @pytree
 class PIDState:
-    """Last two readings and the rate in force."""
+    """Last two readings, the setpoint at the last one, and the rate in force."""
 
     last_mg_dl: jax.Array
     before_last_mg_dl: jax.Array
@@ -136,7 +137,7 @@ class PID:
         state = PIDState(
             last_mg_dl=y,
             before_last_mg_dl=jnp.where(known, state.last_mg_dl, state.before_last_mg_dl),
-            setpoint_mg_dl=setpoint,
+            setpoint_mg_dl=jnp.where(known, setpoint, state.setpoint_mg_dl),
             insulin_mU_min=delivered,
         )
         return state, decide(delivered + move, delivered, self.limits, known)
@@ -145,7 +146,7 @@ class PID:
 def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sample_time_min: float = 5.0) -> PID:
     """PID controller in velocity form, with the derivative on the reading.
 
-    With the error ``e = y - r`` each sample moves insulin by
+    With the error ``e = y - r`` each sample moves insulin by::
 
         K_c ( e_k - e_(k-1) + (T / T_I) e_k + (T_D / T) (y_k - 2 y_(k-1) + y_(k-2)) )
 
@@ -164,6 +165,12 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
     tuning : PIDTuning
     limits : DoseLimits
     sample_time_min : float
+        Above 0.
+
+    Raises
+    ------
+    ValueError
+        For a sample time that is not possible.
 
     Examples
     --------
@@ -171,6 +178,7 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
     >>> round(float(controller.proportional), 3)
     0.817
     """
+    check_sample_time(sample_time_min)
     return PID(
         proportional=tuning.gain_mU_min_per_mg_dl,
         integral=tuning.gain_mU_min_per_mg_dl * sample_time_min / tuning.integral_time_min,

@@ -13,6 +13,16 @@ LONGEST_MOVE_HORIZON: Final = 50
 LONGEST_PREDICTION_HORIZON: Final = 288
 
 
+def _whole(value: float) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def check_sample_time(sample_time_min: float) -> None:
+    """Refuse a sample time that is not positive and finite."""
+    if not 0.0 < sample_time_min < math.inf:
+        raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+
+
 @dataclass(frozen=True)
 class MPCTuning:
     """Horizons and weights of a predictive controller.
@@ -40,12 +50,15 @@ class MPCTuning:
     move_weight: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 1 <= self.move_horizon <= LONGEST_MOVE_HORIZON:
+        if not (_whole(self.move_horizon) and 1 <= self.move_horizon <= LONGEST_MOVE_HORIZON):
             raise ValueError(
                 f"a move horizon of {self.move_horizon} is not possible; "
                 f"give a whole number from 1 to {LONGEST_MOVE_HORIZON}"
             )
-        if not self.move_horizon <= self.prediction_horizon <= LONGEST_PREDICTION_HORIZON:
+        if not (
+            _whole(self.prediction_horizon)
+            and self.move_horizon <= self.prediction_horizon <= LONGEST_PREDICTION_HORIZON
+        ):
             raise ValueError(
                 f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
                 f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
