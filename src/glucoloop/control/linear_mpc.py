@@ -82,7 +82,7 @@ def design_linear_mpc(
 ) -> LinearMPC:
     r"""Linear MPC on an identified step response.
 
-    The controller minimises, over the moves ``du = (du_0 .. du_(m-1))``,
+    The controller minimises, over the moves ``du = (du_0 .. du_(m-1))``::
 
         Gamma_y^2 || r - (free + d + A du) ||^2 + Gamma_u^2 || du ||^2
 

@@ -30,7 +30,7 @@ class Validation:
     worst_residual_mg_dl : Array, shape ()
         Largest absolute residual [mg/dl].
     fit_percent : Array, shape ()
-        100 (1 - |y - prediction| / |y - mean y|), 2-norms: 100 is perfect, 0 no better than the mean.
+        ``100 (1 - |y - prediction| / |y - mean y|)``, 2-norms: 100 is perfect, 0 no better than the mean.
     """
 
     predicted_mg_dl: Array

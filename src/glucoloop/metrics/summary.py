@@ -28,6 +28,7 @@ class Metrics:
     undershoot_mg_dl: jax.Array
     """Setpoint minus the least glucose."""
     minimum_mg_dl: jax.Array
+    """Least glucose."""
     minimum_t_min: jax.Array
     """When the minimum is first reached, from the start of the run."""
     overshoot_mg_dl: jax.Array
@@ -35,23 +36,32 @@ class Metrics:
     peak_mg_dl: jax.Array
     """Greatest glucose."""
     peak_t_min: jax.Array
+    """When the peak is first reached, from the start of the run."""
     settling_2pct_min: jax.Array
     """Last minute farther than 2 % of the setpoint from it, plus 1, minus the time of the first meal, or of the start
     if nothing is eaten; 0 if never so far. Where not settled, the horizon plus 1 takes the place of that minute."""
     settled_2pct: jax.Array
     """Whether glucose is within 2 % of the setpoint at the end."""
     settling_5pct_min: jax.Array
+    """The same for 5 % of the setpoint."""
     settled_5pct: jax.Array
+    """Whether glucose is within 5 % of the setpoint at the end."""
     sse: jax.Array
     """Sum over the controller's samples of the squared distance from the setpoint [(mg/dl)^2]."""
     time_below_54_pct: jax.Array
+    """Percentage of time with glucose below 54 mg/dl."""
     time_below_60_pct: jax.Array
+    """The same below 60 mg/dl."""
     time_below_70_pct: jax.Array
+    """The same below 70 mg/dl."""
     time_70_180_pct: jax.Array
-    """Both bounds included; with the times below 70 and above 180 it makes 100."""
+    """From 70 to 180 mg/dl, both included; with the times below 70 and above 180 it makes 100."""
     time_above_180_pct: jax.Array
+    """Percentage of time with glucose above 180 mg/dl."""
     time_above_250_pct: jax.Array
+    """The same above 250 mg/dl."""
     mean_mg_dl: jax.Array
+    """Mean glucose."""
     cv_pct: jax.Array
     """Coefficient of variation: standard deviation (n - 1) in percent of the mean."""
     gmi_pct: jax.Array
@@ -63,6 +73,7 @@ class Metrics:
     gri: jax.Array
     """Glycemia risk index."""
     insulin_total_mU: jax.Array
+    """Insulin delivered over the run."""
     insulin_total_variation_mU_min: jax.Array
     """Sum of the absolute changes from sample to sample, the first from the rate at rest."""
     largest_change_mU_min: jax.Array
