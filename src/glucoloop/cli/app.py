@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import typer
 
 import glucoloop
-from glucoloop.cli import compare, identify, run
+from glucoloop.cli import compare, identify, reproduce, run
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 
 USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
@@ -29,6 +29,7 @@ app = typer.Typer(
 app.command("run", help=run.HELP)(run.command)
 app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
+app.command("reproduce", help=reproduce.HELP)(reproduce.command)
 
 
 def _tell_version(asked: bool) -> None:
@@ -70,6 +71,7 @@ def _leave_usage(error: Exception, arguments: Sequence[str]) -> None:
     told = str(getattr(error, "format_message", error.__str__)()).strip()
     if not told:  # no arguments: the help has been shown
         sys.exit(2)
-    named = [argument for argument in arguments if argument in ("run", "identify", "compare")][:1]
+    commands = {command.name for command in app.registered_commands}
+    named = [argument for argument in arguments if argument in commands][:1]
     told = " ".join(told.split()).rstrip(".")
     mistake(f"{told}{' see' if told.endswith('?') else '; see'} {' '.join(['glucoloop', *named, '--help'])}")

@@ -31,6 +31,9 @@ def mistake(told: str) -> NoReturn:
 def interrupted() -> NoReturn:
     """Leave after Ctrl-C."""
     print("glucoloop: interrupted, nothing was written.", file=sys.stderr)
+    # An interrupt that lands in an exec, which dataclasses use, marks the process: `python -m` would then end as if
+    # nobody had caught it. The next exec takes the mark away.
+    exec("")
     sys.exit(130)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 
 @contextlib.contextmanager
@@ -17,6 +17,18 @@ def stage(text: str) -> Iterator[None]:
 
     with Console(stderr=True).status(f"{text} ..."):
         yield
+
+
+@contextlib.contextmanager
+def stages(first: str) -> Iterator[Callable[[str], None]]:
+    """A line that moves while the block works, and says what the block last told it to have done."""
+    if not sys.stderr.isatty():
+        yield lambda done: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(f"{first} ...") as status:
+        yield lambda done: status.update(f"Done: {done} ...")
 
 
 def note(texts: Iterable[str]) -> None:

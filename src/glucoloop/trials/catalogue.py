@@ -138,6 +138,49 @@ def move_weight(default: Default) -> Setting:
     return Setting("move_weight", float, "Weight on each move of insulin, Γ_u.", default)
 
 
+def constraints(default: Default) -> Setting:
+    """How a predictive controller keeps the pump's limits."""
+    return Setting(
+        "constraints",
+        str,
+        "clip: the closed form, clipped as in the paper; qp: the best moves within the pump's limits.",
+        default,
+        choices=("clip", "qp"),
+    )
+
+
+def estimation(reference_filter: float) -> tuple[Setting, ...]:
+    """Settings of a controller that estimates the state of a model with 19 states."""
+    return (
+        Setting("reference_filter", float, "How slowly the reference approaches, φ_r.", Default(reference_filter)),
+        Setting(
+            "reference_start",
+            int,
+            "1: the reference starts to move at the next sample; 0: at this one.",
+            Default(1, at={"nominal-22": (0, 0)}),
+        ),
+        Setting(
+            "glucose_process_noise",
+            float,
+            "Process noise of each glucose state, in Q.",
+            Default(30.0, noisy=0.9, at={"nominal-22": (10.0, 0.9)}),
+        ),
+        Setting(
+            "other_process_noise",
+            float,
+            "Of each insulin state and slow insulin effect.",
+            Default(0.1, noisy=0.01, at={"nominal-22": (0.01, 0.01)}),
+        ),
+        Setting(
+            "glucagon_process_noise",
+            float,
+            "Of glucagon and its slow effect.",
+            Default(10.0, noisy=0.005, at={"nominal-22": (0.1, 0.003)}),
+        ),
+        Setting("measurement_variance", float, "Variance of a reading as the filter takes it, R.", Default(1.45)),
+    )
+
+
 CONTROLLERS: Final[dict[str, Entry]] = {
     entry.name: entry
     for entry in (
@@ -150,14 +193,70 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 prediction_horizon(Default(8, noisy=10)),
                 output_weight(Default(1.0, noisy=3.0)),
                 move_weight(Default(0.0, noisy=1.0)),
-                Setting(
-                    "constraints",
-                    str,
-                    "clip: the closed form, clipped as in the paper; qp: the best moves within the pump's limits.",
-                    Default("clip"),
-                    choices=("clip", "qp"),
-                ),
+                constraints(Default("clip")),
             ),
+        ),
+        Entry(
+            name="mpc-se",
+            summary="linear MPC with a Kalman filter on the linearised patient",
+            design="glucoloop.trials.designs:mpc_se",
+            settings=(
+                move_horizon(Default(2)),
+                prediction_horizon(Default(7, noisy=8)),
+                output_weight(Default(1.0)),
+                move_weight(Default(0.0, noisy=1.0)),
+                *estimation(0.65),
+                Setting(
+                    "offset_free",
+                    str,
+                    "What removes a lasting error.",
+                    Default("held-innovation"),
+                    choices=("held-innovation", "output-disturbance", "input-disturbance", "none"),
+                ),
+                constraints(Default("clip")),
+            ),
+            uses_model=False,
+        ),
+        Entry(
+            name="nlqdmc-se",
+            summary="predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter",
+            design="glucoloop.trials.designs:nlqdmc_se",
+            settings=(
+                move_horizon(Default(2)),
+                prediction_horizon(Default(5, noisy=6)),
+                output_weight(Default(1.0)),
+                move_weight(Default(0.0, noisy=1.0)),
+                *estimation(0.57),
+            ),
+            uses_model=False,
+        ),
+        Entry(
+            name="imc",
+            summary="internal model control with a filter, on a first-order model with dead time",
+            design="glucoloop.trials.designs:imc",
+            settings=(
+                Setting("filter_min", float, "Time constant of the filter, λ, in minutes.", Default(1.0)),
+                Setting("delay_min", float, "Dead time of the first-order model, in minutes.", Default(5.0)),
+            ),
+            uses_model=False,
+        ),
+        Entry(
+            name="pid",
+            summary="PID in velocity form, tuned on a first-order model with dead time",
+            design="glucoloop.trials.designs:pid",
+            settings=(
+                Setting("closed_loop_min", float, "Time constant wanted of the loop, in minutes.", Default(30.0)),
+                Setting("gain", float, "K_c, mU/min per mg/dl; 0: from the model.", Default(0.0)),
+                Setting("integral_time_min", float, "T_I, in minutes; 0: from the model.", Default(0.0)),
+                Setting("derivative_time_min", float, "T_D, in minutes; -1: from the model.", Default(-1.0)),
+            ),
+            uses_model=False,
+        ),
+        Entry(
+            name="basal",
+            summary="no controller: the rate at which the loop starts",
+            design="glucoloop.trials.designs:basal",
+            uses_model=False,
         ),
     )
 }

@@ -4,10 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from glucoloop.control import Controller, MPCTuning, design_linear_mpc
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.control import (
+    Controller,
+    MPCTuning,
+    PIDTuning,
+    StateTuning,
+    design_imc,
+    design_linear_mpc,
+    design_mpc_se,
+    design_nlqdmc_se,
+    design_open_loop,
+    design_pid,
+    internal_model_tuning,
+)
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.pumps import DoseLimits
+from glucoloop.simulation import fit_step, linear_model, nonlinear_model
 
 
 @dataclass(frozen=True)
@@ -50,3 +66,95 @@ def linear_mpc(
         move_weight=move_weight,
     )
     return design_linear_mpc(case.identified, tuning, case.limits, constraints=constraints)
+
+
+def _process_noise(glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
+    """Diagonal of Q for the 8 glucose, 9 other and 2 glucagon states."""
+    return np.repeat([glucose, other, glucagon], [8, 9, 2])
+
+
+def mpc_se(
+    case: DesignCase,
+    *,
+    move_horizon: int,
+    prediction_horizon: int,
+    output_weight: float,
+    move_weight: float,
+    reference_filter: float,
+    reference_start: int,
+    glucose_process_noise: float,
+    other_process_noise: float,
+    glucagon_process_noise: float,
+    measurement_variance: float,
+    offset_free: str,
+    constraints: str,
+) -> Controller:
+    """MPC with state estimation, on the patient linearised at his operating point."""
+    return design_mpc_se(
+        linear_model(case.patient, sample_time_min=case.sample_time_min),
+        _process_noise(glucose_process_noise, other_process_noise, glucagon_process_noise),
+        StateTuning(move_horizon, prediction_horizon, output_weight, move_weight, reference_filter, reference_start),
+        case.limits,
+        measurement_variance=measurement_variance,
+        offset_free=offset_free,
+        dead_time_samples=case.dead_time_samples,
+        constraints=constraints,
+    )
+
+
+def nlqdmc_se(
+    case: DesignCase,
+    *,
+    move_horizon: int,
+    prediction_horizon: int,
+    output_weight: float,
+    move_weight: float,
+    reference_filter: float,
+    reference_start: int,
+    glucose_process_noise: float,
+    other_process_noise: float,
+    glucagon_process_noise: float,
+    measurement_variance: float,
+) -> Controller:
+    """NLQDMC with state estimation, on the patient's own equations."""
+    return design_nlqdmc_se(
+        nonlinear_model(case.patient, sample_time_min=case.sample_time_min),
+        _process_noise(glucose_process_noise, other_process_noise, glucagon_process_noise),
+        StateTuning(move_horizon, prediction_horizon, output_weight, move_weight, reference_filter, reference_start),
+        case.limits,
+        measurement_variance=measurement_variance,
+        dead_time_samples=case.dead_time_samples,
+    )
+
+
+def imc(case: DesignCase, *, filter_min: float, delay_min: float) -> Controller:
+    """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
+    model = fit_step(case.patient, delay_min=delay_min, sample_time_min=case.sample_time_min)
+    return design_imc(
+        float(model.gain),
+        float(model.tau_min),
+        delay_min + case.dead_time_samples * case.sample_time_min,
+        case.limits,
+        filter_min=filter_min,
+        sample_time_min=case.sample_time_min,
+    )
+
+
+def pid(
+    case: DesignCase, *, closed_loop_min: float, gain: float, integral_time_min: float, derivative_time_min: float
+) -> Controller:
+    """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
+    model = fit_step(case.patient, delay_min=None, sample_time_min=case.sample_time_min)
+    delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
+    fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, closed_loop_min)
+    tuning = PIDTuning(
+        gain_mU_min_per_mg_dl=gain or fitted.gain_mU_min_per_mg_dl,
+        integral_time_min=integral_time_min or fitted.integral_time_min,
+        derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
+    )
+    return design_pid(tuning, case.limits, sample_time_min=case.sample_time_min)
+
+
+def basal(case: DesignCase) -> Controller:
+    """A constant rate."""
+    return design_open_loop(limits=case.limits, sample_time_min=case.sample_time_min)

@@ -1,0 +1,104 @@
+"""``glucoloop reproduce``: a published study, carried out again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from glucoloop.cli.request import Output
+from glucoloop.cli.screen import show, stages
+from glucoloop.cli.telling import print_json, where_written
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from glucoloop.papers.parker1999.comparison import Row
+
+PAPERS: Final = ("parker1999",)
+_OPERATING_POINTS: Final = ("setpoint-81", "nominal-22")
+
+HELP: Final = (
+    "Carry out a published study again and set each number beside the printed one.\n\n"
+    "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim, at "
+    "both readings of its operating point; what does not reproduce is listed.\n\n"
+    "  glucoloop reproduce parker1999 --out parker1999\n\n"
+    "  glucoloop reproduce parker1999 --quick --out glimpse"
+)
+
+
+def command(
+    paper: Annotated[str, typer.Argument(help=f"The study: {', '.join(PAPERS)}.", metavar="PAPER")],
+    operating_point: Annotated[
+        list[str] | None,
+        typer.Option("--operating-point", help="One of its operating points; repeat it for more.", show_default="both"),
+    ] = None,
+    seeds: Annotated[
+        str | None, typer.Option(help="Runs of each noisy experiment.", metavar="N", show_default="60; quick: 3")
+    ] = None,
+    seed: Annotated[str, typer.Option(help="The same seed gives the same numbers.", metavar="N")] = "1",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A glimpse: few seeds, dead times to 5 min, no tuning searches.")
+    ] = False,
+    out: Annotated[str | None, typer.Option(help="Folder for report and figures.", metavar="DIR")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in that folder.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the report as one JSON object.")] = False,
+) -> None:
+    """Run every experiment, compare, write and tell."""
+    if paper not in PAPERS:
+        raise ValueError(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
+    points = list(dict.fromkeys(operating_point or _OPERATING_POINTS))
+    for point in points:
+        if point not in _OPERATING_POINTS:
+            raise ValueError(f"unknown operating point {point!r}; the known ones are: {', '.join(_OPERATING_POINTS)}")
+    first = _whole("--seed", seed, 0)
+    if out == "":
+        raise ValueError("--out is empty; give a path")
+    output = Output(out=None if out is None else Path(out), overwrite=overwrite, json=json, mmol=False)
+    files: dict[str, str] = {}
+    with output.folder() as folder, stages("Importing the simulator") as progress:
+        from glucoloop.cli.compiled import keep_compiled
+        from glucoloop.papers.parker1999.pages import json_report
+        from glucoloop.papers.parker1999.reproduce import QUICK_SEEDS, SEEDS, carry_out, write
+
+        keep_compiled()
+        runs = _whole("--seeds", seeds, 1) if seeds is not None else QUICK_SEEDS if quick else SEEDS
+        studies, rows = carry_out(points, seeds=runs, seed=first, quick=quick, progress=progress)
+        if folder is not None:
+            write(folder.write, studies, rows, first, progress)
+            files = folder.paths()
+    if json:
+        print_json(json_report(rows, studies, first), files, ())
+        return
+    _tell(rows, points)
+    print(where_written(output.out, files))
+
+
+def _whole(option: str, text: str, least: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise ValueError(f"{option} is {text!r}; give a whole number") from None
+    if value < least:
+        raise ValueError(f"{option} is {value}; give {least} or more")
+    return value
+
+
+def _tell(rows: Sequence[Row], points: Sequence[str]) -> None:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("entry")
+    table.add_column("printed", justify="right")
+    for point in points:
+        table.add_column(point, justify="right")
+    for row in rows:
+        found = (row.reproduced.get(point) for point in points)
+        cells = (one.text if one else "" for one in found)
+        printed = row.entry.printed
+        table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
+    show(table)
+    for point in points:
+        verdicts = [row.agrees(point) for row in rows if row.agrees(point) is not None]
+        print(f"{point}: {sum(map(bool, verdicts))} of {len(verdicts)} printed entries reproduce.")
