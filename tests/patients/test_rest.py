@@ -169,13 +169,14 @@ def test_a_cohort_is_its_people(cohort):
     people = at_basal(together, u)
     x = people.steady_state(u)
     inputs = Inputs(insulin_mU_min=u + 3.0, meal_mg_min=np.full(5, 100.0))
-    rates = people.derivative(0.0, x, inputs)
+    derivative = jax.jit(lambda person, x, inputs: person.derivative(0.0, x, inputs))
+    rates = derivative(people, x, inputs)
     assert x.shape == rates.shape == (19, 5)
     for i, p in enumerate(alone):
         one = at_basal(p, float(u[i]))
         np.testing.assert_allclose(people.setpoint_mg_dl[i], one.setpoint_mg_dl, rtol=1e-12)
         np.testing.assert_allclose(x[:, i], one.steady_state(u[i]), rtol=1e-11, atol=1e-12)
-        rate = one.derivative(0.0, x[:, i], Inputs(insulin_mU_min=u[i] + 3.0, meal_mg_min=100.0))
+        rate = derivative(one, x[:, i], Inputs(insulin_mU_min=u[i] + 3.0, meal_mg_min=100.0))
         np.testing.assert_allclose(rates[:, i], rate, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(people.insulin_for(people.setpoint_mg_dl), u, rtol=1e-9)
 
