@@ -71,7 +71,8 @@ def test_one_json_object_and_exit_codes(tmp_path):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_interrupt_from_the_keyboard(tmp_path):
+@pytest.mark.parametrize("delay_s", [0.1, 2.0])
+def test_interrupt_from_the_keyboard(tmp_path, delay_s):
     import signal
 
     environment = {**os.environ, "GLUCOLOOP_CACHE_DIR": "off"}
@@ -81,7 +82,7 @@ def test_interrupt_from_the_keyboard(tmp_path):
     ) as running:
         while not any(tmp_path.iterdir()):  # the folder in the making
             time.sleep(0.05)
-        time.sleep(0.2)
+        time.sleep(delay_s)
         running.send_signal(signal.SIGINT)
         _, told = running.communicate(timeout=120)
     assert running.returncode == 130
@@ -95,3 +96,17 @@ def test_cache_is_off_silently(glucoloop, monkeypatch, place):
     answer = glucoloop("run", "--duration", 100, "--json")
     assert answer.code == 0
     assert answer.err.startswith("Model: ")
+
+
+def test_interrupt_that_a_library_swallows_is_heeded(glucoloop, tmp_path, monkeypatch):
+    def swallow(run):
+        del run
+        try:
+            os.kill(os.getpid(), __import__("signal").SIGINT)
+            time.sleep(1.0)
+        except KeyboardInterrupt:
+            pass
+
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", swallow)
+    assert glucoloop("run", "--out", "out").code == 130
+    assert list(tmp_path.iterdir()) == []

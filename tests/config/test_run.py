@@ -76,7 +76,7 @@ def test_upper_layer_takes_what_it_excludes_away():
 
 
 def test_layer_that_contradicts_itself_is_refused():
-    with pytest.raises(ValueError, match="memory tells how a model is identified, but the model comes from m.json"):
+    with pytest.raises(ValueError, match="memory tells how a model is identified, but the model comes from"):
         overlay({"model": "m.json", "memory": 30}, {})
 
 

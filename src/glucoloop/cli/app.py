@@ -10,6 +10,7 @@ import typer
 
 import glucoloop
 from glucoloop.cli import compare, identify, reproduce, run
+from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 
 USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
@@ -51,7 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and leave: 0 done, 2 the user's mistake, in one sentence, 130 interrupted; a bug is a traceback."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        code = app(args=arguments, prog_name="glucoloop", standalone_mode=False)
+        with heeded():
+            code = app(args=arguments, prog_name="glucoloop", standalone_mode=False)
     except USAGE_ERRORS as error:
         _leave_usage(error, arguments)
     except (KeyboardInterrupt, typer.Abort):

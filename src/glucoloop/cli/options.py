@@ -237,7 +237,10 @@ def _setting_options() -> Iterable[Option]:
     """An option for each setting of the catalogue, with the default of each controller that has it."""
     for name, owners in all_settings().items():
         first = next(iter(owners.values()))
-        defaults = "; ".join(f"{controller}: {setting.default.text}" for controller, setting in owners.items())
+        by_text: dict[str, list[str]] = {}
+        for controller, setting in owners.items():
+            by_text.setdefault(setting.default.text, []).append(controller)
+        defaults = "; ".join(f"{', '.join(controllers)}: {text}" for text, controllers in by_text.items())
         yield Option(
             name,
             f"--{name.replace('_', '-')}",

@@ -6,29 +6,39 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterable, Iterator
 
+from glucoloop.cli.interrupts import leave_if_asked
+
 
 @contextlib.contextmanager
 def stage(text: str) -> Iterator[None]:
     """A line that moves while the block works; nothing where nobody watches."""
-    if not sys.stderr.isatty():
+    with _line(text):
         yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(f"{text} ..."):
-        yield
+    leave_if_asked()
 
 
 @contextlib.contextmanager
 def stages(first: str) -> Iterator[Callable[[str], None]]:
     """A line that moves while the block works, and says what the block last told it to have done."""
+    with _line(first) as update:
+
+        def done(what: str) -> None:
+            leave_if_asked()
+            update(f"Done: {what} ...")
+
+        yield done
+
+
+@contextlib.contextmanager
+def _line(text: str) -> Iterator[Callable[[str], None]]:
+    """A line on standard error, and how to change it; nothing where nobody watches."""
     if not sys.stderr.isatty():
-        yield lambda done: None
+        yield lambda text: None
         return
     from rich.console import Console
 
-    with Console(stderr=True).status(f"{first} ...") as status:
-        yield lambda done: status.update(f"Done: {done} ...")
+    with Console(stderr=True).status(f"{text} ...") as status:
+        yield status.update
 
 
 def note(texts: Iterable[str]) -> None:
