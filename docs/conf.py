@@ -1,0 +1,53 @@
+"""Sphinx configuration. Build with: python3 dev.py test, or sphinx-build -W docs docs/_build/html."""
+
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+sys.path[:0] = [str(DOCS), str(DOCS.parent / "src")]
+
+import generate  # noqa: E402
+
+import glucoloop  # noqa: E402
+
+generate.write_all(DOCS)
+
+project = "glucoloop"
+author = "The glucoloop authors"
+copyright = "the glucoloop authors, MIT licence"
+version = release = glucoloop.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+    "short_names",
+]
+exclude_patterns = ["_build", "_generated"]
+suppress_warnings = ["config.cache", "ref.python"]  # ref.python: a short name that two objects have
+
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
+myst_heading_anchors = 3
+
+smartquotes = False  # --noise is not –noise
+highlight_language = "text"
+add_module_names = False
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 88
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+default_role = "py:obj"  # as in the docstrings: `name` is a link where there is something to link to
+
+html_theme = "furo"
+html_title = f"glucoloop {release}"
+html_copy_source = False
+html_show_sphinx = False
+html_static_path = ["_static"]
+html_css_files = ["glucoloop.css"]

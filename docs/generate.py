@@ -1,0 +1,341 @@
+"""Parts of the documentation that are read out of the program, so that nothing is typed twice.
+
+    python docs/generate.py
+
+``conf.py`` calls it before each build. It writes ``_generated/*.md``, which the pages include, and ``api/*.rst``.
+"""
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import re
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import typer.main
+
+import glucoloop
+from glucoloop import units
+from glucoloop.cli.app import app
+from glucoloop.papers.parker1999.published import published
+from glucoloop.papers.parker1999.readings import READINGS
+from glucoloop.trials.catalogue import CONTROLLERS
+
+# The everyday interface stands on the page "api"; what the command line is made of is no interface.
+LEFT_OUT = ("cli", "config")
+WORDS = {
+    "brain_uptake": "r_{BGU}",
+    "red_cell_uptake": "r_{RBCU}",
+    "gut_uptake": "r_{GGU}",
+    "basal_hepatic_production": "r_{HGP}^B",
+    "basal_hepatic_uptake": "r_{HGU}^B",
+    "basal_peripheral_uptake": "r_{PGU}^B",
+    "tau_I": r"\tau_I",
+    "tau_N": r"\tau_N",
+    "excretion_threshold": "G_K^*",
+    "excretion_offset": "r_{KE}^0",
+    "excretion_clearance": r"\kappa_{KE}",
+    "excretion": "M_{KE}",
+}
+GROUPS = {
+    "Glucose transport": r"q_.*|v_.*|T_B|T_P",
+    "Insulin transport and clearance": r"Q_.*|V_.*|T_PI|F_.*",
+    "Constant uptakes and basal rates": r".*_uptake|basal_.*",
+    "Healthy basal state": r"ref_.*",
+    "Slow effects and glucagon": r"tau_.*|k_N",
+    "Renal excretion above its threshold": r"excretion_.*",
+}
+
+
+def table(columns: list[str], rows: list[list[str]], align: str = "") -> str:
+    """A Markdown table; `align` has one letter a column, l or r."""
+    marks = [{"l": ":---", "r": "---:"}[letter] for letter in align or "l" * len(columns)]
+    lines = [columns, marks, *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+def code(text: str) -> str:
+    return f"`{text}`"
+
+
+def symbol(name: str) -> str:
+    """LaTeX of a field of the parameter record."""
+    if name.startswith("ref_"):
+        letter, place = name.removeprefix("ref_").split("_")
+        return f"{letter}_{{{place}}}^B"
+    if name in WORDS:
+        return WORDS[name]
+    letter, _, place = name.partition("_")
+    return f"{letter}_{{{place}}}"
+
+
+def constants() -> str:
+    from glucoloop.patients.parameters.parker1999 import CONSTANTS
+
+    sources = list(dict.fromkeys(constant.source for constant in CONSTANTS))
+    parts, sigmoids = [], {}
+    for constant in CONSTANTS:
+        name, dot, part = constant.name.partition(".")
+        if dot:
+            sigmoids.setdefault(name, {})[part] = constant
+    for heading, pattern in GROUPS.items():
+        rows = [
+            [
+                f"${symbol(constant.name)}$",
+                code(constant.name),
+                f"{constant.value:g}",
+                constant.unit,
+                constant.meaning,
+                str(sources.index(constant.source) + 1),
+            ]
+            for constant in CONSTANTS
+            if "." not in constant.name and re.fullmatch(pattern, constant.name)
+        ]
+        columns = ["Symbol", "Field", "Value", "Unit", "Meaning", "Source"]
+        parts += [f"**{heading}**\n", table(columns, rows, "llrllr")]
+    rows = []
+    for name, of_name in sigmoids.items():
+        values = [f"{of_name[part].value:g}" for part in ("offset", "scale", "slope", "inflection")]
+        meaning = of_name["offset"].meaning.rpartition(":")[0]
+        source = str(sources.index(of_name["offset"].source) + 1)
+        rows.append([f"${symbol(name)}$", code(name), *values, meaning, source])
+    columns = ["Symbol", "Field", "$o$", "$s$", "$k$", "$c$", "Meaning", "Source"]
+    parts += ["**Saturating effects**, $M(x) = o + s \\tanh(k (x - c))$\n", table(columns, rows, "llrrrrlr")]
+    listed = sum(len(re.findall(r"^\| \$", part, re.M)) for part in parts) - len(sigmoids)
+    if listed != sum("." not in constant.name for constant in CONSTANTS):
+        raise ValueError("a constant belongs to no group, or to two; see GROUPS in docs/generate.py")
+    legend = [f"{number}. {source}." for number, source in enumerate(sources, 1)]
+    return "\n".join([*parts, "Sources:\n", *legend]) + "\n"
+
+
+def operating_points() -> str:
+    from glucoloop.patients import OPERATING_POINTS
+    from glucoloop.simulation import linear_model
+
+    rows = []
+    for name, make in OPERATING_POINTS.items():
+        person = make()
+        model = linear_model(person)
+        Phi, Gamma, C = (np.asarray(part) for part in (model.Phi, model.Gamma, model.C))
+        gain = C @ np.linalg.solve(np.eye(Gamma.size) - Phi, Gamma)
+        slowest = -model.sample_time_min / np.log(np.abs(np.linalg.eigvals(Phi)).max())
+        insulin, glucose = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
+        rows.append([code(name), f"{insulin:.4f}", f"{glucose:.4f}", f"{gain:.4f}", f"{slowest:.1f}"])
+    columns = [
+        "Operating point",
+        "Basal insulin, mU/min",
+        "Setpoint, mg/dl",
+        "Gain, mg/dl per mU/min",
+        "Slowest time constant, min",
+    ]
+    return table(columns, rows, "lrrrr")
+
+
+def steady_states() -> str:
+    from glucoloop.patients import patient
+
+    person, rates = patient(), [0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0]
+    glucose = np.asarray(person.glucose_mg_dl(person.steady_state(np.array(rates))))
+    cells = [
+        [f"{rate:g}", f"{units.u_h_from_mu_min(rate):.2f}", f"{value:.2f}"]
+        for rate, value in zip(rates, glucose, strict=True)
+    ]
+    return table(["Insulin, mU/min", "Insulin, U/h", "Arterial glucose at rest, mg/dl"], cells, "rrr")
+
+
+def controllers() -> str:
+    parts = []
+    for entry in CONTROLLERS.values():
+        parts.append(f"**{code(entry.name)}**: {entry.summary}.\n")
+        rows = [
+            [
+                code(setting.name),
+                setting.default.text,
+                "; ".join(
+                    f"{point}: {quiet}, with noise {loud}" for point, (quiet, loud) in setting.default.at.items()
+                ),
+                setting.summary,
+            ]
+            for setting in entry.settings
+        ]
+        columns = ["Setting", "Default", "Default at", "Meaning"]
+        if not any(row[2] for row in rows):
+            rows, columns = [[*row[:2], row[3]] for row in rows], [*columns[:2], columns[3]]
+        parts.append(table(columns, rows) if rows else "It has no settings.\n")
+    return "\n".join(parts)
+
+
+def metrics() -> str:
+    from sphinx.pycode import ModuleAnalyzer
+
+    from glucoloop.metrics import Metrics
+
+    told = ModuleAnalyzer.for_module("glucoloop.metrics.summary").find_attr_docs()
+    rows = [
+        [code(field.name), " ".join(" ".join(told.get(("Metrics", field.name), [])).split())]
+        for field in dataclasses.fields(Metrics)
+    ]
+    return table(["Field", "Definition"], rows)
+
+
+def readings() -> str:
+    return table(
+        ["", "Reading", "Choice"], [[str(n), code(k), text] for n, (k, text) in enumerate(READINGS.items(), 1)]
+    )
+
+
+def printed() -> str:
+    rows = []
+    for entry in published():
+        value = entry.printed if isinstance(entry.printed, str) else f"{entry.printed:g}"
+        bound = "at most " if entry.kind == "at-most" else ""
+        rows.append([entry.what, f"{bound}{value} {entry.unit}", f"p. {entry.page}, {entry.place}"])
+    return table(["Entry", "Printed", "Place"], rows)
+
+
+def conversions() -> str:
+    names = [name for name in vars(units) if name.isupper()]
+    return table(["Constant", "Value"], [[code(name), f"{getattr(units, name):.10g}"] for name in names], "lr")
+
+
+def layers(root: Path) -> str:
+    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    rows = []
+    for line in contracts[0]["layers"]:
+        for name in re.findall(r"\w+", line):
+            if name.startswith("_"):
+                continue
+            try:
+                summary = first_sentence(importlib.import_module(f"glucoloop.{name}"))
+            except ModuleNotFoundError:
+                continue
+            rows.append([code(name), summary])
+    return table(["Layer", "What it holds"], rows)
+
+
+def first_sentence(thing: object) -> str:
+    text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
+    return text.replace("``", "`")
+
+
+def commands() -> str:
+    program = typer.main.get_command(app)
+    rows = [
+        [f"[`glucoloop {name}`](#glucoloop-{name})", command.help.splitlines()[0]]
+        for name, command in program.commands.items()
+    ]
+    parts = [program.help, "", table(["Command", "What it does"], rows)]
+    for name, command in program.commands.items():
+        parts += [f"## glucoloop {name}", "", help_text(command.help)]
+        arguments = [p for p in command.params if not p.opts or not p.opts[0].startswith("-")]
+        for argument in arguments:
+            parts.append(f"`{argument.metavar or argument.name.upper()}`\n: {getattr(argument, 'help', '')}\n")
+        panels = {}
+        for parameter in command.params:
+            if parameter not in arguments:
+                panels.setdefault(getattr(parameter, "rich_help_panel", None) or "Options", []).append(parameter)
+        for panel, options in panels.items():
+            parts += [f"**{panel}**\n", table(["Option", "Default", "Meaning"], [option_row(one) for one in options])]
+    return "\n".join(parts)
+
+
+def help_text(text: str) -> str:
+    """Paragraphs, and the indented example lines as code."""
+    parts, examples = [], []
+    for paragraph in [*text.split("\n\n"), ""]:
+        if paragraph.startswith("  "):
+            examples.append(paragraph.strip())
+            continue
+        if examples:
+            parts.append("```text\n" + "\n".join(examples) + "\n```")
+            examples = []
+        parts.append(paragraph)
+    return "\n\n".join(parts) + "\n"
+
+
+def option_row(option: object) -> list[str]:
+    names = " / ".join([*option.opts, *option.secondary_opts])
+    value = "" if option.is_flag else f" {(option.metavar or '').strip()}".rstrip()
+    shown = option.show_default if isinstance(option.show_default, str) else ""
+    if not shown and option.show_default and option.default not in (None, False):
+        shown = str(option.default)
+    return [code(names + value), shown, option.help or ""]
+
+
+def record_columns() -> str:
+    from glucoloop.storage.tables import RECORD_COLUMNS
+
+    return ", ".join(map(code, RECORD_COLUMNS)) + "\n"
+
+
+def everyday() -> str:
+    rows = []
+    for name in sorted(glucoloop.__all__, key=str.lower):
+        thing = getattr(glucoloop, name)
+        place = f"{thing.__module__}.{thing.__qualname__}"
+        rows.append(f"   * - :py:obj:`{name} <{place}>`\n     - {first_sentence(thing).replace('`', '``')}")
+    return "\n".join([".. list-table::", "   :widths: 30 70", "", *rows]) + "\n"
+
+
+def modules(package: ModuleType) -> list[str]:
+    if not hasattr(package, "__path__"):
+        return []
+    found = []
+    for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+        if info.name.rpartition(".")[2].startswith("_"):
+            continue
+        found.append(info.name)
+        if info.ispkg:
+            found += modules(importlib.import_module(info.name))
+    return found
+
+
+def api(folder: Path) -> dict[Path, str]:
+    pages = {}
+    for info in pkgutil.iter_modules(glucoloop.__path__):
+        if info.name.startswith("_") or info.name in LEFT_OUT:
+            continue
+        layer = f"glucoloop.{info.name}"
+        inside = modules(importlib.import_module(layer))
+        parts = [layer, "=" * len(layer), "", f".. automodule:: {layer}"]
+        parts += ["" if inside else "   :members:", ""]
+        for name in inside:
+            members = [] if hasattr(importlib.import_module(name), "__path__") else ["   :members:"]
+            parts += [name, "-" * len(name), "", f".. automodule:: {name}", *members, ""]
+        pages[folder / f"{info.name}.rst"] = "\n".join(parts) + "\n"
+    return pages
+
+
+def write_all(docs: Path) -> None:
+    """Write what has changed, so that an unchanged page is not built again."""
+    made = docs / "_generated"
+    pages = {
+        made / "constants.md": constants(),
+        made / "operating-points.md": operating_points(),
+        made / "steady-states.md": steady_states(),
+        made / "controllers.md": controllers(),
+        made / "metrics.md": metrics(),
+        made / "readings.md": readings(),
+        made / "printed.md": printed(),
+        made / "conversions.md": conversions(),
+        made / "layers.md": layers(docs.parent),
+        made / "commands.md": commands(),
+        made / "record-columns.md": record_columns(),
+        made / "everyday.rst": everyday(),
+        **api(docs / "api"),
+    }
+    for folder in (made, docs / "api"):
+        folder.mkdir(exist_ok=True)
+        for path in folder.iterdir():
+            if path not in pages:
+                path.unlink()
+    for path, text in pages.items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_all(Path(__file__).resolve().parent)

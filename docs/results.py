@@ -1,0 +1,64 @@
+"""Turn a report of ``glucoloop reproduce parker1999`` into the results that ``guide/reproducing.md`` shows.
+
+    glucoloop reproduce parker1999 --out parker1999
+    python docs/results.py parker1999/report.json
+
+It rewrites ``guide/parker1999.md``.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+SECTIONS = {
+    "Table I: disturbance rejection without noise": "table-1.",
+    "Table II: dead time, with noise": "table-2.",
+    "Figures and claims of the text": ("figure-", "claim."),
+    "Patient, model and identification": "model.",
+    "Tunings": "tuning.",
+}
+
+
+def number(value):
+    return value if isinstance(value, str) else f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+
+
+def cell(found):
+    """Median, percentiles, and whether it agrees."""
+    if found is None:
+        return "not run"
+    middle = "551+" if found["unsettled"] else number(found["median"])
+    spread = "" if found["p10"] is None else f" ({number(found['p10'])} to {number(found['p90'])})"
+    text = f"{middle}{spread}"
+    return text if found["agrees"] else f"*{text}*"
+
+
+def page(report):
+    points = list(report["seeds"])
+    entries = report["entries"]
+    counts = {
+        point: [entry["reproduced"][point]["agrees"] for entry in entries if point in entry["reproduced"]]
+        for point in points
+    }
+    told = "; ".join(f"{sum(agrees)} of {len(agrees)} printed entries agree at `{p}`" for p, agrees in counts.items())
+    seeds = report["seeds"][points[0]]
+    lines = [f"With {seeds} seeds, glucoloop {report['glucoloop']}: {told}.\n", "Entries in italics do not agree.\n"]
+    for heading, prefix in SECTIONS.items():
+        lines += [f"**{heading}**\n", "| Entry | Printed | " + " | ".join(f"`{point}`" for point in points) + " |"]
+        lines.append("| :--- | :--- |" + " :--- |" * len(points))
+        for entry in entries:
+            if not entry["id"].startswith(prefix):
+                continue
+            bound = "at most " if entry["kind"] == "at-most" else ""
+            printed = f"{bound}{number(entry['printed'])} {entry['unit']}".strip()
+            found = [cell(entry["reproduced"].get(point)) for point in points]
+            lines.append("| " + " | ".join([entry["what"], printed, *found]) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    told = page(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
+    (Path(__file__).resolve().parent / "guide" / "parker1999.md").write_text(told, encoding="utf-8")

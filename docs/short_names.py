@@ -1,0 +1,44 @@
+"""Sphinx extension: resolve a short name, like `simulate`, to the one object of the package that ends in it."""
+
+from typing import Any
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+
+
+def resolve(
+    app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, contnode: nodes.Element
+) -> nodes.Element | None:
+    if node.get("refdomain") != "py" or not node.get("reftarget"):
+        return None
+    domain = env.get_domain("py")
+    objects: dict[str, Any] = domain.objects  # type: ignore[attr-defined]
+    found = [name for name in objects if name.endswith(f".{node['reftarget']}")]
+    if len(found) != 1:
+        return None
+    entry = objects[found[0]]
+    return nodes.reference(
+        "",
+        "",
+        contnode,
+        internal=True,
+        refuri=app.builder.get_relative_uri(node["refdoc"], entry.docname) + "#" + entry.node_id,
+        reftitle=found[0],
+    )
+
+
+def leave_words(app: Sphinx, doctree: nodes.document) -> None:
+    """In "array_like, shape (points, ...)" no word is the name of a class."""
+    for node in list(doctree.findall(addnodes.pending_xref)):
+        target = node.get("reftarget", "")
+        word = target[:1].islower() and "." not in target
+        if node.get("refdomain") == "py" and node.get("reftype") == "class" and word:
+            node.replace_self(node.children)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("doctree-read", leave_words)
+    app.connect("missing-reference", resolve)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
