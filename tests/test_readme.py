@@ -1,0 +1,80 @@
+"""What README and documentation tell a reader to type: it runs, it exists, and it leads somewhere."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from glucoloop.cli.app import app
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+PAGES = [README, *(page for page in sorted(ROOT.glob("docs/**/*.md")) if "_generated" not in page.parts)]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
+
+
+def blocks(page, *languages):
+    return [text for language, text in FENCE.findall(page.read_text(encoding="utf-8")) if language in languages]
+
+
+def commands(page):
+    """Lines of blocks and spans of text that are calls of the program."""
+    text = page.read_text(encoding="utf-8")
+    lines = [line.strip() for block in blocks(page, "", "text") for line in block.splitlines()]
+    spans = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", FENCE.sub("", text))
+    found = [line for line in [*lines, *spans] if COMMAND.match(line)]
+    return [line.replace("python3 dev.py run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
+
+
+def written():
+    return sorted({line for page in PAGES for line in commands(page)})
+
+
+def test_there_are_commands_to_check():
+    assert len(written()) > 10
+
+
+@pytest.mark.parametrize("line", written())
+def test_a_command_that_is_written_exists_with_its_options(line):
+    program = typer.main.get_command(app)
+    _, *words = shlex.split(line)
+    if not words or words[0].startswith("-"):
+        return
+    assert words[0] in program.commands, f"no such command; the known ones are: {', '.join(program.commands)}"
+    command = program.commands[words[0]]
+    arguments = [word for word in words[1:] if word != "DIR"]
+    if arguments:
+        command.make_context(words[0], arguments)  # raises for an option that does not exist
+
+
+def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [example] = blocks(README, "python")
+    exec(compile(example, str(README), "exec"), {})
+    assert (tmp_path / "loop.png").stat().st_size > 10_000
+
+
+def test_the_example_of_the_readme_is_the_one_in_examples():
+    [example] = blocks(README, "python")
+    told = (ROOT / "examples" / "close_the_loop.py").read_text(encoding="utf-8")
+    loop = [line for line in example.splitlines() if line and not line.startswith("gl.plot")]
+    assert set(loop) <= set(told.splitlines())
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
+def test_an_example_of_a_page_is_python_that_runs(page):
+    if page != README:
+        exec(compile("\n".join(blocks(page, "python")), str(page), "exec"), {})
+
+
+def test_links_of_the_readme_lead_to_files():
+    links = re.findall(r"\]\(([^)#]+)", README.read_text(encoding="utf-8"))
+    missing = [link for link in links if "://" not in link and not (ROOT / link).exists()]
+    assert not missing
+
+
+def test_the_picture_is_small():
+    assert (ROOT / "docs" / "first-run.png").stat().st_size < 200_000
