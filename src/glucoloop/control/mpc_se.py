@@ -86,8 +86,13 @@ class MPCSE:
             + jnp.multiply.outer(self.free_innovation, innovation)
         )
         move, converged = self.plan.first_move(reference - free, delivered)
+
+        # An estimate that is no number would never come back; rest under the present rate is all that is left to go by.
+        sound = jnp.all(jnp.isfinite(estimate), axis=0)
+        estimate = jnp.where(sound, estimate, jnp.multiply.outer(self.rest, rate))
         state = MPCSEState(estimate=estimate, insulin_mU_min=delivered)
-        return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
+        wanted = jnp.where(sound, delivered + move, jnp.nan)
+        return state, decide(wanted, delivered, self.plan.limits, known, converged)
 
 
 def _with_disturbance(
@@ -113,12 +118,12 @@ def design_mpc_se(
     dead_time_samples: int = 0,
     constraints: str = "clip",
 ) -> MPCSE:
-    r"""Linear MPC on a state-space model, with a steady Kalman filter and a reference filter.
+    """Linear MPC on a state-space model, with a steady Kalman filter and a reference filter.
 
     The estimate is corrected by ``z += K e`` with the innovation ``e = y - C z``. The free response goes on from it,
-    ``w_i = Phi w_(i-1) + Gamma u_(k-1) + K e``, the innovation being held over the horizon, and the moves minimise
+    ``w_i = Phi w_(i-1) + Gamma u_(k-1) + K e``, the innovation being held over the horizon, and the moves minimise::
 
-        Gamma_y^2 \sum_i (r_i - C w_i - (A du)_i)^2 + Gamma_u^2 |du|^2,    r_i = phi_r^(i-s) C z
+        Gamma_y^2 sum_i (r_i - C w_i - (A du)_i)^2 + Gamma_u^2 |du|^2,    r_i = phi_r^(i-s) C z
 
     in deviations from the operating point.
 
@@ -142,8 +147,10 @@ def design_mpc_se(
         R, (mg/dl)^2.
     offset_free : {"held-innovation", "output-disturbance", "input-disturbance", "none"}
         What removes a lasting error. ``"held-innovation"``: the correction K e is repeated at each sample ahead, the
-        reading of the paper that its numbers need. ``"output-disturbance"`` and ``"input-disturbance"``: an integrating
-        state is estimated beside the others, on the output or as unmeasured insulin. ``"none"``: the plain prediction.
+        reading of the paper that its numbers need. It brings the estimate C z to the setpoint, so that of a lasting
+        disturbance the part ``(1 - C K) e`` of the innovation is left: little where readings are trusted.
+        ``"output-disturbance"`` and ``"input-disturbance"``: an integrating state is estimated beside the others, on
+        the output or as unmeasured insulin, and nothing is left. ``"none"``: the plain prediction.
     disturbance_variance : float
         Process noise of that integrating state, (mg/dl)^2 or (mU/min)^2 per sample.
     dead_time_samples : int
