@@ -219,9 +219,8 @@ def first_moves(controller, states, insulin, setpoint):
     return np.array(moves)
 
 
-@pytest.mark.parametrize("move_weight", [0.3, 1.0])
-def test_with_long_horizons_the_first_move_is_the_linear_quadratic_one(move_weight):
-    K, radius = lqr(move_weight)
+def test_with_long_horizons_the_first_move_is_the_linear_quadratic_one():
+    K, radius = lqr(0.3)
     assert 0.8 < radius < 0.9
     states = np.random.default_rng(11).normal(0, [5.0, 5.0, 20.0, 5.0], (4, 4))
     setpoint = 84.0  # the regulator goes to the rest that belongs to it
@@ -230,13 +229,13 @@ def test_with_long_horizons_the_first_move_is_the_linear_quadratic_one(move_weig
     optimal = -(states - rest) @ K
     errors = {}
     for horizon in (5, 10, 20, 40):
-        found = first_moves(long_sighted(horizon, move_weight), states, 1000.0, setpoint)
+        found = first_moves(long_sighted(horizon, 0.3), states, 1000.0, setpoint)
         errors[horizon] = np.abs(found - optimal).max() / np.abs(optimal).max()
         # a finite horizon is as many steps of the Riccati difference equation, which contracts by the square
         assert errors[horizon] < 5.0 * radius ** (2 * horizon)
     assert errors[5] > errors[10] > errors[20] > errors[40]
     assert errors[5] > 1e-2
-    assert errors[40] < 2e-4
+    assert errors[40] < 1e-5
 
 
 def test_with_long_horizons_the_loop_is_that_of_the_linear_quadratic_gaussian_regulator():
