@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
@@ -23,12 +24,18 @@ def heeded() -> Iterator[None]:
         _asked.set()
         raise KeyboardInterrupt
 
+    def tell(swallowed: sys.UnraisableHookArgs) -> None:
+        if not issubclass(swallowed.exc_type, KeyboardInterrupt):
+            hook(swallowed)
+
     _asked.clear()
+    hook, sys.unraisablehook = sys.unraisablehook, tell
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = hook
 
 
 def leave_if_asked() -> None:

@@ -43,9 +43,9 @@ class Option:
 
     def parameter(self) -> inspect.Parameter:
         """As Typer reads it from a command's signature."""
-        shown: Any = self.default if self.default is not None else False
+        told = self.help if self.default is None else f"{self.help} (default {self.default})"
         info = typer.Option(
-            None, self.flag, help=self.help, metavar=self.metavar, rich_help_panel=self.panel, show_default=shown
+            None, self.flag, help=told, metavar=self.metavar, rich_help_panel=self.panel, show_default=False
         )
         # Numbers come as text: what is wrong with one is told like all other mistakes.
         kind = str if self.kind in _NUMBERS else self.kind
@@ -245,9 +245,9 @@ def _setting_options() -> Iterable[Option]:
             name,
             f"--{name.replace('_', '-')}",
             first.type,
-            first.summary,
+            f"{first.summary} One of {', '.join(first.choices)}." if first.choices else first.summary,
             _CONTROLLER,
-            metavar="|".join(first.choices) or {int: "N", float: "X", str: "TEXT"}[first.type],
+            metavar={int: "N", float: "X", str: "NAME"}[first.type],
             default=defaults,
         )
 
