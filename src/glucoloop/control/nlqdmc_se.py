@@ -99,11 +99,11 @@ def design_nlqdmc_se(
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
 ) -> NLQDMC:
-    r"""Predictive control on a nonlinear model that is linearised anew at each sample.
+    """Predictive control on a nonlinear model that is linearised anew at each sample.
 
     At each sample the model is linearised at the predicted state and the rate in force, and the steady Kalman gain K of
     that linearisation is found. The estimate and the free response come from the nonlinear model, K e being added at
-    each sample ahead; the effect of the moves comes from the linear one. The moves solve one quadratic program,
+    each sample ahead; the effect of the moves comes from the linear one. The moves solve one quadratic program::
 
         min over du of  Gamma_y^2 |r - free - A du|^2 + Gamma_u^2 |du|^2
 
