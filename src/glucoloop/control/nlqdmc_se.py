@@ -46,8 +46,11 @@ class NLQDMC:
     reference: jax.Array
     """(p,) ``phi_r^(i-s)``."""
     output_weight: jax.Array | float
+    """Gamma_y; one, or (p,) one for each sample ahead."""
     move_weight: jax.Array | float
     limits: DoseLimits
+    planned: jax.Array | float = 1.0
+    """(m,) 1 for a move that is planned and 0 for one that is left out; one number counts for all."""
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
@@ -78,9 +81,11 @@ class NLQDMC:
         target = observation.setpoint_mg_dl
         reference = target + self.reference * (self.model.glucose_mg_dl(x) - target)
         S = jnp.concatenate([jnp.zeros(self.dead_time_samples), step_response(linear, p - self.dead_time_samples)])
-        A = dynamic_matrix(S, self.move_horizon, p)
-        hessian = self.output_weight**2 * A.T @ A + self.move_weight**2 * jnp.eye(self.move_horizon)
-        gradient = -(self.output_weight**2) * A.T @ (reference - free)
+        weight = jnp.broadcast_to(jnp.asarray(self.output_weight), (p,))
+        A = weight[:, None] * dynamic_matrix(S, self.move_horizon, p) * self.planned
+        # A move that is left out costs something and gains nothing, so that the minimiser does not make it.
+        hessian = A.T @ A + (self.move_weight**2 + 1.0 - self.planned) * jnp.eye(self.move_horizon)
+        gradient = -A.T @ (weight * (reference - free))
         move, converged = minimise_within(hessian, gradient, delivered, self.limits)
 
         # An estimate that is no number would never come back; the operating point is all that is left to go by.

@@ -1,0 +1,134 @@
+"""Grids of tunings: every possible combination of horizons, weights and reference filters."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Sequence
+from decimal import Decimal
+from typing import Final, TypeVar
+
+from glucoloop.control.tuning import MPCTuning, StateTuning
+
+MOST_VALUES: Final = 1000
+"""Of one range."""
+
+_NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})")
+
+Number = TypeVar("Number", int, float)
+
+
+def parse_integers(text: str, name: str = "the range") -> tuple[int, ...]:
+    """Whole numbers as people write them: ``1:4`` with both ends, ``2:16:2`` in steps, ``2,5,8``, or ``1:3,8``.
+
+    Raises
+    ------
+    ValueError
+        For a text that is no such range, or one of too many values.
+    """
+    return _parse(text, name, int, "1:4, 2:16:2 or 2,5,8")
+
+
+def parse_numbers(text: str, name: str = "the range") -> tuple[float, ...]:
+    """Numbers as people write them: ``.3:.8:.05`` with both ends where the steps meet them, or ``0,1,3``.
+
+    Raises
+    ------
+    ValueError
+        For a text that is no such range, or one of too many values.
+    """
+    return _parse(text, name, float, ".3:.8:.05 or 0,1,3")
+
+
+def _parse(text: str, name: str, kind: Callable[[Decimal], Number], like: str) -> tuple[Number, ...]:
+    values: list[Decimal] = []
+    for part in text.split(","):
+        bounds = [piece.strip() for piece in part.split(":")]
+        if len(bounds) > 3 or not all(_NUMBER.fullmatch(piece) for piece in bounds):
+            raise ValueError(f"{name} is {text!r}; write it like {like}")
+        if kind is float and len(bounds) == 2:
+            raise ValueError(f"{name} has {part.strip()!r} without a step; write it like {like}")
+        # decimals, so that .3:.8:.05 ends at .8 and holds the very .55 that a person would write
+        numbers = [Decimal(piece) for piece in bounds]
+        if kind is int and any(number != number.to_integral_value() for number in numbers):
+            raise ValueError(f"{name} has {part.strip()!r}; give whole numbers, like {like}")
+        values += _steps(numbers, name, part.strip())
+        if len(values) > MOST_VALUES:
+            raise ValueError(f"{name} has more than {MOST_VALUES} values; give fewer, or wider steps")
+    return tuple(kind(value) for value in dict.fromkeys(values))
+
+
+def _steps(numbers: list[Decimal], name: str, part: str) -> list[Decimal]:
+    if len(numbers) == 1:
+        return numbers
+    first, last, step = (*numbers, Decimal(1))[:3]
+    if step <= 0:
+        raise ValueError(f"{name} has steps of {step} in {part!r}; give a step above 0")
+    if last < first:
+        raise ValueError(f"{name} runs from {first} down to {last}; write the lower end first")
+    count = int((last - first) / step) + 1
+    if count > MOST_VALUES:
+        raise ValueError(f"{name} has more than {MOST_VALUES} values; give fewer, or wider steps")
+    return [first + number * step for number in range(count)]
+
+
+def tuning_grid(
+    move_horizons: Sequence[int],
+    prediction_horizons: Sequence[int],
+    *,
+    output_weights: Sequence[float] = (1.0,),
+    move_weights: Sequence[float] = (0.0,),
+    reference_filters: Sequence[float] | None = None,
+    reference_start: int = 1,
+) -> list[MPCTuning]:
+    """Every combination, less those that look ahead less far than they plan.
+
+    Parameters
+    ----------
+    move_horizons, prediction_horizons : sequence of int
+        m and p; pairs with p < m are left out.
+    output_weights, move_weights : sequence of float
+        Gamma_y and Gamma_u. Tunings whose weights have the same ratio are the same controller.
+    reference_filters : sequence of float, optional
+        phi_r; None: of controllers without a reference filter.
+    reference_start : int
+        s of those with one.
+
+    Returns
+    -------
+    list of MPCTuning
+        `StateTuning` with reference filters.
+
+    Raises
+    ------
+    ValueError
+        If there is no possible combination, or a value that no tuning can have.
+
+    Examples
+    --------
+    >>> [(tuning.move_horizon, tuning.prediction_horizon) for tuning in tuning_grid([1, 2], [1, 2])]
+    [(1, 1), (1, 2), (2, 2)]
+    """
+    ranges = {
+        "move horizons": move_horizons,
+        "prediction horizons": prediction_horizons,
+        "output weights": output_weights,
+        "move weights": move_weights,
+        **({} if reference_filters is None else {"reference filters": reference_filters}),
+    }
+    for name, values in ranges.items():
+        if not len(values):
+            raise ValueError(f"the grid has no {name}; give at least one")
+    shared = list(itertools.product(move_horizons, prediction_horizons, output_weights, move_weights))
+    possible = [values for values in shared if values[1] >= values[0]]
+    if not possible:
+        raise ValueError(
+            f"no prediction horizon of the grid is as long as a move horizon: {max(prediction_horizons)} is the "
+            f"longest, {min(move_horizons)} moves are the fewest; look farther ahead or plan fewer moves"
+        )
+    if reference_filters is None:
+        return [MPCTuning(*values) for values in possible]
+    return [
+        StateTuning(*values, reference_filter=filter_, reference_start=reference_start)
+        for values, filter_ in itertools.product(possible, reference_filters)
+    ]

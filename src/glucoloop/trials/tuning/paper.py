@@ -1,0 +1,89 @@
+"""Where the printed tunings stand among all others.
+
+The paper says that its tunings give the least sum of squared errors subject to the constraints and to no oscillation.
+In these loops the sum keeps falling with more moves and a faster reference, up to where the loop oscillates.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from glucoloop.control import MPCTuning
+from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.patients import Patient
+from glucoloop.trials.tuning.designers import designer, uses_reference_filter
+from glucoloop.trials.tuning.grid import parse_numbers, tuning_grid
+from glucoloop.trials.tuning.search import Progress, search
+from glucoloop.trials.tuning.surface import TuningRank, TuningSurface
+
+MOVE_HORIZONS: Final = range(1, 5)
+PREDICTION_HORIZONS: Final = range(1, 15)
+REFERENCE_FILTERS: Final = {"mpc-se": ".3:.8:.05", "nlqdmc-se": ".3:.5:.1,.57,.6:.8:.1"}
+"""The printed ones among them; wider steps for NLQDMC/SE, whose loops take a hundred times as long."""
+
+
+def printed_tuning(operating_point: str, controller: str, *, noisy: bool = False) -> MPCTuning:
+    """The tuning that the paper prints for one of its controllers.
+
+    Raises
+    ------
+    ValueError
+        For an unknown controller or operating point.
+    """
+    uses_reference_filter(controller)
+    if (operating_point, noisy) not in PARKER_1999:
+        known = ", ".join(sorted({point for point, _ in PARKER_1999}))
+        raise ValueError(f"the paper's tunings are not known at {operating_point!r}; the known ones are: {known}")
+    paper = PARKER_1999[operating_point, noisy]
+    return {"mpc": paper.mpc, "mpc-se": paper.mpc_se, "nlqdmc-se": paper.nlqdmc_se}[controller]
+
+
+def paper_tuning_surface(
+    patient: Patient,
+    operating_point: str,
+    controller: str,
+    *,
+    model: StepResponseModel | None = None,
+    progress: Progress | None = None,
+) -> TuningSurface:
+    """Search m from 1 to 4, p from m to 14 and phi_r from .3 to .8, without noise, with the paper's own among them.
+
+    Parameters
+    ----------
+    patient : Patient
+    operating_point : {"setpoint-81", "nominal-22"}
+    controller : {"mpc", "mpc-se", "nlqdmc-se"}
+    model : StepResponseModel, optional
+        Of linear MPC; identified from a noise-free record by default.
+    progress : callable, optional
+        As in `search`.
+    """
+    printed = printed_tuning(operating_point, controller)
+    filters = parse_numbers(REFERENCE_FILTERS[controller]) if uses_reference_filter(controller) else None
+    grid = tuning_grid(
+        MOVE_HORIZONS,
+        PREDICTION_HORIZONS,
+        output_weights=[printed.output_weight],
+        move_weights=[printed.move_weight],
+        reference_filters=filters,
+        reference_start=getattr(printed, "reference_start", 1),
+    )
+    design = designer(
+        controller, patient, model=model, process_noise=PARKER_1999[operating_point, False].process_noise()
+    )
+    points = grid if printed in grid else [*grid, printed]
+    return search(patient, design, points, name=controller, progress=progress)
+
+
+def paper_tuning_rank(
+    patient: Patient,
+    operating_point: str,
+    controller: str,
+    *,
+    model: StepResponseModel | None = None,
+    progress: Progress | None = None,
+) -> TuningRank:
+    """Rank and sum of squared errors of the printed tuning on that surface; arguments as there."""
+    surface = paper_tuning_surface(patient, operating_point, controller, model=model, progress=progress)
+    return surface.rank_of(printed_tuning(operating_point, controller))
