@@ -1,0 +1,115 @@
+"""Models handed to controllers: the linear one against differences, the nonlinear one against another integrator."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+
+from glucoloop.control import design_open_loop
+from glucoloop.models.state_space import step_response
+from glucoloop.simulation import linear_model, nonlinear_model
+
+
+def sampled_by_hand(sorensen, x, u, minutes):
+    """Differences of the balances and SciPy's exponential: transition, insulin and meal over one sample."""
+    h = 1e-4
+    A = np.stack([(sorensen(x + h * e, u, 0.0) - sorensen(x - h * e, u, 0.0)) / (2 * h) for e in np.eye(19)], axis=1)
+    B = (sorensen(x, u + 1e-2, 0.0) - sorensen(x, u - 1e-2, 0.0)) / 2e-2
+    E = (sorensen(x, u, 1.0) - sorensen(x, u, -1.0)) / 2.0
+    held = scipy.linalg.expm(minutes * np.block([[A, np.stack([B, E], axis=1)], [np.zeros((2, 21))]]))
+    return held[:19, :19], held[:19, 19], held[:19, 20]
+
+
+@pytest.mark.parametrize(("insulin", "minutes"), [(None, 5.0), (15.0, 5.0), (30.0, 10.0)])
+def test_the_linear_model_is_that_of_the_balances(patient_81, sorensen_by_hand, insulin, minutes):
+    model = linear_model(patient_81, insulin_mU_min=insulin, sample_time_min=minutes)
+    u = float(patient_81.basal_insulin_mU_min) if insulin is None else insulin
+    x = np.asarray(model.state)
+    np.testing.assert_allclose(sorensen_by_hand(x, u, 0.0), 0.0, atol=1e-9)
+    Phi, Gamma, Psi = sampled_by_hand(sorensen_by_hand, x, u, minutes)
+    np.testing.assert_allclose(model.Phi, Phi, atol=2e-6)
+    np.testing.assert_allclose(model.Gamma, Gamma, atol=1e-7)
+    np.testing.assert_allclose(model.Psi, Psi, atol=1e-7)
+    np.testing.assert_array_equal(model.C, np.eye(19)[2])
+    assert float(model.insulin_mU_min) == u
+    assert float(model.glucose_mg_dl) == x[2]
+    assert model.sample_time_min == minutes
+
+
+def test_the_known_dynamics_at_the_papers_setpoint(patient_81):
+    model = linear_model(patient_81)
+    S = np.asarray(step_response(model, 36))
+    np.testing.assert_allclose(S[[0, 5, 11, 35]], [-0.010266601, -0.77305708, -1.741683, -2.8207981], rtol=1e-7)
+    assert np.abs(np.linalg.eigvals(model.Phi)).max() == pytest.approx(0.954500318, rel=1e-8)
+    gain = model.C @ np.linalg.solve(np.eye(19) - model.Phi, model.Gamma)
+    assert float(gain) == pytest.approx(-3.17618654, rel=1e-7)
+
+
+@pytest.fixture(scope="module")
+def imagined(patient_81):
+    return nonlinear_model(patient_81)
+
+
+def test_the_nonlinear_model_follows_an_adaptive_integrator(imagined, sorensen_by_hand):
+    """Four hours of changes as large as the pump makes in a sample; the error of its one step is of their square."""
+    follow = jax.jit(
+        lambda rates: jax.lax.scan(lambda x, u: (imagined.advance(x, u),) * 2, imagined.state, rates)[1][:, 2]
+    )
+    errors = {}
+    for change in (4.175, 8.35):
+        rates = float(imagined.insulin_mU_min) + change * np.where(np.arange(48) // 8 % 2, -1.0, 1.0)
+        x, expected = np.asarray(imagined.state), []
+        for rate in rates:
+            x = scipy.integrate.solve_ivp(
+                lambda _, x, u=rate: sorensen_by_hand(x, u, 0.0), (0.0, 5.0), x, method="LSODA", rtol=1e-9, atol=1e-9
+            ).y[:, -1]
+            expected.append(x[2])
+        assert np.ptp(expected) > 2.0 * change
+        errors[change] = np.abs(follow(jnp.asarray(rates)) - np.array(expected)).max()
+    assert errors[8.35] < 1e-3
+    assert errors[4.175] < errors[8.35] / 3.5
+
+
+def test_the_nonlinear_model_is_the_fasting_patient(imagined, patient_81, sorensen_by_hand):
+    x = np.asarray(imagined.state) * (1.0 + 0.05 * np.sin(np.arange(19)))
+    np.testing.assert_allclose(
+        imagined.derivative(jnp.asarray(x), jnp.asarray(30.0)), sorensen_by_hand(x, 30.0, 0.0), atol=1e-9
+    )
+    assert float(imagined.insulin_mU_min) == float(patient_81.basal_insulin_mU_min)
+    assert float(imagined.glucose_mg_dl(imagined.state)) == pytest.approx(81.1, rel=1e-12)
+    np.testing.assert_allclose(imagined.advance(imagined.state, imagined.insulin_mU_min), imagined.state, rtol=1e-11)
+
+
+def test_both_models_agree_on_small_changes(imagined, patient_81):
+    linear = linear_model(patient_81)
+    moved = imagined.advance(imagined.state, imagined.insulin_mU_min + 1e-3)
+    np.testing.assert_allclose((moved - imagined.state) / 1e-3, linear.Gamma, atol=1e-4)
+
+
+def test_the_sample_time_is_that_of_the_model(patient_81, imagined):
+    longer = nonlinear_model(patient_81, sample_time_min=10.0)
+    twice = imagined.advance(imagined.advance(imagined.state, jnp.asarray(30.0)), jnp.asarray(30.0))
+    np.testing.assert_allclose(longer.advance(longer.state, jnp.asarray(30.0)), twice, atol=1e-3)
+    assert (longer.sample_time_min, imagined.sample_time_min) == (10.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"insulin_mU_min": -1.0}, "insulin infusion of -1 mU/min is not possible; give a finite rate of 0 or more"),
+        ({"insulin_mU_min": np.nan}, "insulin infusion of nan mU/min is not possible"),
+        ({"insulin_mU_min": 60.0}, "no physiological steady state exists at 60 mU/min.*give less than"),
+        ({"sample_time_min": 0.0}, "sample time must be positive and finite, but it is 0.0 min"),
+        ({"sample_time_min": np.inf}, "sample time must be positive and finite, but it is inf min"),
+    ],
+)
+def test_a_point_without_a_model_is_refused(patient_81, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        linear_model(patient_81, **arguments)
+
+
+def test_a_patient_that_the_integrator_cannot_carry_is_refused():
+    with pytest.raises(TypeError, match="OpenLoop has no linear driven block; use the adaptive integrator for it"):
+        nonlinear_model(design_open_loop())
