@@ -121,7 +121,7 @@ def design_linear_mpc(
     >>> model = StepResponseModel.from_impulse_response([-0.5, -0.4, -0.3, -0.2], sample_time_min=5.0)
     >>> controller = design_linear_mpc(model, MPCTuning(move_horizon=1, prediction_horizon=3))
     >>> [round(float(k), 4) for k in controller.gain]
-    [-0.2041, -0.3673, -0.4898]
+    [-0.2, -0.36, -0.48]
     """
     S = np.asarray(model.step_response, float)
     S = np.concatenate([S, np.full(max(0, tuning.prediction_horizon + 1 - S.size), S[-1])])

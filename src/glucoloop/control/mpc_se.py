@@ -174,7 +174,7 @@ def design_mpc_se(
     ... )
     >>> controller = design_mpc_se(model, [1.0], StateTuning(move_horizon=2, prediction_horizon=7))
     >>> round(float(controller.kalman_gain[0]), 4)
-    0.5255
+    0.5276
     """
     if offset_free not in OFFSET_FREE:
         raise ValueError(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
