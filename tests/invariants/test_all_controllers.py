@@ -1,0 +1,287 @@
+"""Every controller: in step with the simulation, alone or in a cohort, and unshaken by any sequence of readings.
+
+On a patient small enough that all of them take seconds: glucose, remote insulin and insulin in blood, after
+R. N. Bergman et al., "Quantitative estimation of insulin sensitivity", Am. J. Physiol. 236, 1979.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control import (
+    MPCTuning,
+    Observation,
+    PIDTuning,
+    StateTuning,
+    Status,
+    design_imc,
+    design_linear_mpc,
+    design_mpc_se,
+    design_nlqdmc_se,
+    design_open_loop,
+    design_pid,
+)
+from glucoloop.meals import Meal, Scenario
+from glucoloop.meals.lehmann_deutsch import appearance_mg_min
+from glucoloop.models.state_space import impulse_response
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.pumps import LimitedPump
+from glucoloop.sensors import white_noise
+from glucoloop.simulation import linear_model, simulate
+
+SCENARIO = Scenario([Meal(40.0, 32.0)], 200.0)
+SAMPLES, PEOPLE = 40, 3
+LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
+
+
+@pytree
+class Minimal:
+    """Glucose, remote insulin, and insulin in blood, ``x = (G, X, I)``."""
+
+    basal_insulin_mU_min: jax.Array
+    setpoint_mg_dl: jax.Array
+
+    def steady_state(self, insulin_mU_min):
+        insulin = jnp.asarray(insulin_mU_min, float) / (0.1 * 10.0)
+        remote = 5e-4 * insulin
+        return jnp.stack([0.01 * 200.0 / (0.01 + remote), remote, insulin])
+
+    def insulin_for(self, glucose_mg_dl):
+        return (0.01 * 200.0 / jnp.asarray(glucose_mg_dl) - 0.01) / 5e-4
+
+    def derivative(self, t_min, x, inputs):
+        del t_min
+        G, X, insulin = x
+        return jnp.stack(
+            [
+                0.01 * (200.0 - G) - X * G + inputs.meal_mg_min / 120.0,
+                0.03 * (5e-4 * insulin - X),
+                inputs.insulin_mU_min / 10.0 - 0.1 * insulin,
+            ]
+        )
+
+    def glucose_mg_dl(self, x):
+        return x[0]
+
+
+def advance_by_minutes(rates, x):
+    """States after each of five minutes, by the classical Runge-Kutta method."""
+
+    def minute(x, _):
+        k1 = rates(x)
+        k2 = rates(x + k1 / 2.0)
+        k3 = rates(x + k2 / 2.0)
+        k4 = rates(x + k3)
+        x = x + (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        return x, x
+
+    return jax.lax.scan(minute, x, None, length=5)[1]
+
+
+@pytree
+class MinutePlant:
+    """The patient and his meal, whose appearance is held over a sample."""
+
+    patient: Minimal
+
+    def advance(self, x, insulin_mU_min, exogenous):
+        inputs = Observed(insulin_mU_min=insulin_mU_min, meal_mg_min=exogenous)
+        states = advance_by_minutes(lambda x: self.patient.derivative(0.0, x, inputs), x)
+        return states[-1], states[:, 0]
+
+
+@pytree
+class Observed:
+    insulin_mU_min: jax.Array
+    meal_mg_min: jax.Array
+
+
+class Minutes:
+    def prepare(self, patient, kinks, grid):
+        return MinutePlant(patient=patient), jax.vmap(lambda t: appearance_mg_min(t, kinks))(jnp.asarray(grid.t_min))
+
+
+@pytree
+class Imagined:
+    """The patient as NLQDMC/SE imagines him."""
+
+    patient: Minimal
+    state: jax.Array
+    insulin_mU_min: jax.Array
+    sample_time_min: float = static(default=5.0)
+
+    def derivative(self, x, insulin_mU_min):
+        inputs = Observed(insulin_mU_min=insulin_mU_min, meal_mg_min=jnp.zeros(()))
+        return self.patient.derivative(0.0, x, inputs)
+
+    def advance(self, x, insulin_mU_min):
+        return advance_by_minutes(lambda x: self.derivative(x, insulin_mU_min), x)[-1]
+
+    def glucose_mg_dl(self, x):
+        return x[0]
+
+
+PATIENT = Minimal(basal_insulin_mU_min=jnp.asarray(25.0), setpoint_mg_dl=jnp.asarray(200.0 / 2.25))
+LINEAR = linear_model(PATIENT)
+IDENTIFIED = StepResponseModel.from_impulse_response(impulse_response(LINEAR, 60), 5.0)
+Q = np.array([5.0, 1e-5, 0.1])
+
+CONTROLLERS = {
+    "open loop": design_open_loop(),
+    "PID": design_pid(PIDTuning(0.5, 100.0, 10.0)),
+    "IMC": design_imc(-2.0, 60.0, 10.0, filter_min=15.0),
+    "linear MPC": design_linear_mpc(IDENTIFIED, MPCTuning(2, 12, 1.0, 1.0)),
+    "MPC/SE": design_mpc_se(LINEAR, Q, StateTuning(2, 10, 1.0, 1.0)),
+    "MPC/SE, exact program": design_mpc_se(
+        LINEAR, Q, StateTuning(2, 10, 1.0, 1.0), offset_free="input-disturbance", constraints="qp", dead_time_samples=1
+    ),
+    "NLQDMC/SE": design_nlqdmc_se(
+        Imagined(patient=PATIENT, state=PATIENT.steady_state(25.0), insulin_mU_min=PATIENT.basal_insulin_mU_min),
+        Q,
+        StateTuning(2, 8, 1.0, 1.0),
+    ),
+}
+
+
+def observe(reading, valid, delivered):
+    return Observation(
+        glucose_mg_dl=jnp.asarray(reading, float),
+        valid=jnp.asarray(valid),
+        setpoint_mg_dl=jnp.broadcast_to(PATIENT.setpoint_mg_dl, jnp.shape(reading)),
+        delivered_mU_min=jnp.asarray(delivered, float),
+        announced_carbs_g=jnp.zeros(jnp.shape(reading)),
+    )
+
+
+step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
+keys = jax.random.split(jax.random.key(7), PEOPLE)
+
+
+def loop(controller, key):
+    return simulate(PATIENT, controller, white_noise(), scenario=SCENARIO, key=key, integrator=Minutes())
+
+
+@pytest.fixture(scope="module", params=CONTROLLERS)
+def controller(request):
+    return CONTROLLERS[request.param]
+
+
+@pytest.fixture(scope="module")
+def alone(controller):
+    return [loop(controller, key) for key in keys]
+
+
+# ------------------------------------------------------------------------------------------- one, many, in real time
+
+
+def test_a_cohort_is_each_one_alone(controller, alone):
+    together = jax.vmap(lambda key: loop(controller, key))(keys)
+    for i, one in enumerate(alone):
+        for name in ("insulin_mU_min", "fine_glucose_mg_dl", "reading_mg_dl", "states"):
+            np.testing.assert_allclose(getattr(together, name)[i], getattr(one, name), rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(together.status[i], one.status)
+
+
+def test_stepping_in_real_time_is_the_simulation(controller, alone):
+    trace, pump, plant = alone[0], LimitedPump(), MinutePlant(patient=PATIENT)
+    advance, meal = jax.jit(plant.advance), SCENARIO.emptying()
+    x, delivered, in_pump, state = trace.states[0], trace.basal_insulin_mU_min, trace.basal_insulin_mU_min, None
+    for k in range(SAMPLES):
+        np.testing.assert_allclose(x, trace.states[k], rtol=1e-12, atol=1e-12)
+        # the noise is what the sensor added; everything else happens here again
+        reading = x[0] + (trace.reading_mg_dl[k] - trace.glucose_mg_dl[k])
+        seen = observe(reading, True, delivered)
+        state = controller.init(seen) if state is None else state
+        state, decision = step(controller, state, seen)
+        in_pump, delivered = pump.deliver(in_pump, decision.insulin_mU_min)
+        np.testing.assert_allclose(delivered, trace.insulin_mU_min[k], rtol=1e-12, atol=1e-12)
+        assert int(decision.status) == int(trace.status[k])
+        x, _ = advance(x, delivered, appearance_mg_min(5.0 * k, meal))
+
+
+def test_a_key_gives_one_trace_and_another_key_another(controller, alone):
+    jax.tree.map(np.testing.assert_array_equal, loop(controller, keys[0]), alone[0])
+    assert np.all(np.asarray(alone[0].reading_mg_dl) != np.asarray(alone[1].reading_mg_dl))
+
+
+def test_the_loop_is_worth_closing(controller, alone):
+    """A meal raises glucose less than without a controller; so what is compared above is at work."""
+    peak = float(alone[0].fine_glucose_mg_dl.max())
+    highest = float(loop(CONTROLLERS["open loop"], keys[0]).fine_glucose_mg_dl.max())
+    assert highest > float(PATIENT.setpoint_mg_dl) + 20.0
+    if controller is not CONTROLLERS["open loop"]:
+        assert peak < highest - 5.0
+        assert np.ptp(alone[0].insulin_mU_min) > 5.0
+
+
+# ------------------------------------------------------------------------------------------- any readings
+
+READING = st.tuples(
+    st.one_of(
+        st.floats(40.0, 400.0), st.floats(), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 1e9, 1e300, -1.7e308])
+    ),
+    st.booleans(),
+)
+ROWS = 16
+
+
+@jax.jit
+def follow(controller, readings, valid, start):
+    """Doses, decisions and states over a row of readings; people may trail."""
+
+    def sample(carry, entry):
+        state, delivered = carry
+        state, decision = controller.step(state, observe(*entry, delivered))
+        delivered = LimitedPump().deliver(delivered, decision.insulin_mU_min)[1]
+        return (state, delivered), (delivered, decision, state)
+
+    first = controller.init(observe(readings[0], valid[0], start))
+    return jax.lax.scan(sample, (first, start), (readings, valid))[1]
+
+
+@settings(max_examples=60)
+@given(st.lists(READING, min_size=ROWS, max_size=ROWS), st.floats(LEAST, MOST))
+def test_whatever_is_read_doses_keep_the_limits_and_states_stay_finite(controller, rows, start):
+    glucose, valid = np.array([g for g, _ in rows]), np.array([v for _, v in rows])
+    doses, decision, states = follow(controller, glucose, valid, jnp.asarray(start))
+    for rates in (np.asarray(doses), np.asarray(decision.insulin_mU_min)):
+        assert np.all((rates >= LEAST) & (rates <= MOST))
+    assert np.abs(np.diff(np.r_[start, doses])).max() <= CHANGE + 1e-12
+    for leaf in jax.tree.leaves(states):
+        assert np.all(np.isfinite(leaf))
+    status, missing = np.asarray(decision.status), ~valid | ~np.isfinite(glucose)
+    assert np.all(np.isin(status[missing], [Status.READING_MISSING, Status.NON_FINITE]))
+    assert np.all(status[~missing] != Status.READING_MISSING)
+
+
+@settings(max_examples=5)
+@given(st.lists(st.sampled_from([np.nan, np.inf, -np.inf]), min_size=ROWS // 2, max_size=ROWS // 2))
+def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonsense):
+    """At rest nothing is lost by not being read, so the answer to the next reading is the same."""
+    rest = float(PATIENT.setpoint_mg_dl)
+    ordinary = np.r_[rest + 2.0, rest + 4.0, np.full(6, rest + 3.0)]
+    readings = np.r_[rest, nonsense[1:], ordinary]
+    doses, decision, _ = follow(controller, readings, np.isfinite(readings), jnp.asarray(25.0))
+    whole = np.where(np.isfinite(readings), readings, rest)
+    expected, _, _ = follow(controller, whole, np.ones(ROWS, bool), jnp.asarray(25.0))
+    np.testing.assert_allclose(doses, expected, atol=1e-3)
+    assert np.all(np.isin(decision.status[-8:], [Status.OK, Status.SATURATED]))
+
+
+def test_people_may_trail(controller):
+    """All but NLQDMC/SE, which is one person's, serve a cohort without being mapped."""
+    if controller is CONTROLLERS["NLQDMC/SE"]:
+        assert controller.init(observe(np.full(PEOPLE, 90.0), np.ones(PEOPLE, bool), 25.0)).estimate.shape == (3,)
+        return
+    rng = np.random.default_rng(0)
+    readings, valid = rng.uniform(60.0, 200.0, (ROWS, PEOPLE)), rng.random((ROWS, PEOPLE)) < 0.8
+    start = np.array([20.0, 25.0, 40.0])
+    doses, decision, _ = follow(controller, readings, valid, jnp.asarray(start))
+    for i in range(PEOPLE):
+        one, alone, _ = follow(controller, readings[:, i], valid[:, i], jnp.asarray(start[i]))
+        np.testing.assert_allclose(doses[:, i], one, rtol=1e-12, atol=1e-11)
+        np.testing.assert_array_equal(decision.status[:, i], alone.status)
