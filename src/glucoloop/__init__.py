@@ -13,7 +13,17 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from glucoloop.control import MPCTuning, design_linear_mpc
+    from glucoloop.control import (
+        MPCTuning,
+        PIDTuning,
+        StateTuning,
+        design_imc,
+        design_linear_mpc,
+        design_mpc_se,
+        design_nlqdmc_se,
+        design_open_loop,
+        design_pid,
+    )
     from glucoloop.identification import identify_record, record_from_samples
     from glucoloop.meals import Meal, Scenario
     from glucoloop.metrics import summarise
@@ -21,7 +31,16 @@ if TYPE_CHECKING:
     from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
     from glucoloop.report import plot
     from glucoloop.sensors import dead_time, white_noise
-    from glucoloop.simulation import Adaptive, Exponential, excite, identify, simulate
+    from glucoloop.simulation import (
+        Adaptive,
+        Exponential,
+        excite,
+        fit_step,
+        identify,
+        linear_model,
+        nonlinear_model,
+        simulate,
+    )
 
 __version__ = "0.1.0"
 
@@ -36,15 +55,25 @@ _HOME = {
     "LimitedPump": "pumps",
     "MPCTuning": "control",
     "Meal": "meals",
+    "PIDTuning": "control",
     "Scenario": "meals",
+    "StateTuning": "control",
     "at_basal": "patients",
     "at_setpoint": "patients",
     "dead_time": "sensors",
+    "design_imc": "control",
     "design_linear_mpc": "control",
+    "design_mpc_se": "control",
+    "design_nlqdmc_se": "control",
+    "design_open_loop": "control",
+    "design_pid": "control",
     "dose_limits": "pumps",
     "excite": "simulation",
+    "fit_step": "simulation",
     "identify": "simulation",
     "identify_record": "identification",
+    "linear_model": "simulation",
+    "nonlinear_model": "simulation",
     "patient": "patients",
     "plot": "report",
     "record_from_samples": "identification",
@@ -60,15 +89,25 @@ __all__ = [
     "LimitedPump",
     "MPCTuning",
     "Meal",
+    "PIDTuning",
     "Scenario",
+    "StateTuning",
     "at_basal",
     "at_setpoint",
     "dead_time",
+    "design_imc",
     "design_linear_mpc",
+    "design_mpc_se",
+    "design_nlqdmc_se",
+    "design_open_loop",
+    "design_pid",
     "dose_limits",
     "excite",
+    "fit_step",
     "identify",
     "identify_record",
+    "linear_model",
+    "nonlinear_model",
     "patient",
     "plot",
     "record_from_samples",

@@ -14,6 +14,7 @@ from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, Study
 from glucoloop.papers.parker1999.published import UNSETTLED, Entry, published
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
+from glucoloop.trials.tuning import printed_tuning
 
 _CLOSE: Final = 0.1
 """A number within this part of the printed one agrees with it."""
@@ -169,10 +170,15 @@ def _model(study: Study) -> dict[str, Reproduced]:
 
 
 def _tuning(study: Study) -> dict[str, Reproduced]:
-    return {
-        f"tuning.{name}": Reproduced("yes" if surface.rank == 1 else f"no, number {surface.rank} of {surface.points}")
-        for name, surface in study.tuning.items()
-    }
+    found = {}
+    for name, surface in study.tuning.items():
+        rank = surface.rank_of(printed_tuning(study.operating_point, name))
+        if rank.rank is None:
+            told = f"no, it breaks a bound or oscillates; {rank.points} others do not"
+        else:
+            told = "yes" if rank.rank == 1 else f"no, number {rank.rank} of {rank.points}"
+        found[f"tuning.{name}"] = Reproduced(told)
+    return found
 
 
 def compare(studies: dict[str, Study]) -> list[Row]:

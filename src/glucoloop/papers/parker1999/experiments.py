@@ -20,6 +20,7 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import SorensenPatient, patient
 from glucoloop.sensors import Sensor, dead_time, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, simulate, validate_on
+from glucoloop.trials.tuning import TuningSurface, paper_tuning_surface
 
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -64,14 +65,6 @@ class ModelStudy:
 
 
 @dataclass(frozen=True)
-class Rank:
-    """Where a tuning stands among those of a search that keep the bounds and do not oscillate."""
-
-    rank: int
-    points: int
-
-
-@dataclass(frozen=True)
 class Study:
     """Everything measured at one operating point."""
 
@@ -85,8 +78,8 @@ class Study:
     """Table II, Fig. 4 and 6, by controller and dead time; "10M" is a known one of 10 min."""
     identified_anew: dict[str, Loops]
     """Linear MPC with known dead times, its models identified from delayed records."""
-    tuning: dict[str, Rank]
-    """Where the printed tuning stands in a search, by controller; empty if none was made."""
+    tuning: dict[str, TuningSurface]
+    """Searches about the printed tunings, by controller; empty if none was made."""
 
 
 @dataclass(frozen=True)
@@ -173,6 +166,16 @@ def _without_noise(person: SorensenPatient, operating_point: str, model: ModelSt
     return loops
 
 
+def _searches(
+    person: SorensenPatient, operating_point: str, model: ModelStudy, progress: Progress
+) -> dict[str, TuningSurface]:
+    surfaces = {}
+    for name in ("mpc", "mpc-se", "nlqdmc-se"):
+        surfaces[name] = paper_tuning_surface(person, operating_point, name, model=model.noise_free.model)
+        progress(f"{operating_point}: tunings of {name} searched")
+    return surfaces
+
+
 def study(
     operating_point: str,
     *,
@@ -238,5 +241,5 @@ def study(
         without_noise=without_noise,
         with_noise=with_noise,
         identified_anew=identified_anew,
-        tuning={},
+        tuning=_searches(person, operating_point, model, progress) if tunings else {},
     )
