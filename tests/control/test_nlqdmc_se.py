@@ -39,6 +39,11 @@ def controller(imagined):
     return design_nlqdmc_se(imagined, TUNING.process_noise(), TUNING.nlqdmc_se)
 
 
+@pytest.fixture(scope="module")
+def advance(imagined):
+    return jax.jit(imagined.advance)
+
+
 # ------------------------------------------------------------------------------------------- the paper
 
 
@@ -94,11 +99,10 @@ def by_hand(sorensen, advance, x, delivered, reading, tuning, Q):
 
 @pytest.mark.parametrize(("rest", "delivered", "surprise"), [(81.1, 27.0, 2.0), (120.0, 20.0, -3.0), (62.0, 24.0, 1.5)])
 def test_one_sample_is_that_of_an_independent_implementation(
-    patient_81, sorensen_by_hand, controller, rest, delivered, surprise
+    patient_81, sorensen_by_hand, controller, advance, rest, delivered, surprise
 ):
     """Away from the operating point, where neither the gain nor the step response is the one of the design."""
     x = np.asarray(patient_81.steady_state(patient_81.insulin_for(rest))) * (1.0 + 0.003 * np.cos(np.arange(19)))
-    advance = jax.jit(controller.model.advance)
     reading = float(advance(x, delivered)[2]) + surprise
     state = dataclasses.replace(controller.init(observe(81.1)), estimate=jnp.asarray(x))
     state, decision = step(controller, state, observe(reading, delivered))
