@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import typer
 
 import glucoloop
-from glucoloop.cli import compare, identify, reproduce, run
+from glucoloop.cli import compare, identify, reproduce, run, tune
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 
@@ -30,6 +30,7 @@ app = typer.Typer(
 app.command("run", help=run.HELP)(run.command)
 app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
+app.command("tune", help=tune.HELP)(tune.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
 
 

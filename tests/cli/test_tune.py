@@ -1,0 +1,102 @@
+"""``glucoloop tune``."""
+
+import polars as pl
+import pytest
+
+SHORT = ("--duration", 150)
+SMALL = ("--move-horizon", "1:2", "--prediction-horizon", "2,8")
+
+
+def test_point_is_the_run_of_the_same_options(glucoloop):
+    found = glucoloop("tune", *SMALL, *SHORT, "--dead-time", 5, "--known-dead-time", "--json").json
+    alone = glucoloop(
+        "run", "--move-horizon", 1, *SHORT, "--dead-time", 5, "--known-dead-time", "--json"
+    ).json  # p = 8 by default
+    surface = found["surface"]
+    point = list(zip(surface["move_horizon"], surface["prediction_horizon"], strict=True)).index((1, 8))
+    assert surface["sse"][point] == pytest.approx(alone["metrics"]["sse"], abs=1e-6)
+    assert found["config"]["controller"] == "mpc"
+    assert found["printed"]["prediction_horizon"] == 8
+
+
+def test_folder_repeats_the_search(glucoloop, tmp_path):
+    arguments = (*SMALL, "--move-weight", "0,1", "--top", 2, *SHORT)
+    first = glucoloop("tune", *arguments, "--out", "first")
+    assert first.code == 0
+    assert (
+        glucoloop("tune", "--config", "first/tune.toml", "--out", "second").out.replace("second", "first") == first.out
+    )
+    table = pl.read_parquet(tmp_path / "first/surface.parquet")
+    assert table.height == 8
+    assert {"move_weight", "sse", "feasible", "oscillates", "acceptable"} <= set(table.columns)
+    assert table.equals(pl.read_parquet(tmp_path / "second/surface.parquet"))
+    assert {file.name for file in (tmp_path / "first").iterdir()} == {
+        "SHA256SUMS", "model.json", "surface.csv", "surface.parquet", "surface.png", "surface.svg", "tune.json",
+        "tune.toml",
+    }  # fmt: skip
+
+
+def test_table_shows_where_the_printed_tuning_stands(glucoloop):
+    out = glucoloop("tune", "--move-horizon", "2:3", "--prediction-horizon", "4:5", "--top", 1).out
+    rows = [line.split() for line in out.splitlines() if line.strip() and line.split()[0].isdigit()]
+    assert [row[:3] for row in rows] == [["1", "3", "4"], ["5", "2", "8"]]
+    assert rows[-1][-1] == "printed"
+    assert "The printed tuning (2, 8, 1, 0) ranks 5 of 5" in out
+    assert "Of 5 tunings 0 break a constraint and 0 more oscillate; 5 are acceptable." in out
+
+
+def test_noise_gives_medians_over_seeds(glucoloop):
+    shared = ("--noise", 1.45, "--move-horizon", 2, "--prediction-horizon", 10, *SHORT, "--json")
+    found = glucoloop("tune", *shared, "--seeds", 1, "--seed", 4).json
+    alone = glucoloop("run", "--noise", 1.45, "--seed", 4, *SHORT, "--json").json
+    assert found["surface"]["output_weight"] == [3.0]
+    assert found["surface"]["sse"] == [pytest.approx(alone["metrics"]["sse"], abs=1e-6)]
+    assert glucoloop("tune", *shared, "--seeds", 3).json["config"]["seeds"] == 3
+
+
+def test_filters_of_a_controller_with_estimation(glucoloop):
+    found = glucoloop(
+        "tune", "--controller", "mpc-se", "--move-horizon", 2, "--prediction-horizon", 7,
+        "--reference-filter", ".3:.5:.1", "--operating-point", "nominal-22", *SHORT, "--json",
+    ).json  # fmt: skip
+    assert found["surface"]["reference_filter"] == [0.3, 0.4, 0.5, 0.65]
+    assert found["printed"]["reference_start"] == 0
+    assert found["model"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--move-horizon", "x"), "--move-horizon is 'x'; write it like 1:4"),
+        (("--move-horizon", "4:1"), "lower end first"),
+        (("--move-horizon", 9, "--prediction-horizon", "2:4"), "look farther ahead"),
+        (("--move-weight", "-1"), "move weight of -1"),
+        (("--reference-filter", ".5"), "no setting 'reference_filter'"),
+        (("--controller", "mpc-se", "--reference-filter", "1"), "less than 1"),
+        (("--controller", "pid"), "'pid' cannot be tuned"),
+        (("--controller", "mpv"), "did you mean 'mpc'"),
+        (("--seeds", 3), "without noise all are alike"),
+        (("--noise", 1, "--seeds", 0), "--seeds is 0"),
+        (("--top", 0), "--top is 0"),
+        (("--duration", 101), "whole number of samples"),
+        (("--prediction-horizon", "1:1000", "--move-horizon", "1:50"), "horizon of 289"),
+    ],
+)
+def test_refusals(refused, options, told):
+    assert told in refused("tune", *options)
+
+
+def test_ranges_of_a_file_may_be_numbers_or_lists(glucoloop, refused, tmp_path):
+    (tmp_path / "t.toml").write_text("move_horizon = 2\nprediction_horizon = [4, 8]\nduration_min = 100\n")
+    assert glucoloop("tune", "--config", "t.toml", "--json").json["surface"]["prediction_horizon"] == [4, 8]
+    (tmp_path / "t.toml").write_text("move_horizon = true\n")
+    assert "move_horizon is True" in refused("tune", "--config", "t.toml")
+
+
+def test_too_many_panels_leave_the_picture_out(glucoloop, tmp_path):
+    answer = glucoloop(
+        "tune", "--move-horizon", "1,2", "--prediction-horizon", "2,3", "--move-weight", "0:3.5:.5",
+        "--output-weight", "1,2", *SHORT, "--out", "o",
+    )  # fmt: skip
+    assert "No picture was drawn: the surface would need 16 panels" in answer.out
+    assert not (tmp_path / "o/surface.png").exists()
