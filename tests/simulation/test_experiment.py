@@ -204,3 +204,10 @@ def test_a_sequence_of_ones_own_amplitude(patient_81, found):
     np.testing.assert_allclose(jnp.unique(record.insulin_mU_min), [BASAL - 1.5, BASAL + 1.5], rtol=1e-9)
     with pytest.raises(ValueError, match=r"infusion of -0\.393943 mU/min cannot be delivered"):
         validate_on(patient_81, found.model, samples=72, amplitude_mU_min=26.0)
+
+
+@pytest.mark.parametrize("minutes", [0.0, -5.0, np.nan])
+def test_a_sample_time_that_is_not_possible_is_refused(patient_81, minutes):
+    for experiment in (identify, fit_step, lambda person, **time: excite(person, [25.0], **time)):
+        with pytest.raises(ValueError, match=r"[Ss]ample time .*(not possible|above 0)"):
+            experiment(patient_81, sample_time_min=minutes)

@@ -113,3 +113,9 @@ def test_a_point_without_a_model_is_refused(patient_81, arguments, sentence):
 def test_a_patient_that_the_integrator_cannot_carry_is_refused():
     with pytest.raises(TypeError, match="OpenLoop has no linear driven block; use the adaptive integrator for it"):
         nonlinear_model(design_open_loop())
+
+
+@pytest.mark.parametrize("minutes", [0.0, -5.0, np.nan, np.inf])
+def test_a_sample_time_that_is_not_possible_is_refused(patient_81, minutes):
+    with pytest.raises(ValueError, match=rf"sample time of {minutes:g} min is not possible; give a finite value above"):
+        nonlinear_model(patient_81, sample_time_min=minutes)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from glucoloop.control.tuning import check_sample_time
 from glucoloop.identification import (
     FirstOrderModel,
     Identification,
@@ -89,7 +90,7 @@ def excite(
     Raises
     ------
     ValueError
-        For a rate that is negative or not finite.
+        For a rate that is negative or not finite, or a sample time that is not positive.
     """
     rates = np.asarray(insulin_mU_min, float)
     if not np.all(np.isfinite(rates) & (rates >= 0.0)):
@@ -216,7 +217,13 @@ def fit_step(
     delay_min : float or None
         Dead time of the model; None fits it too.
     sample_time_min : float
+
+    Raises
+    ------
+    ValueError
+        For a step that cannot be delivered or fitted, or a sample time that is not positive.
     """
+    check_sample_time(sample_time_min)
     samples = round(horizon_min / sample_time_min)
     basal = float(patient.basal_insulin_mU_min)
     record = excite(patient, np.full(samples, basal + step_mU_min), sample_time_min=sample_time_min)

@@ -74,6 +74,8 @@ def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> Intern
     ------
     TypeError
         For a patient whom the exponential integrator cannot carry.
+    ValueError
+        For a sample time that is not positive.
     """
     fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
     plant, _ = Exponential().prepare(patient, fasting, SampleGrid(sample_time_min=sample_time_min, samples=1))

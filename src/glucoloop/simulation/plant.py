@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals.lehmann_deutsch import Emptying
 from glucoloop.patients.protocol import Patient
 
@@ -19,6 +20,9 @@ class SampleGrid:
 
     sample_time_min: float
     samples: int
+
+    def __post_init__(self) -> None:
+        check_sample_time(self.sample_time_min)
 
     @property
     def inside_min(self) -> npt.NDArray[np.float64]:
