@@ -35,11 +35,13 @@ HELP: Final = (
 TUNED: Final = ("mpc", "mpc-se", "nlqdmc-se")
 MOST_SEEDS: Final = 1000
 _GRID: Final = "Grid"
-_REFERENCE_FILTERS: Final = {"mpc-se": ".3:.8:.05", "nlqdmc-se": ".3:.5:.1,.57,.6:.8:.1"}
 _SUMMARIES: Final = {
     "move_horizon": ("Moves that are planned, m.", "1:4"),
     "prediction_horizon": ("Samples looked ahead, p; those below m are left out.", "1:14"),
-    "reference_filter": ("How slowly the reference approaches, φ_r.", "mpc-se: .3:.8:.05; nlqdmc-se: in steps of .1"),
+    "reference_filter": (
+        "How slowly the reference approaches, φ_r.",
+        "mpc-se: .3:.8:.05; nlqdmc-se: .3:.5:.1,.57,.7,.8",
+    ),
     "output_weight": ("Weight on the error of glucose, Γ_y; it matters beside Γ_u alone.", "the paper's"),
     "move_weight": ("Weight on each move of insulin, Γ_u.", "the paper's"),
 }
@@ -159,8 +161,10 @@ def _whole(value: object, name: str, least: int, most: int) -> int:
 
 
 def _default_ranges(run: Run) -> dict[str, str]:
+    from glucoloop.trials.tuning import REFERENCE_FILTERS
+
     weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
-    filters = _REFERENCE_FILTERS.get(run.case.controller)
+    filters = REFERENCE_FILTERS.get(run.case.controller)
     horizons = {key: _SUMMARIES[key][1] for key in ("move_horizon", "prediction_horizon")}
     return {**horizons, **weights, **({} if filters is None else {"reference_filter": filters})}
 

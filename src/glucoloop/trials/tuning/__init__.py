@@ -3,11 +3,17 @@
 from glucoloop.trials.tuning.designers import TUNABLE, Designer, designer, uses_reference_filter
 from glucoloop.trials.tuning.grid import parse_integers, parse_numbers, tuning_grid
 from glucoloop.trials.tuning.oscillation import Oscillation, oscillation
-from glucoloop.trials.tuning.paper import paper_tuning_rank, paper_tuning_surface, printed_tuning
+from glucoloop.trials.tuning.paper import (
+    REFERENCE_FILTERS,
+    paper_tuning_rank,
+    paper_tuning_surface,
+    printed_tuning,
+)
 from glucoloop.trials.tuning.search import search
 from glucoloop.trials.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 __all__ = [
+    "REFERENCE_FILTERS",
     "TUNABLE",
     "Designer",
     "Oscillation",
