@@ -10,6 +10,7 @@ from typing import Final
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
@@ -94,7 +95,7 @@ def plan_moves(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, 
     if not np.all(np.isfinite(S)):
         raise ValueError("the step response has a value that is not finite; identify the model again")
     p, m = tuning.prediction_horizon, tuning.move_horizon
-    A = np.asarray(dynamic_matrix(jnp.asarray(S), m, p))
+    A = scipy.linalg.toeplitz(S[:p], np.zeros(m))  # as `dynamic_matrix`, without compiling anything
     hessian = tuning.output_weight**2 * A.T @ A + tuning.move_weight**2 * np.eye(m)
     if not np.linalg.cond(hessian) < _WORST_CONDITION:
         raise ValueError(

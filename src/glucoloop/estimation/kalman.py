@@ -18,6 +18,7 @@ Riccati equations, Int. J. Control 77(8), 2004, 767-788 (the doubling algorithm)
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg  # type: ignore[import-untyped, unused-ignore]
@@ -420,11 +421,14 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
     if cohort:
         shape = jnp.broadcast_shapes(a.shape, g.shape, h.shape)
         a, g, h = (jnp.broadcast_to(m, shape) for m in (a, g, h))
-    for _ in range(doublings):
+
+    def double(_: int, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        a, g, h = carry
         both = jnp.linalg.solve(eye + g @ h, jnp.concatenate([a, g], axis=-1))
         ahead, gain = both[..., :n], both[..., n:]
         g = g + a @ gain @ transpose(a)
         h = h + transpose(a) @ h @ ahead
-        a = a @ ahead
-        g, h = 0.5 * (g + transpose(g)), 0.5 * (h + transpose(h))
+        return a @ ahead, 0.5 * (g + transpose(g)), 0.5 * (h + transpose(h))
+
+    _, _, h = jax.lax.fori_loop(0, doublings, double, (a, g, h))
     return jnp.moveaxis(h, 0, -1) if cohort else h

@@ -13,8 +13,11 @@ from glucoloop._pytree import pytree
 from glucoloop.patients import sorensen
 from glucoloop.patients.parameters.parker1999 import PARKER_1999
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.rest import infusion_for, rest_under
+from glucoloop.patients.rest import infusion_for, insulin_at_rest, rest_under
 from glucoloop.patients.sorensen import SorensenParameters
+
+_WORKING_INSULIN: Final = 1.35
+"""Times the basal rate: between rest and what a loop delivers while a meal is absorbed."""
 
 
 @pytree
@@ -69,6 +72,18 @@ class SorensenPatient:
     def join(self, y: jax.Array, z: jax.Array) -> jax.Array:
         """Glucose and regulation, and insulin, back to the state."""
         return sorensen.join(y, z)
+
+    def working_state(self) -> jax.Array:
+        """Basal glucose under more insulin than basal, with the effects that it has on the liver in time.
+
+        Errors of the integrator are largest while much insulin acts: linearising between rest and such states makes
+        the worst of them a quarter of what it is when linearising at rest.
+        """
+        x = self.steady_state(self.basal_insulin_mU_min)
+        insulin = insulin_at_rest(self.parameters, _WORKING_INSULIN * self.basal_insulin_mU_min)
+        on_production, on_uptake, *_ = sorensen.insulin_effects(self.parameters, insulin)
+        production, uptake = (sorensen.STATE_NAMES.index(name) for name in ("A_IHGP", "A_IHGU"))
+        return x.at[sorensen.INSULIN].set(insulin).at[production].set(on_production).at[uptake].set(on_uptake)
 
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Insulin balances `(7, ...)`."""

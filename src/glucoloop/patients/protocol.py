@@ -70,6 +70,10 @@ class SemilinearPatient(Patient, Protocol):
         """`(y, z)` back to the state."""
         ...
 
+    def working_state(self) -> jax.Array:
+        """State about which the slow block is linearised: amid those that a closed loop passes through."""
+        ...
+
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """z', linear in both arguments."""
         ...

@@ -48,7 +48,7 @@ def _root(balance: Callable[[jax.Array], jax.Array], low: jax.Array, high: jax.A
     return root
 
 
-def _insulin_at_rest(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
+def insulin_at_rest(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
     """Insulin state `(7, ...)` under a constant infusion: every organ in proportion to the heart."""
     exchange = p.peripheral_clearance * p.T_PI / p.V_PI
     K = 1.0 - p.F_KC
@@ -61,7 +61,7 @@ def _insulin_at_rest(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Ar
 
 def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> tuple[jax.Array, jax.Array]:
     """State in which everything but the liver is at rest, and the liver's balance in mg/min."""
-    insulin = _insulin_at_rest(p, insulin_mU_min)
+    insulin = insulin_at_rest(p, insulin_mU_min)
     A_IHGP, A_IHGU, on_periphery, on_glucagon = insulin_effects(p, insulin)
 
     G_H = G_K + renal_excretion(p, G_K) / p.q_K

@@ -3,9 +3,10 @@
 Over a step of length h the infusion is constant. The driven block (insulin) is propagated by its matrix exponential.
 Its effects on the slow block are taken at three Gauss nodes of its path, that path first being projected on quadratics,
 so that each effect enters as a quadratic in time with the right moments, however fast insulin moves within the step.
-The meal enters as the quadratic with its exact moments. The slow block is linearised at the patient's basal state, its
-linear part is propagated exactly, and what is left, which is small near that state, is treated by the fourth-order
-exponential Runge-Kutta method of Krogstad (2005). Between samples the same quadratics give the glucose at any moment.
+The meal enters as the quadratic with its exact moments. The slow block is linearised at the patient's working
+state, its linear part is propagated exactly, and what is left, which is small near that state, is treated by the
+fourth-order exponential Runge-Kutta method of Krogstad (2005). Between samples the same quadratics give the glucose at
+any moment.
 
 References
 ----------
@@ -116,8 +117,7 @@ def design(patient: SemilinearPatient, step_min: float, dense_times_min: Sequenc
     dense_times_min : sequence of (times,) arrays
         For each substep of a sample, the moments inside it, counted from its start, at which glucose is wanted.
     """
-    basal = patient.steady_state(patient.basal_insulin_mU_min)
-    L, A, b, row = (np.asarray(part) for part in _linearisation(patient, basal))
+    L, A, b, row = (np.asarray(part) for part in _linearisation(patient, patient.working_state()))
     return _design(_Hashed(L), _Hashed(A), _Hashed(b), _Hashed(row), step_min, tuple(map(_Hashed, dense_times_min)))
 
 
