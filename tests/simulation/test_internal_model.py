@@ -53,7 +53,7 @@ def imagined(patient_81):
 
 
 def test_the_nonlinear_model_follows_an_adaptive_integrator(imagined, sorensen_by_hand):
-    """Four hours of changes as large as the pump makes in a sample; the error of its one step falls with them."""
+    """Four hours of changes as large as the pump makes in a sample; the error of its one step is of their square."""
     follow = jax.jit(
         lambda rates: jax.lax.scan(lambda x, u: (imagined.advance(x, u),) * 2, imagined.state, rates)[1][:, 2]
     )
@@ -68,8 +68,8 @@ def test_the_nonlinear_model_follows_an_adaptive_integrator(imagined, sorensen_b
             expected.append(x[2])
         assert np.ptp(expected) > 2.0 * change
         errors[change] = np.abs(follow(jnp.asarray(rates)) - np.array(expected)).max()
-        assert errors[change] < 1e-4 * np.ptp(expected)
-    assert errors[4.175] < errors[8.35] / 1.9
+    assert errors[8.35] < 1e-3
+    assert errors[4.175] < errors[8.35] / 3.5
 
 
 def test_the_nonlinear_model_is_the_fasting_patient(imagined, patient_81, sorensen_by_hand):
@@ -91,7 +91,7 @@ def test_both_models_agree_on_small_changes(imagined, patient_81):
 def test_the_sample_time_is_that_of_the_model(patient_81, imagined):
     longer = nonlinear_model(patient_81, sample_time_min=10.0)
     twice = imagined.advance(imagined.advance(imagined.state, jnp.asarray(30.0)), jnp.asarray(30.0))
-    np.testing.assert_allclose(longer.advance(longer.state, jnp.asarray(30.0)), twice, rtol=1e-4)
+    np.testing.assert_allclose(longer.advance(longer.state, jnp.asarray(30.0)), twice, atol=1e-3)
     assert (longer.sample_time_min, imagined.sample_time_min) == (10.0, 5.0)
 
 

@@ -71,13 +71,13 @@ def close_the_loop(run: Run) -> Outcome:
         announced=situation.announce_meals,
     )
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
-    model = _model(run, person)
-    controller = _controller(run, person, model, limits, known_samples)
+    model = model_for(run, person)
+    controller = controller_for(run, person, model, limits, known_samples)
     trace = simulate(
         person,
         controller,
         sensor(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples),
-        _pump(situation, limits),
+        pump_for(situation, limits),
         scenario,
         situation.seed,
         integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
@@ -88,7 +88,7 @@ def close_the_loop(run: Run) -> Outcome:
         trace=trace,
         metrics=summarise(trace, limits),
         limits=limits,
-        notes=tuple(_notes(run, model)),
+        notes=tuple(notes_on(run, model)),
     )
 
 
@@ -106,13 +106,14 @@ def record_key(seed: int) -> jax.Array:
     return key
 
 
-def _pump(situation: Situation, limits: DoseLimits) -> Pump:
+def pump_for(situation: Situation, limits: DoseLimits) -> Pump:
+    """The pump of a situation."""
     pump = LimitedPump(limits=limits)
     step = situation.pump_resolution_mU_min
     return pump if step is None else with_resolution(step, pump)
 
 
-def _model(run: Run, person: SorensenPatient) -> ModelFile | None:
+def model_for(run: Run, person: SorensenPatient) -> ModelFile | None:
     """The model that the controller is designed on, before it is told of a dead time."""
     situation, case = run.situation, run.case
     if not controller_entry(case.controller).uses_model:
@@ -165,9 +166,10 @@ def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
     return model
 
 
-def _controller(
+def controller_for(
     run: Run, person: SorensenPatient, model: ModelFile | None, limits: DoseLimits, known_samples: int
 ) -> Controller:
+    """The controller of a case, told of as much dead time as it is to know."""
     told = None
     if model is not None:
         told = model.step_response_model()
@@ -187,7 +189,8 @@ def _controller(
     return controller
 
 
-def _notes(run: Run, model: ModelFile | None) -> Iterator[str]:
+def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
+    """How the model came about, and what else is worth knowing; one sentence each."""
     situation, case = run.situation, run.case
     if model is not None:
         gain = f"gain {model.step_response[-1]:.4g} mg/dl per mU/min"

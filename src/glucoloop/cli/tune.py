@@ -202,13 +202,13 @@ def _search(asked: _Asked) -> _Found:
     )
     known_samples = situation.dead_time_samples if run.case.known_dead_time else 0
     with stage("Identifying"):
-        model = closed_loop._model(run, person)
+        model = closed_loop.model_for(run, person)
 
     def design(tuning: MPCTuning) -> Any:
         settings = {**run.case.tuning, **dataclasses.asdict(tuning)}
         settings = {key: value for key, value in settings.items() if key in run.case.tuning}
         tuned = dataclasses.replace(run, case=run.case.model_copy(update={"tuning": settings}))
-        return closed_loop._controller(tuned, person, model, limits, known_samples)
+        return closed_loop.controller_for(tuned, person, model, limits, known_samples)
 
     printed = printed_tuning(situation.operating_point, run.case.controller, noisy=situation.noisy)
     grid = [*asked.grid] if printed in asked.grid else [*asked.grid, printed]
@@ -229,12 +229,12 @@ def _search(asked: _Asked) -> _Found:
             sensor=closed_loop.sensor(noise, bound, late),
             quiet_sensor=closed_loop.sensor(0.0, bound, late) if situation.noisy else None,
             seeds=range(situation.seed, situation.seed + asked.seeds),
-            pump=closed_loop._pump(situation, limits),
+            pump=closed_loop.pump_for(situation, limits),
             limits=limits,
             integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
             progress=lambda done, total: progress(f"{done} of {total} runs"),
         )
-    notes = (*closed_loop._notes(run, model), *_notes(asked, surface))
+    notes = (*closed_loop.notes_on(run, model), *_notes(asked, surface))
     return _Found(surface=surface, printed=surface.rank_of(printed), model=model, notes=notes)
 
 

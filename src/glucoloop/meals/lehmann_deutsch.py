@@ -25,8 +25,9 @@ PLATEAU_MG_MIN: Final = 360.0
 RAMP_MIN: Final = 30.0
 GUT_TIME_CONSTANT_MIN: Final = 60.0
 
-# Nodes and weights on [0, 1]; the appearance is smooth between kinks on the scale of an hour, so four suffice.
-_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(4)[1] / 2.0
+# Nodes and weights on [0, 1]; the appearance is smooth between kinks on the scale of an hour, so six are exact to
+# rounding over a quarter of an hour.
+_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(6)[1] / 2.0
 
 
 @pytree

@@ -86,8 +86,8 @@ def minimise_two_moves(
     Returns
     -------
     (2,) or (2, B)
-        The moves, finite and within the limits for whatever `H` and `f`: if these are not finite the moves are zero. A
-        singular `H` gives one of the minimisers.
+        The moves, finite and within the limits for whatever `H` and `f`; where these are not numbers the moves are
+        zero. A singular `H` gives one of the minimisers.
 
     Notes
     -----

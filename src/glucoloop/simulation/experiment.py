@@ -97,7 +97,7 @@ def excite(
         worst = rates[~(np.isfinite(rates) & (rates >= 0.0))].flat[0]
         raise ValueError(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
     if integrator is None:
-        integrator = Exponential(substeps=8) if isinstance(patient, SemilinearPatient) else Adaptive()
+        integrator = Exponential(substeps=8, near_rest=True) if isinstance(patient, SemilinearPatient) else Adaptive()
     key = jax.random.key(key) if isinstance(key, int) else key
     fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
     grid = SampleGrid(sample_time_min=sample_time_min, samples=rates.size)

@@ -105,7 +105,9 @@ def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array,
     return L, A, b, row
 
 
-def design(patient: SemilinearPatient, step_min: float, dense_times_min: Sequence[Matrix]) -> Matrices:
+def design(
+    patient: SemilinearPatient, step_min: float, dense_times_min: Sequence[Matrix], state: jax.Array
+) -> Matrices:
     """Matrices of one step.
 
     Parameters
@@ -116,8 +118,10 @@ def design(patient: SemilinearPatient, step_min: float, dense_times_min: Sequenc
         Length of the step.
     dense_times_min : sequence of (times,) arrays
         For each substep of a sample, the moments inside it, counted from its start, at which glucose is wanted.
+    state : (states,) array
+        Where the slow block is linearised.
     """
-    L, A, b, row = (np.asarray(part) for part in _linearisation(patient, patient.working_state()))
+    L, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
     return _design(_Hashed(L), _Hashed(A), _Hashed(b), _Hashed(row), step_min, tuple(map(_Hashed, dense_times_min)))
 
 
@@ -246,9 +250,13 @@ class Exponential:
     ----------
     substeps : int
         Steps per sample.
+    near_rest : bool
+        Linearise at the basal state instead of the working state: better for a patient who fasts and stays near it,
+        since the error is then of the square of what he departs from it.
     """
 
     substeps: int = 1
+    near_rest: bool = False
 
     def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[ExponentialPlant, jax.Array]:
         """Matrices for the patient, and the meal's moments `(samples, substeps, 3, ...)`.
@@ -264,7 +272,9 @@ class Exponential:
         index = np.minimum((grid.inside_min / h - 1e-9).astype(int), self.substeps - 1)
         dense = [grid.inside_min[index == i] - i * h for i in range(self.substeps)]
         starts = jnp.arange(grid.samples * self.substeps).reshape(grid.samples, self.substeps) * h
-        return ExponentialPlant(patient=patient, matrices=design(patient, h, dense)), _moments(starts, h, kinks)
+        state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
+        plant = ExponentialPlant(patient=patient, matrices=design(patient, h, dense, state))
+        return plant, _moments(starts, h, kinks)
 
 
 @jax.jit

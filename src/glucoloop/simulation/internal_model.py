@@ -78,7 +78,9 @@ def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> Intern
         For a sample time that is not positive.
     """
     fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
-    plant, _ = Exponential().prepare(patient, fasting, SampleGrid(sample_time_min=sample_time_min, samples=1))
+    plant, _ = Exponential(near_rest=True).prepare(
+        patient, fasting, SampleGrid(sample_time_min=sample_time_min, samples=1)
+    )
     insulin = patient.basal_insulin_mU_min
     return InternalModel(
         plant=plant, state=patient.steady_state(insulin), insulin_mU_min=insulin, sample_time_min=sample_time_min
