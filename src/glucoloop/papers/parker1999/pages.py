@@ -226,12 +226,13 @@ _PAGE: Final = Template("""<!doctype html>
 <title>$title</title>
 <style>
 :root { color-scheme: light dark; --line: #8886; --yes: #00855b; --no: #c04a00; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; }
+body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem; }
 h1 { font-size: 1.6rem; } h2 { font-size: 1.15rem; margin-top: 2.5rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .82rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--line); }
-td { min-width: 3.5rem; } td:nth-child(4) { min-width: 9rem; } .long { min-width: 16rem; }
+td { min-width: 3.5rem; } td:nth-child(4), td:nth-child(5), td:nth-child(8) { min-width: 9rem; }
+.long { min-width: 16rem; }
 .yes { color: var(--yes); } .no { color: var(--no); font-weight: 600; }
 figure { margin: 2rem 0; background: white; color: black; padding: 1rem; border-radius: .4rem; max-width: 46rem; }
 figure svg { width: 100%; height: auto; }
