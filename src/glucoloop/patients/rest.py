@@ -80,10 +80,15 @@ def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> 
     return jnp.concatenate([glucose, insulin, jnp.stack([A_IHGP, A_IHGU, N, A_NHGP])]), balance
 
 
+def _people(p: SorensenParameters, given: jax.Array) -> tuple[int, ...]:
+    """Shape of the people: whatever constants vary among them."""
+    return jnp.broadcast_shapes(jnp.shape(given), *(jnp.shape(constant) for constant in jax.tree.leaves(p)))
+
+
 @jax.jit
 def rest_under(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
     """State at rest `(19, ...)` under a constant infusion `(...)`; glucose may come out below zero."""
-    shape = jnp.broadcast_shapes(jnp.shape(insulin_mU_min), jnp.shape(p.q_B), jnp.shape(p.F_LC))
+    shape = _people(p, insulin_mU_min)
     insulin_mU_min = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape)
     low, high = (jnp.full(shape, bound) for bound in _KIDNEY_GLUCOSE_MG_DL)
     G_K = _root(lambda G_K: _state(p, G_K, insulin_mU_min)[1], low, high)
@@ -93,7 +98,17 @@ def rest_under(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
 @jax.jit
 def infusion_for(p: SorensenParameters, glucose_mg_dl: jax.Array) -> jax.Array:
     """Constant infusion `(...)` in mU/min under which arterial glucose rests at the given value, or NaN."""
-    shape = jnp.broadcast_shapes(jnp.shape(glucose_mg_dl), jnp.shape(p.q_B), jnp.shape(p.F_LC))
+    infusion: jax.Array = rest_at(p, glucose_mg_dl)[0]
+    return infusion
+
+
+@jax.jit
+def rest_at(p: SorensenParameters, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Constant infusion `(...)` under which arterial glucose rests at the given value, and the state `(19, ...)` there.
+
+    Both are NaN where no infusion from 0 to 1000 mU/min does; some glucose of the state may come out below zero.
+    """
+    shape = _people(p, glucose_mg_dl)
     G_H = jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), shape)
     low, high = (jnp.full(shape, bound) for bound in _KIDNEY_GLUCOSE_MG_DL)
     G_K = _root(lambda G_K: G_H - G_K - renal_excretion(p, G_K) / p.q_K, low, high)
@@ -104,4 +119,5 @@ def infusion_for(p: SorensenParameters, glucose_mg_dl: jax.Array) -> jax.Array:
 
     # glucose at rest without insulin is solvable too, though its balance may come out a hair below zero
     solvable = (balance(low) >= -_ROUNDING_MG_MIN) & (balance(high) <= 0.0)
-    return jnp.where(solvable, jnp.maximum(_root(balance, low, high), 0.0), jnp.nan)
+    infusion = jnp.where(solvable, jnp.maximum(_root(balance, low, high), 0.0), jnp.nan)
+    return infusion, _state(p, G_K, infusion)[0] + 0.0 * infusion

@@ -1,0 +1,115 @@
+"""A population as a table in a file: ``[[vary]]`` for each parameter that varies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import BaseModel
+
+from glucoloop.config.run import STRICT, checked
+from glucoloop.config.toml import read_toml
+from glucoloop.patients.population import PRESETS, Population
+from glucoloop.patients.population import population as preset
+from glucoloop.patients.variation import Variation
+from glucoloop.trials.catalogue import known_names
+
+VARY_KEY: Final = "vary"
+"""Of the tables in a file: ``[[vary]]``."""
+
+
+class Vary(BaseModel):
+    """One parameter that varies, as it stands in a file."""
+
+    model_config = STRICT
+
+    parameter: str
+    distribution: Literal["uniform", "normal", "lognormal"]
+    spread_pct: float | None = None
+    spread: float | None = None
+    centre: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+
+
+class _Named(BaseModel):
+    """What a population's file holds beside its table."""
+
+    model_config = STRICT
+
+    name: str | None = None
+    summary: str = ""
+
+
+def read_population(keys: Mapping[str, object], name: str = "custom") -> Population:
+    """Population from the keys of a file.
+
+    Parameters
+    ----------
+    keys : mapping
+        ``name`` and ``summary``, which may be left out, and ``vary``, a list of tables.
+    name : str
+        What it is called unless the keys tell.
+
+    Raises
+    ------
+    ValueError
+        For an unknown key, a value of the wrong type or out of bounds, or a table that can make a person who cannot be.
+    """
+    known = (*_Named.model_fields, VARY_KEY)
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"unknown key {key!r} of a population; {known_names(key, known)}")
+    named = checked(_Named, {key: value for key, value in keys.items() if key != VARY_KEY})
+    tables = keys.get(VARY_KEY, [])
+    if not isinstance(tables, list | tuple) or not all(isinstance(table, Mapping) for table in tables):
+        raise ValueError(f"{VARY_KEY} is {tables!r}; give a table for each parameter, under [[{VARY_KEY}]]")
+    variations = tuple(_read_variation(number, table) for number, table in enumerate(tables, 1))
+    return Population(named.name or name, variations, named.summary)
+
+
+def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
+    try:
+        for key in table:
+            if key not in Vary.model_fields:
+                raise ValueError(f"unknown key {key!r}; {known_names(key, Vary.model_fields)}")
+        return Variation(**checked(Vary, table).model_dump())
+    except ValueError as error:
+        raise ValueError(f"[[{VARY_KEY}]] number {number}: {error}") from None
+
+
+def population_keys(population: Population) -> dict[str, object]:
+    """The keys from which the same population is read."""
+    tables = [
+        {key: value for key, value in vars(variation).items() if value is not None}
+        for variation in population.variations
+    ]
+    return {"name": population.name, "summary": population.summary, VARY_KEY: tables}
+
+
+def named_population(text: str) -> Population:
+    """Population by the name of a preset, or from a file whose name ends in ``.toml``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or a file that cannot be read as a population.
+    """
+    path = Path(text)
+    if path.suffix != ".toml":
+        if text not in PRESETS:
+            raise ValueError(
+                f"unknown population {text!r}; {known_names(text, PRESETS)}, or give a file like people.toml"
+            )
+        return preset(text)
+    try:
+        keys, _ = read_toml(path.read_text(encoding="utf-8"), text)
+    except OSError as error:
+        raise ValueError(f"{text} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{text} is not TOML: it is not text in UTF-8") from None
+    try:
+        return read_population(keys, path.stem)
+    except ValueError as error:
+        raise ValueError(f"{text}: {error}") from None

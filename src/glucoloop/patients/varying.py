@@ -1,0 +1,149 @@
+"""What can vary from person to person, within which bounds, and the constants of whom it makes.
+
+Varied are the constants of the patient by name; the strength of an effect, the factor on the whole of it; and body
+weight. Blood is conserved: the flow through the liver is what its artery and the gut bring, so it follows from them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+from glucoloop.patients.body_weight import REFERENCE_WEIGHT_KG, scaled_to_weight
+from glucoloop.patients.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.sorensen import Sigmoid, SorensenParameters
+from glucoloop.patients.variation import Distribution
+
+WEIGHT: Final = "weight_kg"
+STRENGTH: Final = "strength"
+
+_EFFECTS: Final = tuple(
+    field.name
+    for field in dataclasses.fields(PARKER_1999)
+    if field.name.startswith("M_") and isinstance(getattr(PARKER_1999, field.name), Sigmoid)
+)
+_FOLLOWS: Final = {"q_L": ("q_A", "q_G"), "Q_L": ("Q_A", "Q_G")}
+_FRACTIONS: Final = ("F_LC", "F_KC", "F_PC")
+_FREE_PARTS: Final = ("offset", "scale", "inflection")
+
+NOMINAL: Final[dict[str, float]] = {
+    **{constant.name: constant.value for constant in CONSTANTS if constant.name not in _FOLLOWS},
+    **{f"{effect}.{STRENGTH}": 1.0 for effect in _EFFECTS},
+    WEIGHT: REFERENCE_WEIGHT_KG,
+}
+"""Everything that can vary, with the value of the nominal patient."""
+
+
+def refuse_unknown(parameter: str) -> None:
+    """Refuse a name that nothing has which can vary."""
+    if parameter in NOMINAL:
+        return
+    if parameter in _FOLLOWS:
+        raise ValueError(f"{parameter} follows from {' and '.join(_FOLLOWS[parameter])}; vary these instead")
+    close = difflib.get_close_matches(parameter, NOMINAL, n=1)
+    meant = f"did you mean {close[0]!r}? " if close else ""
+    raise ValueError(
+        f"unknown parameter {parameter!r}; {meant}the known ones are the constants of the patient, such as F_LC or "
+        f"M_IHGP.inflection, the strength of an effect, such as M_IHGP.{STRENGTH}, and {WEIGHT}"
+    )
+
+
+def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
+    """Refuse distributions that can make a person who cannot be.
+
+    Raises
+    ------
+    ValueError
+        Where a fraction can leave 0 to 1, a quantity that must be positive can be 0 or less, insulin can be cleared
+        from the periphery faster than it comes there, or an effect can change its sign.
+    """
+    for name, distribution in varied.items():
+        lowest, highest = _possible(name)
+        if not (lowest < distribution.lower and distribution.upper < highest):
+            bound = f"above {lowest:g}" + (f" and below {highest:g}" if math.isfinite(highest) else "")
+            raise ValueError(
+                f"{name} can vary from {distribution.lower:g} to {distribution.upper:g} but must stay {bound}; "
+                "narrow its spread, or give lower and upper"
+            )
+    _refuse_no_clearance(varied)
+    for effect in (*_EFFECTS, "excretion"):
+        _refuse_change_of_sign(effect, varied)
+
+
+def _possible(name: str) -> tuple[float, float]:
+    """Bounds of a parameter, themselves excluded."""
+    if name in _FRACTIONS:
+        return 0.0, 1.0
+    if name == "excretion_offset" or name.partition(".")[2] in _FREE_PARTS:
+        return -math.inf, math.inf
+    return 0.0, math.inf
+
+
+def _reach(name: str, varied: Mapping[str, Distribution]) -> tuple[float, float]:
+    """Least and largest value of a parameter, varied or not."""
+    if name in varied:
+        return varied[name].lower, varied[name].upper
+    return NOMINAL[name], NOMINAL[name]
+
+
+def _refuse_no_clearance(varied: Mapping[str, Distribution]) -> None:
+    """Interstitial clearance is 1 / ((1 - F_PC) / (F_PC Q_P) - T_PI / V_PI), which must stay positive."""
+    most = {name: _reach(name, varied)[1] for name in ("F_PC", "Q_P", "T_PI")}
+    allowed = 1.0 / (1.0 + most["Q_P"] * most["T_PI"] / _reach("V_PI", varied)[0])
+    if not most["F_PC"] < allowed:
+        who = next(name for name in ("F_PC", "Q_P", "T_PI", "V_PI") if name in varied)
+        raise ValueError(
+            f"F_PC can be {most['F_PC']:g}, but with these flows and volumes no insulin would be left in the periphery "
+            f"from {allowed:.4g} on; narrow the spread of {who}"
+        )
+
+
+def _refuse_change_of_sign(effect: str, varied: Mapping[str, Distribution]) -> None:
+    """An effect whose offset is at least its scale is never negative, and must stay so."""
+    offset, scale = f"{effect}.offset", f"{effect}.scale"
+    if NOMINAL[offset] < abs(NOMINAL[scale]) or not (offset in varied or scale in varied):
+        return
+    least, most = _reach(offset, varied)[0], max(abs(value) for value in _reach(scale, varied))
+    if least < most:
+        raise ValueError(
+            f"{effect} would change its sign: its scale can be {most:g} and its offset {least:g}; "
+            + (f"vary {effect}.{STRENGTH} instead" if effect in _EFFECTS else "vary excretion_clearance instead")
+        )
+
+
+def with_values(values: Mapping[str, Any]) -> SorensenParameters:
+    """Constants of the person, or the people, who have these values and are nominal otherwise.
+
+    Parameters
+    ----------
+    values : mapping
+        Of names in `NOMINAL`: floats or arrays ``(people,)``. Volumes and flows are those at 70 kg.
+
+    Returns
+    -------
+    SorensenParameters
+        With an array wherever something varies.
+    """
+    constants: dict[str, Any] = {}
+    for name, value in values.items():
+        field, dot, part = name.partition(".")
+        if not dot and name != WEIGHT:
+            constants[field] = value
+        elif dot and part != STRENGTH:
+            constants[field] = dataclasses.replace(constants.get(field, getattr(PARKER_1999, field)), **{part: value})
+    for effect in _EFFECTS:
+        strength = values.get(f"{effect}.{STRENGTH}")
+        if strength is not None:
+            effective: Sigmoid = constants.get(effect, getattr(PARKER_1999, effect))
+            constants[effect] = dataclasses.replace(
+                effective, offset=effective.offset * strength, scale=effective.scale * strength
+            )
+    for flow, inflows in _FOLLOWS.items():
+        if any(inflow in values for inflow in inflows):
+            artery, gut = (values.get(inflow, NOMINAL[inflow]) for inflow in inflows)
+            constants[flow] = artery + gut
+    p = dataclasses.replace(PARKER_1999, **constants)
+    return scaled_to_weight(p, values[WEIGHT]) if WEIGHT in values else p

@@ -1,0 +1,105 @@
+"""Counter-based random numbers: a value is a function of a seed, a name and two counters, and of nothing else.
+
+So the numbers of one person do not depend on who else is drawn, in which order, or where. Everything is integer
+arithmetic on the host, the same on every machine.
+
+References
+----------
+J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, "Parallel random numbers: as easy as 1, 2, 3", Proc. SC11, 2011
+(Threefry-2x32 of 20 rounds, which is also JAX's own).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+LARGEST_COUNTER: Final = 2**32 - 1
+"""Of a seed, a person or an index."""
+
+Words = npt.NDArray[np.uint32]
+
+_PARITY: Final = 0x1BD11BDA
+_ROTATIONS: Final = ((13, 15, 26, 6), (17, 29, 16, 24))
+_BLOCK: Final = 1 << 14  # numbers at a time, which stay in the cache
+
+
+def threefry_2x32(key: tuple[int, int], first: Words, second: Words) -> tuple[Words, Words]:
+    """Encrypt two words of counters ``(n,)`` with a key of two words."""
+    keys = (key[0], key[1], key[0] ^ key[1] ^ _PARITY)
+    x, y = first + np.uint32(keys[0]), second + np.uint32(keys[1])
+    for group in range(5):
+        for rotation in _ROTATIONS[group % 2]:
+            x += y
+            y = (y << np.uint32(rotation)) | (y >> np.uint32(32 - rotation))
+            y ^= x
+        x += np.uint32(keys[(group + 1) % 3])
+        y += np.uint32((keys[(group + 2) % 3] + group + 1) & LARGEST_COUNTER)
+    return x, y
+
+
+def name_word(name: str) -> int:
+    """32 bits that stand for a name, the same everywhere."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
+
+
+def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt.NDArray[np.float64]:
+    """Uniform numbers between 0 and 1, both excluded.
+
+    Parameters
+    ----------
+    seed : int
+        From 0 to 2**32 - 1.
+    name : str
+        What is drawn; different names have independent numbers.
+    person : (n,) array of int
+        From 0 to 2**32 - 1 each.
+    index : int
+        Which of the numbers of that name.
+
+    Returns
+    -------
+    (n,) array
+        Multiples of 2**-53.
+
+    Raises
+    ------
+    ValueError
+        For a seed, a person or an index that is not a whole number from 0 to 2**32 - 1.
+    """
+    checked_counter("seed", seed)
+    checked_counter("index", index)
+    people = checked_people(person)
+    key = (seed, name_word(name))
+    drawn = np.empty(people.shape)
+    for start in range(0, people.size, _BLOCK):
+        block = slice(start, start + _BLOCK)
+        words = people[block].astype(np.uint32)
+        high, low = threefry_2x32(key, words, np.full_like(words, index))
+        # 52 bits and a half: exact in float64, and never 0 or 1
+        bits = (high.astype(np.uint64) << np.uint64(20)) | (low.astype(np.uint64) >> np.uint64(12))
+        drawn[block] = (bits.astype(np.float64) + 0.5) * 2.0**-52
+    return drawn
+
+
+def checked_counter(what: str, value: int) -> int:
+    """The value, if it is a whole number from 0 to 2**32 - 1."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value <= LARGEST_COUNTER:
+        raise ValueError(f"{what} is {value!r}; give a whole number from 0 to {LARGEST_COUNTER}")
+    return int(value)
+
+
+def checked_people(person: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Numbers of persons ``(n,)``, if all are whole numbers from 0 to 2**32 - 1."""
+    people = np.asarray(person)
+    if people.ndim != 1:
+        raise ValueError(f"persons of shape {people.shape} are not possible; give their numbers in one row")
+    if people.size and people.dtype.kind not in "iu":
+        raise ValueError(f"persons are {people.dtype} numbers; give whole numbers from 0 to {LARGEST_COUNTER}")
+    if people.size and not (people.min() >= 0 and people.max() <= LARGEST_COUNTER):
+        worst = people.min() if people.min() < 0 else people.max()
+        raise ValueError(f"person {worst} does not exist; give whole numbers from 0 to {LARGEST_COUNTER}")
+    return people.astype(np.int64)
