@@ -1,0 +1,165 @@
+"""What people eat: the meals of a day, the days, and by how much meals differ from person to person and day to day."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.meals.scenario import LARGEST_MEAL_G, LONGEST_HORIZON_MIN, Meal
+from glucoloop.threefry import checked_counter, checked_people, uniforms
+from glucoloop.units import MIN_PER_DAY
+
+MOST_DAYS: Final = 366
+MOST_MEALS_A_DAY: Final = 100
+_DAY: Final = 1 << 16  # between the random numbers of one day and of the next
+
+Values = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MealPlan:
+    """Meals of a day, repeated daily, with their variation.
+
+    Parameters
+    ----------
+    meals : iterable of Meal
+        Of one day; times from its start.
+    days : int
+        How often the day is repeated.
+    size_spread_pct : float
+        Carbohydrate is uniform within this percentage of each meal's own, drawn anew for every person and meal.
+    time_spread_min : float
+        So is its time, within these minutes.
+    horizon_min : float, optional
+        Length of the run; the days by default. A run of one day may be shorter or longer than 24 h.
+
+    Raises
+    ------
+    ValueError
+        For days, spreads or a horizon out of bounds, or a meal that can be too large, or begin before its day or
+        after the end of it or of the run.
+    """
+
+    meals: tuple[Meal, ...]
+    days: int
+    size_spread_pct: float
+    time_spread_min: float
+    horizon_min: float
+
+    def __init__(
+        self,
+        meals: Iterable[Meal],
+        days: int = 1,
+        *,
+        size_spread_pct: float = 0.0,
+        time_spread_min: float = 0.0,
+        horizon_min: float | None = None,
+    ) -> None:
+        if isinstance(days, bool) or not isinstance(days, int) or not 1 <= days <= MOST_DAYS:
+            raise ValueError(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
+        whole = days * MIN_PER_DAY
+        object.__setattr__(self, "meals", tuple(sorted(meals, key=lambda meal: meal.t_min)))
+        object.__setattr__(self, "days", days)
+        object.__setattr__(self, "size_spread_pct", float(size_spread_pct))
+        object.__setattr__(self, "time_spread_min", float(time_spread_min))
+        object.__setattr__(self, "horizon_min", whole if horizon_min is None else float(horizon_min))
+        if not 0.0 < self.horizon_min <= LONGEST_HORIZON_MIN:
+            raise ValueError(
+                f"a horizon of {self.horizon_min:g} min is not possible; "
+                f"give more than 0 and at most {LONGEST_HORIZON_MIN:g} min"
+            )
+        if days > 1 and self.horizon_min != whole:
+            raise ValueError(
+                f"a horizon of {self.horizon_min:g} min is not that of {days} days; leave it out, or give {whole:g} min"
+            )
+        self._check_spreads()
+
+    def _check_spreads(self) -> None:
+        if not 0.0 <= self.size_spread_pct < 100.0:
+            raise ValueError(f"a spread of meals of {self.size_spread_pct:g} % is not possible; give 0 to below 100 %")
+        if not 0.0 <= self.time_spread_min < MIN_PER_DAY:
+            raise ValueError(
+                f"a spread of meal times of {self.time_spread_min:g} min is not possible; "
+                f"give 0 to below {MIN_PER_DAY:g} min"
+            )
+        if len(self.meals) > MOST_MEALS_A_DAY:
+            raise ValueError(f"{len(self.meals)} meals a day are too many; give at most {MOST_MEALS_A_DAY}")
+        end = self.day_min
+        for meal in self.meals:
+            if meal.t_min >= end:
+                raise ValueError(
+                    f"the meal at {meal.t_min:g} min begins after the {'day' if self.days > 1 else 'run'} ends at "
+                    f"{end:g} min; move the meal" + ("" if self.days > 1 else " or lengthen the run")
+                )
+            early, late = meal.t_min - self.time_spread_min, meal.t_min + self.time_spread_min
+            if early < 0.0 or late > end:
+                raise ValueError(
+                    f"the meal at {meal.t_min:g} min can begin at {early if early < 0.0 else late:g} min, which is "
+                    f"{'before the start' if early < 0.0 else f'after the end at {end:g} min'}; "
+                    f"give a spread of at most {min(meal.t_min, end - meal.t_min):g} min, or move the meal"
+                )
+            largest = meal.carbs_g * (1.0 + self.size_spread_pct / 100.0)
+            if largest > LARGEST_MEAL_G:
+                raise ValueError(
+                    f"the meal of {meal.carbs_g:g} g can be {largest:g} g; give at most {LARGEST_MEAL_G:g} g "
+                    "with its spread"
+                )
+
+    @property
+    def day_min(self) -> float:
+        """Length of what is repeated: a day, or a run of its own length."""
+        return MIN_PER_DAY if self.days > 1 else self.horizon_min
+
+    @property
+    def varies(self) -> bool:
+        """Whether meals differ between people."""
+        return bool(self.meals) and (self.size_spread_pct > 0.0 or self.time_spread_min > 0.0)
+
+    def nominal(self) -> tuple[Meal, ...]:
+        """All meals of the run, without their variation."""
+        return tuple(
+            Meal(meal.carbs_g, day * MIN_PER_DAY + meal.t_min) for day in range(self.days) for meal in self.meals
+        )
+
+
+def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> tuple[Values, Values]:
+    """Meals of some persons.
+
+    Parameters
+    ----------
+    plan : MealPlan
+    seed : int
+        From 0 to 2**32 - 1.
+    person : (n,) array of int
+        Their numbers, from 0 to 2**32 - 1, in any order.
+
+    Returns
+    -------
+    t_min, carbs_g : (meals, n) array
+        When each begins and its carbohydrate, day by day. A meal of a person is the same whoever else is drawn, and
+        however many days follow. Without a spread all have exactly the plan's own.
+
+    Raises
+    ------
+    ValueError
+        For a seed or a person that does not exist.
+    """
+    people = checked_people(person)
+    checked_counter("seed", seed)
+    t_min = np.empty((plan.days * len(plan.meals), people.size))
+    carbs_g = np.empty_like(t_min)
+    for row, meal in enumerate(plan.nominal()):
+        day, which = divmod(row, len(plan.meals))
+        index = day * _DAY + which
+        t_min[row], carbs_g[row] = meal.t_min, meal.carbs_g
+        if plan.time_spread_min > 0.0:
+            t_min[row] += plan.time_spread_min * (2.0 * uniforms(seed, "meal time", people, index) - 1.0)
+        if plan.size_spread_pct > 0.0:
+            carbs_g[row] *= 1.0 + plan.size_spread_pct / 100.0 * (
+                2.0 * uniforms(seed, "meal size", people, index) - 1.0
+            )
+    return t_min, carbs_g
