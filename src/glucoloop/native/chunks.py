@@ -1,0 +1,145 @@
+"""The order of the work: a long program in chunks that a processor's instruction cache holds.
+
+A sample of a patient and a controller is several thousand instructions. Were they carried out for one vector of people
+after the other, fetching them would take most of the time. So they are cut into chunks, and several vectors go through
+each chunk in turn; what a later chunk needs waits in a slot of memory, which is given to another value afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from glucoloop.native.program import SAMPLE, Program, Value
+
+OPERATIONS_A_CHUNK: Final = 500
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a kernel reads and writes, as values of its program."""
+
+    person: Sequence[Value]
+    """Numbers of a person."""
+    carry: Sequence[Value]
+    """What is handed from sample to sample."""
+    own: Sequence[Value]
+    """What reaches each person at each sample."""
+    shared: Sequence[Value]
+    """What reaches all alike at each sample."""
+    next_carry: Sequence[Value]
+    outputs: Sequence[Value]
+    """What is written at each sample."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A part of the work."""
+
+    values: Sequence[Value]
+    stored: Sequence[tuple[Value, int]]
+    """What waits for a later chunk, and in which slot."""
+    carried: Sequence[tuple[Value, int]]
+    """What is handed to the next sample, and its place there."""
+    written: Sequence[tuple[Value, int]]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All of the work."""
+
+    chunks: Sequence[Chunk]
+    slot_of: dict[Value, int]
+    slots: int
+
+
+def fused_products(program: Program, order: Sequence[Value], results: Sequence[Value]) -> dict[Value, Value]:
+    """Product -> the sum that it goes into at once: products that are used there alone, one for each sum."""
+    uses: dict[Value, int] = {}
+    for value in order:
+        for argument in program.operations[value][1]:
+            uses[argument] = uses.get(argument, 0) + 1
+    for value in results:
+        uses[value] = uses.get(value, 0) + 1
+    taken: dict[Value, Value] = {}
+    for value in order:
+        operation, arguments = program.operations[value]
+        if operation not in ("add", "sub"):
+            continue
+        for argument in reversed(arguments):
+            same_level = program.levels[argument] == program.levels[value]
+            if program.operations[argument][0] == "mul" and uses[argument] == 1 and same_level:
+                taken[argument] = value
+                break
+    return taken
+
+
+def plan_chunks(
+    program: Program, layout: Layout, values: Sequence[Value], fused: dict[Value, Value], size: int = OPERATIONS_A_CHUNK
+) -> Plan:
+    """Cut a sequence of values, each behind what it needs, into chunks.
+
+    Parameters
+    ----------
+    program : Program
+    layout : Layout
+    values : sequence
+        What is computed at every sample.
+    fused : mapping
+        Products that are computed with the sum that takes them.
+    size : int
+        Operations in a chunk.
+    """
+    parts = [values[i : i + size] for i in range(0, len(values), size)] or [[]]
+    home = {value: number for number, part in enumerate(parts) for value in part}
+    last_use: dict[Value, int] = {}
+    for value, number in home.items():
+        for argument in _arguments(program, value, fused):
+            if argument in home:
+                last_use[argument] = max(number, last_use.get(argument, 0))
+    leaving: dict[int, list[Value]] = {}
+    for value, last in last_use.items():
+        if last > home[value]:
+            leaving.setdefault(last, []).append(value)
+
+    slot_of: dict[Value, int] = {}
+    free: list[int] = []
+    slots = 0
+    chunks = []
+    for number, part in enumerate(parts):
+        stored = []
+        for value in part:
+            if last_use.get(value, number) > number:
+                if not free:
+                    free.append(slots)
+                    slots += 1
+                slot_of[value] = free.pop()
+                stored.append((value, slot_of[value]))
+        # only now: a slot that this chunk reads must not be overwritten by it
+        free += [slot_of[value] for value in leaving.get(number, ())]
+        chunks.append((part, stored))
+
+    def at(results: Sequence[Value], number: int) -> list[tuple[Value, int]]:
+        # what is not computed at a sample (a constant, an input) goes with the last chunk
+        return [(v, i) for i, v in enumerate(results) if home.get(v, len(parts) - 1) == number]
+
+    return Plan(
+        chunks=[
+            Chunk(values=part, stored=stored, carried=at(layout.next_carry, n), written=at(layout.outputs, n))
+            for n, (part, stored) in enumerate(chunks)
+        ],
+        slot_of=slot_of,
+        slots=slots,
+    )
+
+
+def _arguments(program: Program, value: Value, fused: dict[Value, Value]) -> list[Value]:
+    """What a value is computed from, looking through the products that it takes up."""
+    found: list[Value] = []
+    for argument in program.operations[value][1]:
+        if fused.get(argument) == value:
+            found += program.operations[argument][1]
+        else:
+            found.append(argument)
+    return [argument for argument in found if program.levels[argument] == SAMPLE]

@@ -1,0 +1,105 @@
+"""One division in place of several.
+
+A division takes as long as sixteen products. Quotients that do not need one another can share one, by Montgomery's
+trick: ``1 / a`` and ``1 / b`` are ``b`` and ``a`` times ``1 / (a b)``. It is done for the operation ``ratio``, by which
+elementary functions say that their denominators are neither large nor small; each quotient then loses a unit or two in
+the last place.
+
+References
+----------
+P. L. Montgomery, "Speeding the Pollard and elliptic curve methods of factorization", Math. Comp. 48, 1987.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from glucoloop.native.program import Program, Value
+
+TOGETHER: Final = 4
+"""Quotients that share a division: more would leave the range of numbers in single precision."""
+
+
+def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program, dict[Value, Value]]:
+    """The same program with fewer divisions.
+
+    Parameters
+    ----------
+    program : Program
+    results : sequence
+        What is needed of it.
+
+    Returns
+    -------
+    program : Program
+    place : mapping
+        Old value -> new value, of all that is needed and of all inputs.
+    """
+    order = program.needed(results)
+    group_of = _groups(program, order)
+    new = Program()
+    place: dict[Value, Value] = {}
+    for value, (operation, _) in enumerate(program.operations):
+        if operation == "input":
+            place[value] = new.input(program.names[value], program.levels[value], program.types[value])
+    for root in order:
+        stack = [root]
+        while stack:
+            value = stack[-1]
+            if value in place:
+                stack.pop()
+                continue
+            group = group_of.get(value, (value,))
+            missing = [a for member in group for a in program.operations[member][1] if a not in place]
+            if missing:
+                stack += missing
+                continue
+            stack.pop()
+            if value in group_of:
+                place.update(zip(group, _shared(program, new, place, group), strict=True))
+            elif value in program.constants:
+                place[value] = new.constant(program.constants[value])
+            else:
+                operation, arguments = program.operations[value]
+                place[value] = new.apply(operation, *(place[a] for a in arguments))
+    return new, place
+
+
+def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value, ...]]:
+    """Each quotient -> those it shares a division with, itself among them.
+
+    Quotients that have the same number of quotients one after the other before them do not rest on one another.
+    """
+    depth: dict[Value, int] = {}
+    waiting: dict[tuple[int, int], list[Value]] = {}
+    for value in order:
+        operation, arguments = program.operations[value]
+        depth[value] = max((depth[a] for a in arguments), default=0)
+        if operation == "ratio":
+            waiting.setdefault((program.levels[value], depth[value]), []).append(value)
+            depth[value] += 1
+    groups: dict[Value, tuple[Value, ...]] = {}
+    for alike in waiting.values():
+        for start in range(0, len(alike), TOGETHER):
+            group = tuple(alike[start : start + TOGETHER])
+            groups.update(dict.fromkeys(group, group))
+    return groups
+
+
+def _shared(program: Program, new: Program, place: dict[Value, Value], group: Sequence[Value]) -> list[Value]:
+    """The quotients of a group."""
+    above = [place[program.operations[v][1][0]] for v in group]
+    below = [place[program.operations[v][1][1]] for v in group]
+    if len(group) == 1:
+        return [new.apply("div", above[0], below[0])]
+    products = [below[0]]
+    for b in below[1:]:
+        products.append(new.apply("mul", products[-1], b))
+    inverse = new.apply("div", new.constant(1.0), products[-1])
+    quotients: list[Value] = []
+    for i in range(len(group) - 1, 0, -1):
+        quotients.append(new.apply("mul", above[i], new.apply("mul", inverse, products[i - 1])))
+        inverse = new.apply("mul", inverse, below[i])
+    quotients.append(new.apply("mul", above[0], inverse))
+    return quotients[::-1]

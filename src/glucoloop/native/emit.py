@@ -1,0 +1,339 @@
+"""A scalar program as vector code of LLVM: many people side by side, one in each lane.
+
+Each lane does the same operations in the same order, none of which the compiler may reorder, so what becomes of a
+person does not depend on who is in the other lanes. Products that are added at once are fused, explicitly.
+"""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from glucoloop.native.chunks import Chunk, Layout, fused_products, plan_chunks
+from glucoloop.native.functions import DOUBLE
+from glucoloop.native.program import BOOL, PERSON, SAMPLE, Program, Value
+
+_LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "round": "nearbyint", "abs": "fabs"}
+_ORDERED: Final = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
+VECTORS_A_BLOCK: Final = 4
+"""Vectors that go through a chunk one after the other, while its instructions are at hand."""
+
+_BITS: Final = {"and": "and", "or": "or", "xor": "xor"}
+
+
+class _Lines:
+    """Lines of code with fresh names."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._count = 0
+
+    def __call__(self, code: str) -> str:
+        name = f"%v{self._count}"
+        self._count += 1
+        self.lines.append(f"  {name} = {code}")
+        return name
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+
+class Emitter:
+    """Writes the code of one kernel."""
+
+    def __init__(self, program: Program, layout: Layout, precision: str, lanes: int) -> None:
+        self._p = program
+        self._layout = layout
+        self._lanes = lanes
+        self._double = precision == DOUBLE
+        self._scalar = "double" if self._double else "float"
+        self._whole = "i64" if self._double else "i32"
+        self._vector = f"<{lanes} x {self._scalar}>"
+        self._wholes = f"<{lanes} x {self._whole}>"
+        self._mask = f"<{lanes} x i1>"
+        self._bytes = lanes * (8 if self._double else 4)
+        self._suffix = f"v{lanes}f{64 if self._double else 32}"
+        self._out = _Lines()
+        self._names: dict[Value, str] = {}
+        self._member = self._column = ""
+
+        results = [*layout.next_carry, *layout.outputs]
+        order = program.needed(results)
+        self._taken = fused_products(program, order, results)
+        self._once = [v for v in order if program.levels[v] == PERSON]
+        varying = [v for v in order if program.levels[v] == SAMPLE and v not in self._taken]
+        needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]
+        held = [v for v in dict.fromkeys([*needed, *results]) if program.levels[v] == PERSON]
+        self._held = {v: i for i, v in enumerate(held)}
+        """What is computed once and needed at every sample -> its place."""
+        arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
+        self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
+        self._group = VECTORS_A_BLOCK
+        self._plan = plan_chunks(program, layout, [v for v in varying if v not in self._sources], self._taken)
+
+    def text(self) -> str:
+        """A module with one function, ``kernel``."""
+        say = self._out.say
+        say(
+            "define void @kernel(ptr noalias %person, ptr noalias %carry, ptr noalias %own, ptr noalias %shared, "
+            "ptr noalias %outputs, i64 %stride, i64 %first, i64 %last, i64 %samples) #0 {"
+        )
+        say("entry:")
+        sizes = {"held": len(self._held), "before": len(self._layout.carry), "after": len(self._layout.carry)}
+        sizes["slots"] = self._plan.slots
+        for name, size in sizes.items():
+            say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._vector}], align 64")
+        say("  %nothing = icmp sge i64 %first, %last")
+        say("  br i1 %nothing, label %end, label %block")
+        say("block:")
+        say("  %b = phi i64 [ %first, %entry ], [ %b_next, %block_end ]")
+        say("  %rest = sub i64 %last, %b")
+        say(f"  %few = icmp slt i64 %rest, {self._group}")
+        say(f"  %members = select i1 %few, i64 %rest, i64 {self._group}")
+        self._loop("begin", self._begin)
+        say("  %idle = icmp sge i64 0, %samples")
+        say("  br i1 %idle, label %finish, label %sample")
+        say("sample:")
+        say("  %k = phi i64 [ 0, %begin_end ], [ %k_next, %sample_end ]")
+        say("  %old = phi ptr [ %before, %begin_end ], [ %new, %sample_end ]")
+        say("  %new = phi ptr [ %after, %begin_end ], [ %old, %sample_end ]")
+        for name in ("own", "shared", "outputs"):
+            say(f"  %{name}_row = mul i64 %k, {len(getattr(self._layout, name))}")
+        for number, chunk in enumerate(self._plan.chunks):
+            self._loop(f"chunk{number}", functools.partial(self._chunk, chunk))
+        say("  br label %sample_end")
+        say("sample_end:")
+        say("  %k_next = add i64 %k, 1")
+        say("  %more = icmp slt i64 %k_next, %samples")
+        say("  br i1 %more, label %sample, label %finish")
+        say("finish:")
+        say("  %final = phi ptr [ %before, %begin_end ], [ %new, %sample_end ]")
+        self._loop("hand_back", self._hand_back)
+        say("  br label %block_end")
+        say("block_end:")
+        say(f"  %b_next = add i64 %b, {self._group}")
+        say("  %again = icmp slt i64 %b_next, %last")
+        say("  br i1 %again, label %block, label %end")
+        say("end:")
+        say("  ret void")
+        say("}")
+        width = self._lanes * (64 if self._double else 32)
+        say(f'attributes #0 = {{ nounwind "min-legal-vector-width"="{width}" "prefer-vector-width"="{width}" }}')
+        v, s = self._vector, self._suffix
+        for name in _LIBRARY.values():
+            say(f"declare {v} @llvm.{name}.{s}({v})")
+        say(f"declare {v} @llvm.fma.{s}({v}, {v}, {v})")
+        say(f"declare {v} @llvm.copysign.{s}({v}, {v})")
+        return "\n".join(self._out.lines) + "\n"
+
+    # loops over the vectors of a block
+
+    def _loop(self, name: str, body: Callable[[], None]) -> None:
+        say = self._out.say
+        say(f"  br label %{name}_enter")
+        say(f"{name}_enter:")
+        say(f"  br label %{name}")
+        say(f"{name}:")
+        say(f"  %{name}_m = phi i64 [ 0, %{name}_enter ], [ %{name}_next, %{name} ]")
+        say(f"  %{name}_vector = add i64 %b, %{name}_m")
+        say(f"  %{name}_column = mul i64 %{name}_vector, {self._lanes}")
+        self._member, self._column = f"%{name}_m", f"%{name}_column"
+        self._names = {}
+        body()
+        say(f"  %{name}_next = add i64 %{name}_m, 1")
+        say(f"  %{name}_more = icmp slt i64 %{name}_next, %members")
+        say(f"  br i1 %{name}_more, label %{name}, label %{name}_end")
+        say(f"{name}_end:")
+
+    def _begin(self) -> None:
+        """Compute what a person needs once, and fetch what he begins with."""
+        row = {v: i for i, v in enumerate(self._layout.person)}
+        for value in self._once:
+            if value in row:
+                self._names[value] = self._from_number(self._fetch("%person", str(row[value])), value)
+            else:
+                self._names[value] = self._operation(value)
+        for value, i in self._held.items():
+            self._store(self._as_number(value), self._cell("%held", i))
+        for i in range(len(self._layout.carry)):
+            self._store(self._fetch("%carry", str(i)), self._cell("%before", i))
+
+    def _hand_back(self) -> None:
+        for i in range(len(self._layout.carry)):
+            self._put(self._load(self._cell("%final", i)), "%carry", str(i))
+
+    def _chunk(self, chunk: Chunk) -> None:
+        for value in chunk.values:
+            if value not in self._names:
+                self._names[value] = self._operation(value)
+        for value, slot in chunk.stored:
+            self._store(self._as_number(value), self._cell("%slots", slot))
+        for value, i in chunk.carried:
+            self._store(self._as_number(value), self._cell("%new", i))
+        for value, i in chunk.written:
+            self._put(self._as_number(value), "%outputs", self._out(f"add i64 %outputs_row, {i}"))
+
+    # memory
+
+    def _cell(self, array: str, i: int) -> str:
+        at = self._out(f"add i64 {self._member}, {i * self._group}")
+        return self._out(f"getelementptr {self._vector}, ptr {array}, i64 {at}")
+
+    def _load(self, at: str) -> str:
+        return self._out(f"load {self._vector}, ptr {at}, align {self._bytes}")
+
+    def _store(self, name: str, at: str) -> None:
+        self._out.say(f"  store {self._vector} {name}, ptr {at}, align {self._bytes}")
+
+    def _outside(self, array: str, row: str) -> str:
+        offset = self._out(f"mul i64 {row}, %stride")
+        offset = self._out(f"add i64 {offset}, {self._column}")
+        return self._out(f"getelementptr {self._scalar}, ptr {array}, i64 {offset}")
+
+    def _fetch(self, array: str, row: str) -> str:
+        at = self._outside(array, row)
+        return self._out(f"load {self._vector}, ptr {at}, align {8 if self._double else 4}")
+
+    def _put(self, name: str, array: str, row: str) -> None:
+        at = self._outside(array, row)
+        self._out.say(f"  store {self._vector} {name}, ptr {at}, align {8 if self._double else 4}")
+
+    def _splat(self, scalar: str) -> str:
+        first = self._out(f"insertelement {self._vector} poison, {self._scalar} {scalar}, i32 0")
+        zeros = f"<{self._lanes} x i32> zeroinitializer"
+        return self._out(f"shufflevector {self._vector} {first}, {self._vector} poison, {zeros}")
+
+    # values
+
+    def _name(self, value: Value) -> str:
+        """What a value is called here, fetched from wherever it is kept if it is not at hand."""
+        if value in self._p.constants:
+            return self._constant(self._p.constants[value])
+        if value not in self._names:
+            self._names[value] = self._from_number(self._kept(value), value)
+        return self._names[value]
+
+    def _kept(self, value: Value) -> str:
+        if value in self._held:
+            return self._load(self._cell("%held", self._held[value]))
+        source, i = self._sources.get(value, ("slots", -1))
+        match source:
+            case "carry":
+                return self._load(self._cell("%old", i))
+            case "own":
+                return self._fetch("%own", self._out(f"add i64 %own_row, {i}"))
+            case "shared":
+                row = self._out(f"add i64 %shared_row, {i}")
+                at = self._out(f"getelementptr {self._scalar}, ptr %shared, i64 {row}")
+                return self._splat(self._out(f"load {self._scalar}, ptr {at}"))
+            case _:
+                return self._load(self._cell("%slots", self._plan.slot_of[value]))
+
+    def _constant(self, number: float | bool) -> str:
+        if isinstance(number, bool):
+            return "<" + ", ".join([f"i1 {int(number)}"] * self._lanes) + ">"
+        return "<" + ", ".join([f"{self._scalar} {self._literal(number)}"] * self._lanes) + ">"
+
+    def _literal(self, number: float) -> str:
+        if not self._double:  # rounded, and written as the double that it then is
+            with np.errstate(over="ignore"):
+                number = float(np.float32(number))
+        return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
+
+    def _from_number(self, name: str, value: Value) -> str:
+        if self._p.types[value] != BOOL:
+            return name
+        return self._out(f"fcmp une {self._vector} {name}, zeroinitializer")
+
+    def _as_number(self, value: Value) -> str:
+        name = self._name(value)
+        if self._p.types[value] != BOOL:
+            return name
+        return self._out(f"uitofp {self._mask} {name} to {self._vector}")
+
+    def _operation(self, value: Value) -> str:
+        operation, arguments = self._p.operations[value]
+        out, v, s = self._out, self._vector, self._suffix
+        taken = next((a for a in arguments if self._taken.get(a) == value), None)
+        if operation in ("add", "sub") and taken is not None:
+            return self._fused(operation, arguments, taken)
+        names = [self._name(a) for a in arguments]
+        match operation:
+            case "add" | "sub" | "mul" | "div":
+                return out(f"f{operation} {v} {names[0]}, {names[1]}")
+            case "exact_sub":
+                return out(f"fsub {v} {names[0]}, {names[1]}")
+            case "neg":
+                return out(f"fneg {v} {names[0]}")
+            case "max" | "min":
+                return self._extreme(operation, arguments, names)
+            case "lt" | "le" | "eq" | "ne":
+                if self._p.types[arguments[0]] == BOOL:
+                    return out(f"icmp {operation} {self._mask} {names[0]}, {names[1]}")
+                return out(f"fcmp {_ORDERED[operation]} {v} {names[0]}, {names[1]}")
+            case "and" | "or" | "xor":
+                return out(f"{_BITS[operation]} {self._mask} {names[0]}, {names[1]}")
+            case "not":
+                return out(f"xor {self._mask} {names[0]}, {self._constant(True)}")
+            case "select":
+                kind = self._mask if self._p.types[value] == BOOL else v
+                return out(f"select {self._mask} {names[0]}, {kind} {names[1]}, {kind} {names[2]}")
+            case "number":
+                return out(f"uitofp {self._mask} {names[0]} to {v}")
+            case "is_finite":
+                size = out(f"call {v} @llvm.fabs.{s}({v} {names[0]})")
+                return out(f"fcmp olt {v} {size}, {self._constant(float('inf'))}")
+            case "copy_sign":
+                return out(f"call {v} @llvm.copysign.{s}({v} {names[0]}, {v} {names[1]})")
+            case "power_of_two" | "mantissa" | "exponent":
+                return self._bits(operation, names[0])
+            case _:
+                return out(f"call {v} @llvm.{_LIBRARY[operation]}.{s}({v} {names[0]})")
+
+    def _fused(self, operation: str, arguments: Sequence[Value], product: Value) -> str:
+        out, v, s = self._out, self._vector, self._suffix
+        a, b = (self._name(argument) for argument in self._p.operations[product][1])
+        first = arguments[0] == product
+        other = self._name(arguments[1] if first else arguments[0])
+        if operation == "sub" and first:
+            other = out(f"fneg {v} {other}")
+        elif operation == "sub":
+            a = out(f"fneg {v} {a}")
+        return out(f"call {v} @llvm.fma.{s}({v} {a}, {v} {b}, {v} {other})")
+
+    def _extreme(self, operation: str, arguments: Sequence[Value], names: Sequence[str]) -> str:
+        """The larger or smaller of two; not a number if either is not."""
+        out, v = self._out, self._vector
+        order = "ogt" if operation == "max" else "olt"
+        a, b = names
+        if arguments[1] in self._p.constants:
+            a, b = b, a
+        # takes b where the two cannot be compared
+        taken = out(f"fcmp {order} {v} {a}, {b}")
+        found = out(f"select {self._mask} {taken}, {v} {a}, {v} {b}")
+        if any(argument in self._p.constants for argument in arguments):
+            return found
+        strange = out(f"fcmp uno {v} {a}, {a}")
+        return out(f"select {self._mask} {strange}, {v} {a}, {v} {found}")
+
+    def _bits(self, operation: str, x: str) -> str:
+        out, v, w = self._out, self._vector, self._wholes
+        bias, shift = (1023, 52) if self._double else (127, 23)
+
+        def whole(number: int) -> str:
+            return "<" + ", ".join([f"{self._whole} {number}"] * self._lanes) + ">"
+
+        bits = out(f"bitcast {v} {x} to {w}")
+        if operation == "power_of_two":  # of the whole number in the last bits
+            n = out(f"add {w} {out(f'shl {w} {bits}, {whole(shift)}')}, {whole(bias << shift)}")
+            return out(f"bitcast {w} {n} to {v}")
+        if operation == "exponent":
+            e = out(f"lshr {w} {bits}, {whole(shift)}")
+            e = out(f"sub {w} {out(f'and {w} {e}, {whole(2 * bias + 1)}')}, {whole(bias)}")
+            return out(f"sitofp {w} {e} to {v}")
+        kept = out(f"and {w} {bits}, {whole((1 << shift) - 1)}")
+        return out(f"bitcast {w} {out(f'or {w} {kept}, {whole(bias << shift)}')} to {v}")

@@ -1,0 +1,440 @@
+"""From a traced JAX function to a scalar program.
+
+Arrays become arrays of values. What only moves numbers about (slices, reshapes, gathers, scatters) is carried out by
+JAX itself on the numbers of the elements; what computes is taken element by element; loops of known length are
+unrolled. What rests on random keys alone is put off, to be drawn before the loop.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jax.extend import core
+
+from glucoloop.native.functions import Functions
+from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
+
+Values = npt.NDArray[np.int64]
+"""An array whose elements are places in the program."""
+
+LONGEST_LOOP: Final = 64
+
+_ELEMENTWISE: Final = {
+    "add": "add",
+    "add_any": "add",
+    "sub": "sub",
+    "mul": "mul",
+    "div": "div",
+    "neg": "neg",
+    "abs": "abs",
+    "max": "max",
+    "min": "min",
+    "sqrt": "sqrt",
+    "floor": "floor",
+    "lt": "lt",
+    "le": "le",
+    "eq": "eq",
+    "ne": "ne",
+    "and": "and",
+    "or": "or",
+    "xor": "xor",
+    "not": "not",
+    "is_finite": "is_finite",
+}
+_FUNCTIONS: Final = {"tanh": "tanh", "exp": "exp", "expm1": "expm1", "log": "log", "pow": "power"}
+_REDUCTIONS: Final = {
+    "reduce_sum": "add",
+    "reduce_max": "max",
+    "reduce_min": "min",
+    "reduce_and": "and",
+    "reduce_or": "or",
+}
+_MOVES: Final = (
+    "slice",
+    "squeeze",
+    "reshape",
+    "broadcast_in_dim",
+    "transpose",
+    "concatenate",
+    "rev",
+    "expand_dims",
+    "copy",
+    "copy_p",
+    "stop_gradient",
+    "split",
+    "stack",
+    "unstack",
+    "tile",
+)
+_CALLS: Final = (
+    "jit",
+    "pjit",
+    "closed_call",
+    "core_call",
+    "custom_jvp_call",
+    "custom_vjp_call",
+    "remat",
+    "remat2",
+    "checkpoint",
+)
+_UNUSED: Final = -1
+
+
+class UnsupportedError(ValueError):
+    """The function does something that a scalar program cannot."""
+
+
+class Chance:
+    """An array that rests on random keys alone, so that it can be computed before the loop; see `Flattener.chance`."""
+
+    def __init__(self, place: Any) -> None:
+        self.place = place
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What is computed of random keys before the loop, equation by equation."""
+
+    keys: Sequence[Chance]
+    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Chance]]]
+    """Equation, what goes in (`Chance` or numbers), what comes out."""
+    wanted: Sequence[Chance]
+    """What the loop asks for."""
+
+    def __call__(self, *keys: Any) -> list[jax.Array]:
+        """The wanted arrays, of one person at one sample; JAX can trace it."""
+        found: dict[int, Any] = {id(of): key for of, key in zip(self.keys, keys, strict=True)}
+
+        def read(given: Any) -> Any:
+            return found[id(given)] if isinstance(given, Chance) else given
+
+        for equation, inputs, outputs in self.equations:
+            results = equation.primitive.bind(*map(read, inputs), **equation.params)
+            several = results if equation.primitive.multiple_results else [results]
+            found.update((id(of), result) for of, result in zip(outputs, several, strict=True))
+        return [found[id(of)] for of in self.wanted]
+
+
+def inner_jaxpr(equation: Any) -> Any:
+    """The function that a call calls, or None if the equation is no call."""
+    if equation.primitive.name not in _CALLS:
+        return None
+    for name in ("jaxpr", "call_jaxpr", "fun_jaxpr"):
+        if name in equation.params:
+            found = equation.params[name]
+            return found if hasattr(found, "consts") else core.ClosedJaxpr(found, ())
+    return None
+
+
+class Flattener:
+    """Evaluates a jaxpr on arrays of values."""
+
+    def __init__(self, program: Program, precision: str) -> None:
+        self.program = program
+        self._functions = Functions(program, precision)
+        self._equations: list[tuple[Any, Sequence[Any], Sequence[Chance]]] = []
+        self._keys: list[Chance] = []
+        self._wanted: dict[int, tuple[Chance, Values]] = {}
+
+    def chance(self, aval: Any) -> Chance:
+        """An input from which only what rests on chance alone may be computed: a random key, the number of the sample.
+
+        It stays outside the program. What the program asks for of it becomes an input; `drawing` computes that.
+        """
+        key = Chance(aval)
+        self._keys.append(key)
+        return key
+
+    def drawing(self) -> tuple[Drawing, list[Values]]:
+        """What is to be computed before the loop, and the inputs of the program that it becomes."""
+        wanted = list(self._wanted.values())
+        drawing = Drawing(keys=self._keys, equations=self._equations, wanted=[of for of, _ in wanted])
+        return drawing, [values for _, values in wanted]
+
+    def _ask(self, given: Any) -> Values:
+        """The values of an array, which becomes an input if it rests on chance."""
+        if not isinstance(given, Chance):
+            values: Values = given
+            return values
+        if id(given) not in self._wanted:
+            aval, position = given.place, len(self._wanted)
+            if not (jnp.issubdtype(aval.dtype, jnp.floating) or aval.dtype == bool):
+                raise UnsupportedError(f"random numbers of type {aval.dtype}")
+            flat = [
+                self.program.input(("chance", position, i), SAMPLE, kind_of(aval)) for i in range(math.prod(aval.shape))
+            ]
+            self._wanted[id(given)] = (given, np.array(flat, np.int64).reshape(aval.shape))
+        return self._wanted[id(given)][1]
+
+    def constants(self, array: Any) -> Values:
+        """Numbers as values."""
+        numbers = np.asarray(array)
+        flat = numbers.ravel().tolist()
+        places = [self.program.constant(bool(n) if numbers.dtype == bool else float(n)) for n in flat]
+        return np.array(places, np.int64).reshape(numbers.shape)
+
+    def run(self, closed: Any, arguments: Sequence[Values | Chance]) -> list[Values]:
+        """Results of a function."""
+        return [self._ask(result) for result in self._run(closed, arguments)]
+
+    def _run(self, closed: Any, arguments: Sequence[Any]) -> list[Any]:
+        values: dict[Any, Any] = {}
+
+        def read(atom: Any) -> Any:
+            return self.constants(atom.val) if isinstance(atom, core.Literal) else values[atom]
+
+        for variable, constant in zip(closed.jaxpr.constvars, closed.consts, strict=True):
+            values[variable] = self.constants(constant)
+        values.update(zip(closed.jaxpr.invars, arguments, strict=True))
+        for equation in closed.jaxpr.eqns:
+            inputs = [read(atom) for atom in equation.invars]
+            results = self._by_chance(equation, inputs) or self._equation(equation, inputs)
+            values.update(zip(equation.outvars, results, strict=True))
+        return [read(atom) for atom in closed.jaxpr.outvars]
+
+    def _by_chance(self, equation: Any, inputs: list[Any]) -> list[Chance] | None:
+        """Put an equation off that rests on chance alone."""
+        if not any(isinstance(given, Chance) for given in inputs) or equation.primitive.name.startswith("custom_"):
+            return None  # a function with derivatives of its own is looked into
+        numbers: list[Any] = []
+        for given, atom in zip(inputs, equation.invars, strict=True):
+            if isinstance(given, Chance):
+                numbers.append(given)
+            elif all(int(v) in self.program.constants for v in given.ravel()):
+                flat = [self.program.constants[int(v)] for v in given.ravel()]
+                numbers.append(jnp.asarray(np.array(flat).reshape(given.shape), atom.aval.dtype))
+            else:
+                return None
+        results = [Chance(variable.aval) for variable in equation.outvars]
+        self._equations.append((equation, numbers, results))
+        return results
+
+    def _equation(self, equation: Any, inputs: list[Any]) -> list[Any]:
+        name, params = equation.primitive.name, equation.params
+        called = inner_jaxpr(equation)
+        if called is not None:
+            return self._run(called, inputs)
+        inputs = [self._ask(given) for given in inputs]
+        if name in _ELEMENTWISE:
+            _refuse_other_than_floats(name, equation.invars[0].aval.dtype)
+            return [self._elementwise(functools.partial(self.program.apply, _ELEMENTWISE[name]), *inputs)]
+        if name in _FUNCTIONS:
+            return [self._elementwise(getattr(self._functions, _FUNCTIONS[name]), *inputs)]
+        if name in _REDUCTIONS:
+            _refuse_other_than_floats(_REDUCTIONS[name], equation.invars[0].aval.dtype)
+            return [self._reduce(_REDUCTIONS[name], inputs[0], params["axes"])]
+        if name in _MOVES:
+            return self._move(equation, inputs)
+        handler = getattr(self, f"_do_{name}", None)
+        if handler is None:
+            raise UnsupportedError(f"the operation {name!r}")
+        result = handler(equation, *inputs)
+        return result if isinstance(result, list) else [result]
+
+    def _elementwise(self, operation: Callable[..., Value], *inputs: Values) -> Values:
+        broadcast = np.broadcast_arrays(*inputs)
+        elements = zip(*(a.ravel().tolist() for a in broadcast), strict=True)
+        flat = [operation(*of_each) for of_each in elements]
+        return np.array(flat, np.int64).reshape(broadcast[0].shape)
+
+    def _reduce(self, operation: str, array: Values, axes: Sequence[int]) -> Values:
+        kept = [axis for axis in range(array.ndim) if axis not in axes]
+        rows = array.transpose(*kept, *axes).reshape(*(array.shape[axis] for axis in kept), -1)
+        start = {"add": 0.0, "and": True, "or": False, "max": -np.inf, "min": np.inf}[operation]
+
+        def total(row: Values) -> Value:
+            if row.size == 0:
+                return self.program.constant(start)
+            return functools.reduce(functools.partial(self.program.apply, operation), (int(e) for e in row))
+
+        flat = [total(row) for row in rows.reshape(-1, rows.shape[-1])]
+        return np.array(flat, np.int64).reshape(rows.shape[:-1])
+
+    def _move(self, equation: Any, inputs: list[Values]) -> list[Values]:
+        """Let JAX move the places about."""
+        with jax.ensure_compile_time_eval():
+            moved = equation.primitive.bind(*(jnp.asarray(a) for a in inputs), **equation.params)
+        results = moved if equation.primitive.multiple_results else [moved]
+        return [np.asarray(result, np.int64) for result in results]
+
+    def _known(self, values: Values, what: str) -> npt.NDArray[np.int64]:
+        constants = self.program.constants
+        if not all(int(v) in constants for v in values.ravel()):
+            raise UnsupportedError(f"{what} that depends on what happens")
+        return np.array([int(constants[int(v)]) for v in values.ravel()], np.int64).reshape(values.shape)
+
+    def _do_gather(self, equation: Any, operand: Values, indices: Values) -> Values:
+        where = self._known(indices, "a place in an array")
+        with jax.ensure_compile_time_eval():
+            params = {**equation.params, "fill_value": _UNUSED}
+            moved = equation.primitive.bind(jnp.asarray(operand), jnp.asarray(where), **params)
+        if (np.asarray(moved) == _UNUSED).any():
+            raise UnsupportedError("a place outside an array")
+        return np.asarray(moved, np.int64)
+
+    def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
+        where = self._known(indices, "a place in an array")
+        params = {**equation.params, "update_jaxpr": None}
+        with jax.ensure_compile_time_eval():
+            moved = equation.primitive.bind(jnp.asarray(operand), jnp.asarray(where), jnp.asarray(updates), **params)
+        return np.asarray(moved, np.int64)
+
+    def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
+        sizes = equation.params["slice_sizes"]
+        at = [int(self._known(s, "a place in an array")) for s in starts]
+        at = [min(max(i, 0), n - size) for i, n, size in zip(at, operand.shape, sizes, strict=True)]
+        return operand[tuple(slice(i, i + size) for i, size in zip(at, sizes, strict=True))]
+
+    def _do_iota(self, equation: Any) -> Values:
+        p = equation.params
+        shape = p["shape"]
+        line = np.arange(shape[p["dimension"]]).reshape([-1 if i == p["dimension"] else 1 for i in range(len(shape))])
+        return self.constants(np.broadcast_to(line, shape))
+
+    def _do_gt(self, equation: Any, a: Values, b: Values) -> Values:
+        _refuse_other_than_floats("lt", equation.invars[0].aval.dtype)
+        return self._elementwise(lambda x, y: self.program.apply("lt", y, x), a, b)
+
+    def _do_ge(self, equation: Any, a: Values, b: Values) -> Values:
+        _refuse_other_than_floats("le", equation.invars[0].aval.dtype)
+        return self._elementwise(lambda x, y: self.program.apply("le", y, x), a, b)
+
+    def _do_square(self, equation: Any, a: Values) -> Values:
+        del equation
+        return self._elementwise(lambda x: self.program.apply("mul", x, x), a)
+
+    def _do_integer_pow(self, equation: Any, a: Values) -> Values:
+        power = equation.params["y"]
+
+        def of(x: Value) -> Value:
+            product = functools.reduce(lambda total, _: self.program.apply("mul", total, x), range(abs(power) - 1), x)
+            if power == 0:
+                return self.program.constant(1.0)
+            return product if power > 0 else self.program.apply("div", self.program.constant(1.0), product)
+
+        return self._elementwise(of, a)
+
+    def _do_sign(self, equation: Any, a: Values) -> Values:
+        del equation
+        p = self.program
+
+        def of(x: Value) -> Value:
+            below, above = p.apply("lt", x, p.constant(0.0)), p.apply("lt", p.constant(0.0), x)
+            low = p.apply("select", below, p.constant(-1.0), x)
+            return p.apply("select", above, p.constant(1.0), low)
+
+        return self._elementwise(of, a)
+
+    def _do_clamp(self, equation: Any, low: Values, x: Values, high: Values) -> Values:
+        del equation
+        p = self.program
+        return self._elementwise(lambda a, b, c: p.apply("min", p.apply("max", a, b), c), low, x, high)
+
+    def _do_select_n(self, equation: Any, which: Values, *cases: Values) -> Values:
+        p, which = self.program, np.broadcast_to(which, cases[0].shape)
+        if equation.invars[0].aval.dtype == bool:  # False takes the first case
+            return self._elementwise(lambda c, no, yes: p.apply("select", c, yes, no), which, *cases)
+
+        def of(w: Value, *options: Value) -> Value:
+            taken = options[-1]
+            for i, option in reversed(list(enumerate(options[:-1]))):
+                taken = p.apply("select", p.apply("eq", w, p.constant(float(i))), option, taken)
+            return taken
+
+        return self._elementwise(of, which, *cases)
+
+    def _do_argmax(self, equation: Any, a: Values) -> Values:
+        (axis,), p = equation.params["axes"], self.program
+        rows = np.moveaxis(a, axis, -1)
+
+        def first_largest(row: Values) -> Value:
+            best, place = p.apply("number", int(row[0])), p.constant(0.0)
+            for i, element in enumerate(row[1:], start=1):
+                value = p.apply("number", int(element))
+                better = p.apply("lt", best, value)
+                if self.program.types[int(element)] == FLOAT:  # what is no number counts as the largest
+                    new = p.apply("and", p.apply("ne", value, value), p.apply("eq", best, best))
+                    better = p.apply("or", better, new)
+                best, place = p.apply("select", better, value, best), p.apply("select", better, p.constant(i), place)
+            return place
+
+        flat = [first_largest(row) for row in rows.reshape(-1, rows.shape[-1])]
+        return np.array(flat, np.int64).reshape(rows.shape[:-1])
+
+    def _do_convert_element_type(self, equation: Any, a: Values) -> Values:
+        source, target = equation.invars[0].aval.dtype, equation.params["new_dtype"]
+        p = self.program
+        if source == target:
+            return a
+        if target == np.bool_:
+            return self._elementwise(lambda x: p.apply("ne", x, p.constant(0.0)), a)
+        if source == np.bool_:
+            return self._elementwise(lambda x: p.apply("number", x), a)
+        if jnp.issubdtype(source, jnp.floating) and jnp.issubdtype(target, jnp.integer):
+            raise UnsupportedError("a number made whole")
+        return a  # whole numbers are held as numbers
+
+    def _do_dot_general(self, equation: Any, a: Values, b: Values) -> Values:
+        (contract_a, contract_b), (batch_a, batch_b) = equation.params["dimension_numbers"]
+        letters = iter("abcdefghijklmnopqrstuvwxyz")
+        of_a: list[str] = [""] * a.ndim
+        of_b: list[str] = [""] * b.ndim
+        for i, j in (*zip(batch_a, batch_b, strict=True), *zip(contract_a, contract_b, strict=True)):
+            of_a[i] = of_b[j] = next(letters)
+        of_a = [letter or next(letters) for letter in of_a]
+        of_b = [letter or next(letters) for letter in of_b]
+        batch = [of_a[i] for i in batch_a]
+        summed = [of_a[i] for i in contract_a]
+        free_a = [letter for letter in of_a if letter not in (*batch, *summed)]
+        free_b = [letter for letter in of_b if letter not in (*batch, *summed)]
+        out = [*batch, *free_a, *free_b]
+        sizes = dict(zip((*of_a, *of_b), (*a.shape, *b.shape), strict=True))
+        wide_a = _aligned(a, of_a, [*out, *summed], sizes)
+        wide_b = _aligned(b, of_b, [*out, *summed], sizes)
+        products = self._elementwise(functools.partial(self.program.apply, "mul"), wide_a, wide_b)
+        return self._reduce("add", products, range(len(out), len(out) + len(summed)))
+
+    def _do_scan(self, equation: Any, *inputs: Values) -> list[Values]:
+        p = equation.params
+        if not 0 < p["length"] <= LONGEST_LOOP:
+            raise UnsupportedError(f"a loop of {p['length']} rounds")
+        constants, carry = list(inputs[: p["num_consts"]]), list(inputs[p["num_consts"] :][: p["num_carry"]])
+        each = inputs[p["num_consts"] + p["num_carry"] :]
+        rounds = range(p["length"])
+        stacked: dict[int, list[Values]] = {}
+        for k in reversed(rounds) if p["reverse"] else rounds:
+            results = self.run(p["jaxpr"], [*constants, *carry, *(a[k] for a in each)])
+            carry, stacked[k] = results[: p["num_carry"]], results[p["num_carry"] :]
+        return [*carry, *(np.stack(parts) for parts in zip(*(stacked[k] for k in rounds), strict=True))]
+
+
+def _aligned(a: Values, letters: Sequence[str], order: Sequence[str], sizes: dict[str, int]) -> Values:
+    """Axes in a common order, those that an array lacks repeated."""
+    own = [letter for letter in order if letter in letters]
+    moved = a.transpose([letters.index(letter) for letter in own])
+    shape = [sizes[letter] if letter in letters else 1 for letter in order]
+    return np.broadcast_to(moved.reshape(shape), [sizes[letter] for letter in order])
+
+
+def _refuse_other_than_floats(operation: str, dtype: Any) -> None:
+    """Refuse what is something else for whole numbers or for truths than it is for numbers."""
+    truths = jnp.issubdtype(dtype, jnp.bool_)
+    if operation in ("and", "or", "xor", "not") and not truths:
+        raise UnsupportedError("bits of whole numbers")
+    if operation == "div" and not jnp.issubdtype(dtype, jnp.floating):
+        raise UnsupportedError("a division of whole numbers")
+    if operation in ("lt", "le", "max", "min") and truths:
+        raise UnsupportedError("an order of truths")
+
+
+def kind_of(aval: Any) -> str:
+    """How an element is held."""
+    return BOOL if aval.dtype == bool else FLOAT

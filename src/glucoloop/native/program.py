@@ -1,0 +1,181 @@
+"""Straight-line programs on scalars: what is left of a traced function once its small arrays are taken apart.
+
+Every value is a number, by its place in the program. Equal operations are one value, operations on constants are
+carried out, and what is the same at every sample is computed once. Two liberties are taken with arithmetic: a product
+with zero is zero, whatever the other factor, so that the zeros of a matrix cost nothing; and constant factors are
+gathered, which may change the last digit (but not through `exact_sub`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import numpy as np
+
+FLOAT: Final = "float"
+BOOL: Final = "bool"
+
+CONSTANT: Final = 0
+PERSON: Final = 1
+SAMPLE: Final = 2
+"""How often a value changes: never, from person to person, at every sample."""
+
+Value = int
+"""Place of a value in the program."""
+
+_COMPARISONS: Final = ("lt", "le", "eq", "ne")
+_OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "exact_sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: float(np.float64(a) / np.float64(b)),
+    "ratio": lambda a, b: float(np.float64(a) / np.float64(b)),
+    "neg": lambda a: -a,
+    "abs": abs,
+    "max": lambda a, b: float(np.maximum(a, b)),
+    "min": lambda a, b: float(np.minimum(a, b)),
+    "sqrt": lambda a: float(np.sqrt(np.float64(a))),
+    "floor": lambda a: float(np.floor(a)),
+    "round": lambda a: float(np.rint(a)),
+    "lt": lambda a, b: bool(a < b),
+    "le": lambda a, b: bool(a <= b),
+    "eq": lambda a, b: bool(a == b),
+    "ne": lambda a, b: bool(a != b),
+    "and": lambda a, b: a and b,
+    "or": lambda a, b: a or b,
+    "xor": lambda a, b: a != b,
+    "not": lambda a: not a,
+    "is_finite": lambda a: math.isfinite(a),
+    "select": lambda condition, a, b: a if condition else b,
+    "number": lambda a: 1.0 if a else 0.0,
+}
+
+
+class Program:
+    """Operations in the order in which they were asked for."""
+
+    def __init__(self) -> None:
+        self.operations: list[tuple[str, tuple[Value, ...]]] = []
+        self.constants: dict[Value, float | bool] = {}
+        self.names: dict[Value, object] = {}
+        """Of the inputs."""
+        self.types: list[str] = []
+        self.levels: list[int] = []
+        self._known: dict[object, Value] = {}
+
+    def input(self, name: object, level: int, kind: str = FLOAT) -> Value:
+        """A value from outside."""
+        place = self._new(("input", name), "input", (), kind, level)
+        self.names[place] = name
+        return place
+
+    def constant(self, value: float | bool) -> Value:
+        """A value known now."""
+        kind = BOOL if isinstance(value, bool | np.bool_) else FLOAT
+        plain: float | bool = bool(value) if kind == BOOL else float(value)
+        # by its bits: -0.0 is not 0.0, and NaN is itself
+        key = ("constant", kind, np.float64(plain).tobytes())
+        place = self._new(key, "constant", (), kind, CONSTANT)
+        self.constants[place] = plain
+        return place
+
+    def apply(self, operation: str, *arguments: Value) -> Value:
+        """The value of an operation."""
+        if operation in _OF_CONSTANTS and all(a in self.constants for a in arguments):
+            with np.errstate(all="ignore"):
+                return self.constant(_OF_CONSTANTS[operation](*(self.constants[a] for a in arguments)))
+        simpler = self._simplified(operation, arguments)
+        if simpler is not None:
+            return simpler
+        if operation in ("add", "mul", "and", "or", "eq", "ne"):
+            arguments = tuple(sorted(arguments))
+        kind = BOOL if operation in (*_COMPARISONS, "and", "or", "xor", "not", "is_finite") else FLOAT
+        if operation == "select":
+            kind = self.types[arguments[1]]
+        level = max(self.levels[argument] for argument in arguments)
+        return self._new((operation, arguments), operation, arguments, kind, level)
+
+    def _new(self, key: object, operation: str, arguments: tuple[Value, ...], kind: str, level: int) -> Value:
+        if key not in self._known:
+            self._known[key] = len(self.operations)
+            self.operations.append((operation, arguments))
+            self.types.append(kind)
+            self.levels.append(level)
+        return self._known[key]
+
+    def _simplified(self, operation: str, arguments: tuple[Value, ...]) -> Value | None:
+        a, b = (*arguments, -1, -1)[:2]
+        of_a, of_b = self.constants.get(a), self.constants.get(b)
+        match operation:
+            case "add" if of_a == 0.0:
+                return b
+            case "add" | "sub" if of_b == 0.0:
+                return a
+            case "sub" if of_a == 0.0:
+                return self.apply("neg", b)
+            case "max" | "min" if of_a != of_a or of_b != of_b:  # not a number
+                return self.constant(math.nan)
+            case "mul" if of_a == 0.0 or of_b == 0.0:
+                return self.constant(0.0)
+            case "mul" if of_a == 1.0:
+                return b
+            case "mul" | "div" if of_b == 1.0:
+                return a
+            case "mul" if of_a == -1.0:
+                return self.apply("neg", b)
+            case "mul" if of_b == -1.0:
+                return self.apply("neg", a)
+            case "div" if of_b is not None and of_b != 0.0:
+                return self.apply("mul", a, self.constant(1.0 / of_b))
+            case "mul" if self.levels[a] != self.levels[b]:
+                return self._scaled(*((a, b) if self.levels[a] > self.levels[b] else (b, a)))
+            case "div" if self.levels[a] == SAMPLE and self.levels[b] == PERSON:
+                # divided once, not at every sample
+                return self.apply("mul", a, self.apply("div", self.constant(1.0), b))
+            case "and" if of_a is not None or of_b is not None:
+                known, other = (of_a, b) if of_a is not None else (of_b, a)
+                return other if known else self.constant(False)
+            case "or" if of_a is not None or of_b is not None:
+                known, other = (of_a, b) if of_a is not None else (of_b, a)
+                return self.constant(True) if known else other
+            case "select" if of_a is not None:
+                return arguments[1] if of_a else arguments[2]
+            case "select" if arguments[1] == arguments[2]:
+                return arguments[1]
+            case "number" if self.types[a] == FLOAT:
+                return a
+        return None
+
+    def _scaled(self, value: Value, factor: Value) -> Value | None:
+        """A value times what changes less often than it: gathered with other such factors, and taken into a sum."""
+        operation, arguments = self.operations[value]
+        if operation not in ("mul", "add", "sub"):
+            return None
+        a, b = arguments
+        if operation == "mul":
+            fixed, other = (a, b) if self.levels[a] < self.levels[b] else (b, a)
+            if self.levels[fixed] < self.levels[value]:
+                return self.apply("mul", other, self.apply("mul", fixed, factor))
+            return None
+        if self.levels[a] < self.levels[value] or self.levels[b] < self.levels[value]:
+            return self.apply(operation, self.apply("mul", a, factor), self.apply("mul", b, factor))
+        return None
+
+    def needed(self, results: Iterable[Value]) -> list[Value]:
+        """What the results rest on, each after its arguments."""
+        done: set[Value] = set()
+        order: list[Value] = []
+        for result in results:
+            stack = [(result, False)]
+            while stack:
+                value, ready = stack.pop()
+                if ready:
+                    order.append(value)
+                elif value not in done:
+                    done.add(value)
+                    stack.append((value, True))
+                    stack.extend((argument, False) for argument in reversed(self.operations[value][1]))
+        return order
