@@ -46,7 +46,7 @@ def decide(
     """
     finite = jnp.isfinite(wanted_mU_min)
     insulin = limits.clip(jnp.where(finite, wanted_mU_min, delivered_mU_min), delivered_mU_min)
-    saturated = jnp.abs(insulin - wanted_mU_min) > _SATURATED_MU_MIN
+    saturated = ~limits.allow(wanted_mU_min, delivered_mU_min, _SATURATED_MU_MIN)
     status = jnp.select(
         [~finite, ~known, ~jnp.broadcast_to(converged, finite.shape), saturated],
         [Status.NON_FINITE, Status.READING_MISSING, Status.NOT_CONVERGED, Status.SATURATED],

@@ -8,10 +8,11 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
-from glucoloop.control.planning import MovePlan, plan_moves
+from glucoloop.control.planning import MovePlan, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import NOISE_FREE, MPCTuning
 from glucoloop.models.step_response import StepResponseModel
@@ -123,10 +124,40 @@ def design_linear_mpc(
     >>> [round(float(k), 4) for k in controller.gain]
     [-0.2, -0.36, -0.48]
     """
-    S = np.asarray(model.step_response, float)
-    S = np.concatenate([S, np.full(max(0, tuning.prediction_horizon + 1 - S.size), S[-1])])
+    S = _long_enough(np.asarray(model.step_response, float), tuning)
     return LinearMPC(
         step_response=jnp.asarray(S),
         plan=plan_moves(S, tuning, limits, constraints),
         sample_time_min=model.sample_time_min,
     )
+
+
+def linear_mpc_of_people(
+    step_response: npt.NDArray[np.float64],
+    tuning: MPCTuning,
+    limits: DoseLimits,
+    *,
+    sample_time_min: float,
+    constraints: str = "clip",
+) -> LinearMPC:
+    """The controllers of many people, who trail, each on a step response of his own.
+
+    Parameters
+    ----------
+    step_response : (M, people) array
+    tuning, limits, constraints
+        As for `design_linear_mpc`.
+    sample_time_min : float
+    """
+    S = _long_enough(step_response, tuning)
+    return LinearMPC(
+        step_response=jnp.asarray(S),
+        plan=plans_of_people(S, tuning, limits, constraints),
+        sample_time_min=sample_time_min,
+    )
+
+
+def _long_enough(step_response: npt.NDArray[np.float64], tuning: MPCTuning) -> npt.NDArray[np.float64]:
+    """A step response that goes on at its last value to the end of the prediction horizon."""
+    missing = max(0, tuning.prediction_horizon + 1 - step_response.shape[0])
+    return np.concatenate([step_response, np.repeat(step_response[-1:], missing, axis=0)])

@@ -6,6 +6,7 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. V; N. L. Ri
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Final
 
 import jax
@@ -16,7 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
-from glucoloop.control.planning import MovePlan, plan_moves
+from glucoloop.control.planning import MovePlan, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import StateTuning
 from glucoloop.estimation.kalman import steady_state_gain
@@ -61,6 +62,10 @@ class MPCSE:
     basal_mU_min: jax.Array
     basal_glucose_mg_dl: jax.Array
     sample_time_min: float = static()
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> MPCSE:
+        """The same controller for somebody else, whose basal rate is the one given: deviations are from that."""
+        return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
 
     def init(self, observation: Observation) -> MPCSEState:
         """At rest under what the pump delivers."""
@@ -192,25 +197,86 @@ def design_mpc_se(
         rest = np.append(rest, 0.0)
     K = np.asarray(steady_state_gain(Phi, C, Q, measurement_variance).gain)
 
-    tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
-    rows = [C]
-    for _ in range(tuning.prediction_horizon):
-        rows.append(rows[-1] @ Phi)
-    C_Phi = np.stack(rows)  # C Phi^i, i = 0 .. p
-    free_input = np.cumsum(C_Phi[:-1] @ Gamma)
-    free_innovation = np.cumsum(C_Phi[:-1] @ K) if offset_free == "held-innovation" else np.zeros_like(free_input)
-    return MPCSE(
-        Phi=jnp.asarray(Phi),
-        Gamma=jnp.asarray(Gamma),
-        C=jnp.asarray(C),
-        kalman_gain=jnp.asarray(K),
-        rest=jnp.asarray(rest),
-        free_state=jnp.asarray(C_Phi[1:]),
-        free_input=jnp.asarray(free_input),
-        free_innovation=jnp.asarray(free_innovation),
-        reference=jnp.asarray(tuning.reference()),
-        plan=plan_moves(np.append(np.zeros(dead_time_samples), free_input), tuning, limits, constraints),
+    Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
+    one = mpc_se_of_people(
+        FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=K, rest=rest),
+        tuning,
+        limits,
         basal_mU_min=model.insulin_mU_min,
         basal_glucose_mg_dl=model.glucose_mg_dl,
         sample_time_min=model.sample_time_min,
+        hold_innovation=offset_free == "held-innovation",
+        dead_time_samples=dead_time_samples,
+        constraints=constraints,
+    )
+    tuned = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
+    own = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
+    plan = plan_moves(np.append(np.zeros(dead_time_samples), one.free_input[..., 0]), tuned, limits, constraints)
+    return dataclasses.replace(one, plan=plan, **{name: getattr(one, name)[..., 0] for name in own})
+
+
+@dataclass(frozen=True)
+class FilteredModels:
+    """Models of many people with the gains of their filters, people trailing."""
+
+    Phi: Matrix
+    """(n, n, people)"""
+    Gamma: Matrix
+    """(n, people)"""
+    C: Matrix
+    """(n, people)"""
+    kalman_gain: Matrix
+    """(n, people)"""
+    rest: Matrix
+    """(n, people) state at rest per unit of insulin."""
+
+
+def mpc_se_of_people(
+    models: FilteredModels,
+    tuning: StateTuning,
+    limits: DoseLimits,
+    *,
+    basal_mU_min: jax.Array,
+    basal_glucose_mg_dl: jax.Array,
+    sample_time_min: float,
+    hold_innovation: bool = True,
+    dead_time_samples: int = 0,
+    constraints: str = "clip",
+) -> MPCSE:
+    """The controllers of many people, who trail, from their models and Kalman gains.
+
+    Parameters
+    ----------
+    models : FilteredModels
+    tuning, limits, dead_time_samples, constraints
+        As for `design_mpc_se`.
+    basal_mU_min, basal_glucose_mg_dl : () or (people,) array
+        The operating point.
+    sample_time_min : float
+    hold_innovation : bool
+        Whether the correction K e is repeated at each sample ahead.
+    """
+    tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
+    Phi, Gamma, kalman_gain = models.Phi, models.Gamma, models.kalman_gain
+    rows = [models.C]
+    for _ in range(tuning.prediction_horizon):
+        rows.append(np.einsum("i...,ij...->j...", rows[-1], Phi))
+    C_Phi = np.stack(rows)  # C Phi^i, i = 0 .. p
+    free_input = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], Gamma), axis=0)
+    free_innovation = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], kalman_gain), axis=0)
+    late = np.zeros((dead_time_samples, *free_input.shape[1:]))
+    return MPCSE(
+        Phi=jnp.asarray(Phi),
+        Gamma=jnp.asarray(Gamma),
+        C=jnp.asarray(models.C),
+        kalman_gain=jnp.asarray(kalman_gain),
+        rest=jnp.asarray(models.rest),
+        free_state=jnp.asarray(C_Phi[1:]),
+        free_input=jnp.asarray(free_input),
+        free_innovation=jnp.asarray(free_innovation if hold_innovation else np.zeros_like(free_input)),
+        reference=jnp.asarray(tuning.reference()),
+        plan=plans_of_people(np.concatenate([late, free_input]), tuning, limits, constraints),
+        basal_mU_min=basal_mU_min,
+        basal_glucose_mg_dl=basal_glucose_mg_dl,
+        sample_time_min=sample_time_min,
     )

@@ -51,9 +51,15 @@ class NLQDMC:
     limits: DoseLimits
     planned: jax.Array | float = 1.0
     """(m,) 1 for a move that is planned and 0 for one that is left out; one number counts for all."""
+    beyond_model_mU_min: jax.Array | float = 0.0
+    """By how much the person's basal rate exceeds the model's; the model is given the rate less this."""
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> NLQDMC:
+        """The same controller for somebody else, whose basal rate is the one given."""
+        return dataclasses.replace(self, beyond_model_mU_min=insulin_mU_min - self.model.insulin_mU_min)
 
     def init(self, observation: Observation) -> NLQDMCState:
         """At rest at the model's operating point."""
@@ -62,10 +68,9 @@ class NLQDMC:
     def step(self, state: NLQDMCState, observation: Observation) -> tuple[NLQDMCState, Decision]:
         """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""
         delivered = delivered_since(observation, state.insulin_mU_min)
-        x = self.model.advance(state.estimate, delivered)
-        linear = discretise(
-            linearise(self.model.derivative, self.model.glucose_mg_dl, x, delivered), self.sample_time_min
-        )
+        rate = delivered - self.beyond_model_mU_min
+        x = self.model.advance(state.estimate, rate)
+        linear = discretise(linearise(self.model.derivative, self.model.glucose_mg_dl, x, rate), self.sample_time_min)
         P = steady_state_covariance(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
         K = filter_gain(P, linear.C, self.measurement_variance)
         known = is_known(observation)
@@ -73,7 +78,7 @@ class NLQDMC:
         x = x + correction
 
         def ahead(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
-            x = self.model.advance(x, delivered) + correction
+            x = self.model.advance(x, rate) + correction
             return x, self.model.glucose_mg_dl(x)
 
         p = self.reference.shape[0]

@@ -5,12 +5,12 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, eq. (15), (16), 
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
@@ -94,17 +94,44 @@ def plan_moves(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, 
     S = np.asarray(step_response, float)
     if not np.all(np.isfinite(S)):
         raise ValueError("the step response has a value that is not finite; identify the model again")
-    p, m = tuning.prediction_horizon, tuning.move_horizon
-    A = scipy.linalg.toeplitz(S[:p], np.zeros(m))  # as `dynamic_matrix`, without compiling anything
-    hessian = tuning.output_weight**2 * A.T @ A + tuning.move_weight**2 * np.eye(m)
-    if not np.linalg.cond(hessian) < _WORST_CONDITION:
+    plan = plans_of_people(S[:, None], tuning, limits, constraints)
+    if not np.linalg.cond(np.asarray(plan.hessian)[..., 0]) < _WORST_CONDITION:
         raise ValueError(
-            f"the model's response over {p} samples does not determine {m} moves; "
-            "lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
+            f"the model's response over {tuning.prediction_horizon} samples does not determine {tuning.move_horizon} "
+            "moves; lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
         )
-    gradient = -(tuning.output_weight**2) * A.T
+    single = {name: getattr(plan, name)[..., 0] for name in ("gain", "hessian", "gradient")}
+    return dataclasses.replace(plan, **single)
+
+
+def plans_of_people(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, constraints: str) -> MovePlan:
+    """The plan of each of many people, who trail.
+
+    Parameters
+    ----------
+    step_response : (p or more, people) array
+    tuning, limits, constraints
+        As for `plan_moves`.
+
+    Returns
+    -------
+    MovePlan
+        A person whose response does not determine the moves has a plan that is not finite, so that his rate is kept.
+    """
+    S = np.asarray(step_response, float)
+    p, m = tuning.prediction_horizon, tuning.move_horizon
+    A = np.zeros((p, m, *S.shape[1:]))  # as `dynamic_matrix`, without compiling anything
+    for move in range(m):
+        A[move:, move] = S[: p - move]
+    identity = np.eye(m)[..., None]
+    hessian = tuning.output_weight**2 * np.einsum("ij...,ik...->jk...", A, A) + tuning.move_weight**2 * identity
+    gradient = -(tuning.output_weight**2) * A.swapaxes(0, 1)
+    people_first = hessian.transpose(2, 0, 1)
+    determined = np.linalg.det(people_first) != 0.0
+    solvable = np.where(determined[:, None, None], people_first, np.eye(m))
+    gain = -np.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
     return MovePlan(
-        gain=jnp.asarray(-np.linalg.solve(hessian, gradient)[0]),
+        gain=jnp.asarray(np.where(determined, gain, np.nan)),
         hessian=jnp.asarray(hessian),
         gradient=jnp.asarray(gradient),
         limits=limits,

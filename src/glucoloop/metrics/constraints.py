@@ -16,7 +16,8 @@ from glucoloop.pumps.limits import DoseLimits
 LOWEST_GLUCOSE_MG_DL: Final = 60.0
 """Bound of the constraint (19)."""
 
-_ROUNDING_MU_MIN: Final = 1e-9  # a dose at its limit is within it
+ROUNDING_MU_MIN: Final = 1e-9
+"""A dose at its limit is within it."""
 
 
 def insulin_changes(insulin_mU_min: ArrayLike, before_mU_min: ArrayLike) -> jax.Array:
@@ -42,13 +43,13 @@ def insulin_changes(insulin_mU_min: ArrayLike, before_mU_min: ArrayLike) -> jax.
 def rate_satisfied(insulin_mU_min: ArrayLike, before_mU_min: ArrayLike, limits: DoseLimits) -> jax.Array:
     """Whether no change exceeds its limit, (17); arguments as for `insulin_changes`."""
     changes = jnp.abs(insulin_changes(insulin_mU_min, before_mU_min))
-    return (changes <= limits.max_change_mU_min + _ROUNDING_MU_MIN).all(axis=0)
+    return (changes <= limits.max_change_mU_min + ROUNDING_MU_MIN).all(axis=0)
 
 
 def magnitude_satisfied(insulin_mU_min: ArrayLike, limits: DoseLimits) -> jax.Array:
     """Whether every rate is within its limits, (18); insulin as for `insulin_changes`."""
     insulin = jnp.asarray(insulin_mU_min)
-    within = (insulin >= limits.min_mU_min - _ROUNDING_MU_MIN) & (insulin <= limits.max_mU_min + _ROUNDING_MU_MIN)
+    within = (insulin >= limits.min_mU_min - ROUNDING_MU_MIN) & (insulin <= limits.max_mU_min + ROUNDING_MU_MIN)
     return within.all(axis=0)
 
 

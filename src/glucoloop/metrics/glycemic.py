@@ -96,11 +96,14 @@ def risk_indices(glucose_mg_dl: ArrayLike) -> RiskIndices:
     B. P. Kovatchev, M. Straume, D. J. Cox, L. S. Farhy, "Risk analysis of blood glucose data: a quantitative approach
     to optimizing the control of insulin dependent diabetes", J. Theor. Med. 3, 1-10, 2000.
     """
-    glucose = jnp.clip(all_or_nan(glucose_mg_dl), 20.0, 600.0)
-    f = 1.509 * (jnp.log(glucose) ** 1.084 - 5.381)
-    return RiskIndices(
-        lbgi=(10.0 * jnp.minimum(f, 0.0) ** 2).mean(axis=0), hbgi=(10.0 * jnp.maximum(f, 0.0) ** 2).mean(axis=0)
-    )
+    low, high = risks(all_or_nan(glucose_mg_dl))
+    return RiskIndices(lbgi=low.mean(axis=0), hbgi=high.mean(axis=0))
+
+
+def risks(glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Risk of each glucose to be low, and to be high: what `risk_indices` takes the means of."""
+    f = 1.509 * (jnp.log(jnp.clip(glucose_mg_dl, 20.0, 600.0)) ** 1.084 - 5.381)
+    return 10.0 * jnp.minimum(f, 0.0) ** 2, 10.0 * jnp.maximum(f, 0.0) ** 2
 
 
 def glycemia_risk_index(glucose_mg_dl: ArrayLike) -> jax.Array:
@@ -117,4 +120,10 @@ def glycemia_risk_index(glucose_mg_dl: ArrayLike) -> jax.Array:
     very_low, very_high = time_below_pct(glucose_mg_dl, 54.0), time_above_pct(glucose_mg_dl, 250.0)
     low = time_below_pct(glucose_mg_dl, 70.0) - very_low
     high = time_above_pct(glucose_mg_dl, 180.0) - very_high
+    return risk_index_of_pct(very_low, low, high, very_high)
+
+
+def risk_index_of_pct(very_low: ArrayLike, low: ArrayLike, high: ArrayLike, very_high: ArrayLike) -> jax.Array:
+    """The same from the four percentages."""
+    very_low, low, high, very_high = (jnp.asarray(pct) for pct in (very_low, low, high, very_high))
     return jnp.minimum(3.0 * very_low + 2.4 * low + 1.6 * very_high + 0.8 * high, 100.0)

@@ -8,6 +8,7 @@ from typing import Final
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.patients import sorensen
@@ -85,6 +86,12 @@ class SorensenPatient:
         production, uptake = (sorensen.STATE_NAMES.index(name) for name in ("A_IHGP", "A_IHGU"))
         return x.at[sorensen.INSULIN].set(insulin).at[production].set(on_production).at[uptake].set(on_uptake)
 
+    def stiff_couplings(self) -> npt.NDArray[np.bool_]:
+        """Glucose with glucose: blood flow mixes it within minutes; what regulates it acts within half an hour."""
+        kept = np.eye(sorensen.REGULATED, dtype=bool)
+        kept[sorensen.GLUCOSE, sorensen.GLUCOSE] = True
+        return kept
+
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Insulin balances `(7, ...)`."""
         return sorensen.insulin_balances(self.parameters, z, insulin_mU_min)
@@ -93,9 +100,13 @@ class SorensenPatient:
         """Effects of insulin `(4, ...)`."""
         return sorensen.insulin_effects(self.parameters, z)
 
-    def slow_derivative(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        """Glucose and regulation balances `(12, ...)`."""
-        return sorensen.glucose_balances(self.parameters, y, effects, meal_mg_min)
+    def transport(self, y: jax.Array) -> jax.Array:
+        """What of the glucose and regulation balances is linear `(12, ...)`."""
+        return sorensen.glucose_transport(self.parameters, y)
+
+    def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+        """The rest of them `(12, ...)`."""
+        return sorensen.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
 def _physiological(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> jax.Array:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import jax
+import numpy as np
+import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 
@@ -57,7 +59,7 @@ class SemilinearPatient(Patient, Protocol):
     The state is a slow block `y` and a driven block `z`::
 
         z' = A z + b u                   insulin: closed in itself and linear
-        y' = f(y, e(z), meal)            glucose: mostly linear transport
+        y' = T y + k(y, e(z), meal)      glucose: linear transport, and what is made and taken up
 
     where `e` are the effects of `z` on `y`, each a function of `z` alone, and glucose is linear in `y`.
     """
@@ -74,6 +76,10 @@ class SemilinearPatient(Patient, Protocol):
         """State about which the slow block is linearised: amid those that a closed loop passes through."""
         ...
 
+    def stiff_couplings(self) -> npt.NDArray[np.bool_]:
+        """``(n, n)``: entries of the slow block's Jacobian that are fast; others may be left to the nonlinear part."""
+        ...
+
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """z', linear in both arguments."""
         ...
@@ -82,6 +88,10 @@ class SemilinearPatient(Patient, Protocol):
         """What the driven block does to the slow one."""
         ...
 
-    def slow_derivative(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        """y', linear in the meal."""
+    def transport(self, y: jax.Array) -> jax.Array:
+        """``T y``: what of y' is linear."""
+        ...
+
+    def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+        """``k(y, e, m)``: the rest of y', linear in the meal."""
         ...

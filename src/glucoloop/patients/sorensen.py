@@ -31,6 +31,8 @@ STATE_NAMES: Final = (
 GLUCOSE: Final = slice(0, 8)
 INSULIN: Final = slice(8, 15)
 REGULATION: Final = slice(15, 19)
+REGULATED: Final = len(STATE_NAMES[GLUCOSE]) + len(STATE_NAMES[REGULATION])
+"""States of the slow block: glucose and regulation."""
 ARTERIAL_GLUCOSE: Final = STATE_NAMES.index("G_H")
 
 
@@ -211,14 +213,47 @@ def insulin_effects(p: SorensenParameters, insulin: jax.Array) -> jax.Array:
     )
 
 
-def glucose_balances(p: SorensenParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-    """Glucose and regulation equations, given the effects of insulin.
+def glucose_transport(p: SorensenParameters, y: jax.Array) -> jax.Array:
+    """Glucose carried by blood and across capillaries, and the decay of what regulates it: linear in y.
 
     Parameters
     ----------
     p : SorensenParameters
     y : (12, ...) array
         G_BV .. G_PI, A_IHGP, A_IHGU, N, A_NHGP.
+
+    Returns
+    -------
+    (12, ...) array
+        Rates of change per minute.
+    """
+    G_BV, G_BI, G_H, G_G, G_L, G_K, G_PV, G_PI, A_IHGP, A_IHGU, N, A_NHGP = y
+    return jnp.stack(
+        [
+            p.q_B * (G_H - G_BV) / p.v_BV - (G_BV - G_BI) * p.v_BI / (p.T_B * p.v_BV),
+            (G_BV - G_BI) / p.T_B,
+            (p.q_B * G_BV + p.q_L * G_L + p.q_K * G_K + p.q_P * G_PV - p.q_H * G_H) / p.v_H,
+            p.q_G * (G_H - G_G) / p.v_G,
+            (p.q_A * G_H + p.q_G * G_G - p.q_L * G_L) / p.v_L,
+            p.q_K * (G_H - G_K) / p.v_K,
+            p.q_P * (G_H - G_PV) / p.v_PV - (G_PV - G_PI) * p.v_PI / (p.T_P * p.v_PV),
+            (G_PV - G_PI) / p.T_P,
+            -A_IHGP / p.tau_I,
+            -A_IHGU / p.tau_I,
+            -p.k_N * N,
+            -A_NHGP / p.tau_N,
+        ]
+    )
+
+
+def glucose_kinetics(p: SorensenParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+    """Glucose made, taken up and eaten, and what drives its regulation.
+
+    Parameters
+    ----------
+    p : SorensenParameters
+    y : (12, ...) array
+        As for `glucose_transport`.
     effects : (4, ...) array
         As from `insulin_effects`.
     meal_mg_min : (...) array
@@ -227,30 +262,32 @@ def glucose_balances(p: SorensenParameters, y: jax.Array, effects: jax.Array, me
     Returns
     -------
     (12, ...) array
-        Rates of change per minute.
+        Rates of change per minute; with those of `glucose_transport` they make the balances.
     """
-    G_BV, G_BI, G_H, G_G, G_L, G_K, G_PV, G_PI, A_IHGP, A_IHGU, N, A_NHGP = y
+    _, _, G_H, _, G_L, G_K, _, G_PI, A_IHGP, A_IHGU, N, A_NHGP = y
     on_production, on_uptake, on_periphery, on_glucagon = effects
-    KE = renal_excretion(p, G_K)
-    PGU = peripheral_uptake(p, G_PI, on_periphery)
-    PNR = on_glucagon * p.M_GPNR(G_H / p.ref_G_H)
-    liver = hepatic_balance(p, G_L, A_IHGP, A_IHGU, N, A_NHGP)
+    none = jnp.zeros_like(G_H)
     return jnp.stack(
         [
-            p.q_B * (G_H - G_BV) / p.v_BV - (G_BV - G_BI) * p.v_BI / (p.T_B * p.v_BV),
-            (G_BV - G_BI) / p.T_B - p.brain_uptake / p.v_BI,
-            (p.q_B * G_BV + p.q_L * G_L + p.q_K * G_K + p.q_P * G_PV - p.q_H * G_H - p.red_cell_uptake) / p.v_H,
-            (p.q_G * (G_H - G_G) - p.gut_uptake + meal_mg_min) / p.v_G,
-            (p.q_A * G_H + p.q_G * G_G - p.q_L * G_L + liver) / p.v_L,
-            (p.q_K * (G_H - G_K) - KE) / p.v_K,
-            p.q_P * (G_H - G_PV) / p.v_PV - (G_PV - G_PI) * p.v_PI / (p.T_P * p.v_PV),
-            (G_PV - G_PI) / p.T_P - PGU / p.v_PI,
-            (on_production - A_IHGP) / p.tau_I,
-            (on_uptake - A_IHGU) / p.tau_I,
-            p.k_N * (PNR - N),
-            ((p.M_NHGP(N) - 1.0) / 2.0 - A_NHGP) / p.tau_N,
+            none,
+            none - p.brain_uptake / p.v_BI,
+            none - p.red_cell_uptake / p.v_H,
+            (meal_mg_min - p.gut_uptake) / p.v_G + none,
+            hepatic_balance(p, G_L, A_IHGP, A_IHGU, N, A_NHGP) / p.v_L,
+            -renal_excretion(p, G_K) / p.v_K,
+            none,
+            -peripheral_uptake(p, G_PI, on_periphery) / p.v_PI,
+            on_production / p.tau_I + none,
+            on_uptake / p.tau_I + none,
+            p.k_N * on_glucagon * p.M_GPNR(G_H / p.ref_G_H),
+            (p.M_NHGP(N) - 1.0) / (2.0 * p.tau_N),
         ]
     )
+
+
+def glucose_balances(p: SorensenParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+    """Glucose and regulation equations, given the effects of insulin; arguments as for `glucose_kinetics`."""
+    return glucose_transport(p, y) + glucose_kinetics(p, y, effects, meal_mg_min)
 
 
 def split(x: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -24,6 +24,15 @@ class DoseLimits:
         change = jnp.clip(insulin_mU_min - previous_mU_min, -self.max_change_mU_min, self.max_change_mU_min)
         return jnp.clip(previous_mU_min + change, self.min_mU_min, self.max_mU_min)
 
+    def allow(self, insulin_mU_min: jax.Array, previous_mU_min: jax.Array, slack_mU_min: float = 0.0) -> jax.Array:
+        """Whether a rate keeps both limits. The limits are compared with, not the clipped rate: that is rounded."""
+        change = jnp.abs(insulin_mU_min - previous_mU_min)
+        return (
+            (change <= self.max_change_mU_min + slack_mU_min)
+            & (insulin_mU_min >= self.min_mU_min - slack_mU_min)
+            & (insulin_mU_min <= self.max_mU_min + slack_mU_min)
+        )
+
 
 PARKER_1999_LIMITS: Final = DoseLimits()
 """The full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin below 100 mU/l."""

@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.control.protocol import Controller, Observation
+from glucoloop.control.protocol import Controller
 from glucoloop.meals.scenario import Scenario
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.pumps import LimitedPump, Pump
-from glucoloop.sensors import IdealSensor, Reading, Sensor
+from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
-from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
+from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
+from glucoloop.simulation.plant import Integrator, SampleGrid
 
 
 @pytree
@@ -82,61 +83,30 @@ def _eaten(scenario: Scenario, grid: SampleGrid) -> _Eaten:
 
 
 @jax.jit
-def _run(
-    plant: Plant,
-    controller: Controller,
-    sensor: Sensor,
-    pump: Pump,
-    start: _Start,
-    exogenous: Any,
-    eaten: _Eaten,
-    key: jax.Array,
-) -> Trace:
+def _run(loop: Loop, start: _Start, exogenous: Any, eaten: _Eaten, key: jax.Array) -> Trace:
     """The loop proper: one scan over samples."""
-    patient = plant.patient
-    sensor_key, reading_key = jax.random.split(key)
-    glucose = patient.glucose_mg_dl(start.x)
+    patient = loop.plant.patient
+    state, reading_key = begin(loop, start.x, start.insulin_mU_min, eaten.announced_g[0], key)
 
-    def observe(reading: Reading, delivered: jax.Array, carbs_g: jax.Array) -> Observation:
-        return Observation(
-            glucose_mg_dl=reading.glucose_mg_dl,
-            valid=reading.valid,
-            setpoint_mg_dl=start.setpoint_mg_dl,
-            delivered_mU_min=delivered,
-            announced_carbs_g=jnp.broadcast_to(carbs_g, glucose.shape),
-        )
-
-    def sample(carry: Any, entry: Any) -> Any:
-        x, delivered, in_sensor, in_controller, in_pump = carry
+    def one(state: LoopState, entry: Any) -> tuple[LoopState, Sampled]:
         index, outside, announced_g = entry
-        glucose = patient.glucose_mg_dl(x)
-        in_sensor, reading = sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, index))
-        in_controller, decision = controller.step(in_controller, observe(reading, delivered, announced_g))
-        in_pump, delivered = pump.deliver(in_pump, decision.insulin_mU_min)
-        record = (x, reading, decision, delivered)
-        x, inside = plant.advance(x, delivered, outside)
-        return (x, delivered, in_sensor, in_controller, in_pump), (*record, inside)
+        return sample(loop, state, outside, announced_g, reading_key, index)
 
-    in_sensor = sensor.init(glucose, sensor_key)
-    # The controller wakes at what the first sample will show it.
-    _, first = sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, 0))
-    in_controller = controller.init(observe(first, start.insulin_mU_min, eaten.announced_g[0]))
-    carry = (start.x, start.insulin_mU_min, in_sensor, in_controller, pump.init(start.insulin_mU_min))
     index = jnp.arange(eaten.carbs_g.shape[0])
-    last, (x, reading, decision, delivered, inside) = jax.lax.scan(sample, carry, (index, exogenous, eaten.announced_g))
-    states = jnp.concatenate([x, last[0][None]])
+    last, happened = jax.lax.scan(one, state, (index, exogenous, eaten.announced_g))
+    glucose = patient.glucose_mg_dl(start.x)
     return Trace(
         t_min=jnp.asarray(eaten.t_min),
-        glucose_mg_dl=jax.vmap(patient.glucose_mg_dl)(x),
-        reading_mg_dl=reading.glucose_mg_dl,
-        reading_valid=reading.valid,
-        command_mU_min=decision.insulin_mU_min,
-        insulin_mU_min=delivered,
-        status=decision.status,
+        glucose_mg_dl=happened.glucose_mg_dl,
+        reading_mg_dl=happened.reading.glucose_mg_dl,
+        reading_valid=happened.reading.valid,
+        command_mU_min=happened.decision.insulin_mU_min,
+        insulin_mU_min=happened.delivered_mU_min,
+        status=happened.decision.status,
         carbs_g=jnp.asarray(eaten.carbs_g),
-        states=states,
+        states=jnp.concatenate([happened.x, last.x[None]]),
         fine_t_min=jnp.asarray(eaten.fine_t_min),
-        fine_glucose_mg_dl=jnp.concatenate([glucose[None], inside.reshape(-1, *glucose.shape)]),
+        fine_glucose_mg_dl=jnp.concatenate([glucose[None], happened.inside_mg_dl.reshape(-1, *glucose.shape)]),
         setpoint_mg_dl=start.setpoint_mg_dl,
         basal_insulin_mU_min=start.insulin_mU_min,
     )
@@ -224,5 +194,6 @@ def simulate(
     grid = sample_grid(scenario.horizon_min, controller.sample_time_min)
     plant, exogenous = integrator.prepare(patient, scenario.emptying(), grid)
     start = _start(patient, scenario)
-    trace: Trace = _run(plant, controller, sensor, pump, start, exogenous, _eaten(scenario, grid), key)
+    loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
+    trace: Trace = _run(loop, start, exogenous, _eaten(scenario, grid), key)
     return trace

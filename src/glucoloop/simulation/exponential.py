@@ -69,8 +69,8 @@ class Matrices:
     """(d, d + 1) the driven block at the end of the step, from its start and the infusion."""
     driven_gauss: jax.Array
     """(3, d, d + 1) its projected path at the Gauss nodes."""
-    linear: jax.Array
-    """(n, n) the linear part of the slow block, which the exponentials hold."""
+    beyond_transport: jax.Array
+    """(n, n) what the exponentials hold of the slow block beyond its transport, ``L - T``."""
     half: jax.Array
     """(3, n, n) half step: exponential, ``h/2 phi_1``, ``h phi_2``."""
     full: jax.Array
@@ -81,6 +81,8 @@ class Matrices:
     """(substeps, times, 4, n) rows that read glucose at the moments inside each substep, padded with zeros."""
     wanted: jax.Array
     """(points,) which of the ``substeps * times`` readings are not padding."""
+    transport: jax.Array | None = None
+    """(n, n) T, if it is not the patient's own: what his differs by is then left to the nonlinear part."""
 
 
 def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
@@ -94,19 +96,24 @@ def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
 
 
 @jax.jit
-def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Jacobian of the slow block at the state x, A, b, and the row that reads glucose from the slow block."""
+def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array, ...]:
+    """T, the Jacobian of the kinetics at the state x, A, b, and the row that reads glucose from the slow block."""
     y, z = patient.split(x)
     none = jnp.zeros(())
-    L = jax.jacfwd(lambda y: patient.slow_derivative(y, patient.effects(z), none))(y)
+    T = jax.jacfwd(patient.transport)(y)
+    K = jax.jacfwd(lambda y: patient.kinetics(y, patient.effects(z), none))(y)
     A = jax.jacfwd(lambda z: patient.driven_derivative(z, none))(z)
     b = patient.driven_derivative(jnp.zeros_like(z), jnp.ones(()))
     row = jax.grad(lambda y: patient.glucose_mg_dl(patient.join(y, z)))(y)
-    return L, A, b, row
+    return T, K, A, b, row
 
 
 def design(
-    patient: SemilinearPatient, step_min: float, dense_times_min: Sequence[Matrix], state: jax.Array
+    patient: SemilinearPatient,
+    step_min: float,
+    dense_times_min: Sequence[Matrix],
+    state: jax.Array,
+    kept: npt.NDArray[np.bool_] | None = None,
 ) -> Matrices:
     """Matrices of one step.
 
@@ -120,9 +127,13 @@ def design(
         For each substep of a sample, the moments inside it, counted from its start, at which glucose is wanted.
     state : (states,) array
         Where the slow block is linearised.
+    kept : (n, n) array of bool, optional
+        Entries of the Jacobian of the kinetics that the exponentials hold; all of them by default. What they do not
+        hold is left to the Runge-Kutta method, at the same order.
     """
-    L, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
-    return _design(_Hashed(L), _Hashed(A), _Hashed(b), _Hashed(row), step_min, tuple(map(_Hashed, dense_times_min)))
+    T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
+    K = K if kept is None else np.where(kept, K, 0.0)
+    return _design(*map(_Hashed, (T, K, A, b, row)), step_min, tuple(map(_Hashed, dense_times_min)))
 
 
 class _Hashed:
@@ -141,15 +152,21 @@ class _Hashed:
 
 @functools.lru_cache(maxsize=64)
 def _design(
-    slow: _Hashed, transport: _Hashed, entry: _Hashed, output: _Hashed, h: float, dense_times: tuple[_Hashed, ...]
+    transport: _Hashed,
+    kinetics: _Hashed,
+    driven: _Hashed,
+    entry: _Hashed,
+    output: _Hashed,
+    h: float,
+    dense_times: tuple[_Hashed, ...],
 ) -> Matrices:
     """Matrix exponentials cost more than a day of closed loop, so the same patient is not designed for twice."""
-    L, A, row = slow.array, transport.array, output.array
+    L, A, row = transport.array + kinetics.array, driven.array, output.array
     d = A.shape[0]
-    driven = np.zeros((d + 1, d + 1))
-    driven[:d, :d], driven[:d, d] = A, entry.array
+    augmented = np.zeros((d + 1, d + 1))
+    augmented[:d, :d], augmented[:d, d] = A, entry.array
 
-    path = scipy.linalg.expm(((_FINE_NODES + 1.0) / 2.0 * h)[:, None, None] * driven)[:, :d]
+    path = scipy.linalg.expm(((_FINE_NODES + 1.0) / 2.0 * h)[:, None, None] * augmented)[:, :d]
     half_0, half_1, half_2, _ = _phi(h / 2.0 * L)
     full_0, full_1, full_2, _ = _phi(h * L)
     most = max(times.array.size for times in dense_times)
@@ -159,9 +176,9 @@ def _design(
             rows[position] = row @ _quadratic_weights(L, h, t / h)
     wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.array.size)]
     return Matrices(
-        driven_end=jnp.asarray(scipy.linalg.expm(h * driven)[:d]),
+        driven_end=jnp.asarray(scipy.linalg.expm(h * augmented)[:d]),
         driven_gauss=jnp.asarray(np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path)),
-        linear=jnp.asarray(L),
+        beyond_transport=jnp.asarray(kinetics.array),
         half=jnp.asarray(np.stack([half_0, h / 2.0 * half_1, h * half_2])),
         full=jnp.asarray(np.stack([full_0, h * full_1, 2.0 * h * full_2])),
         end=jnp.asarray(_quadratic_weights(L, h, 1.0)[1:]),
@@ -207,7 +224,8 @@ def step(
     meal_0, meal_m, meal_1 = jnp.tensordot(jnp.asarray(_FROM_MOMENTS, path.dtype), meal_moments, 1)
 
     def source(y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        return patient.slow_derivative(y, effects, meal_mg_min) - matrices.linear @ y
+        rest = patient.kinetics(y, effects, meal_mg_min) - matrices.beyond_transport @ y
+        return rest if matrices.transport is None else rest + patient.transport(y) - matrices.transport @ y
 
     s_0 = source(y, effects_0, meal_0)
     base = matrices.half[0] @ y + matrices.half[1] @ s_0
@@ -242,6 +260,13 @@ class ExponentialPlant:
         return x, inside.reshape(-1, *inside.shape[2:])[self.matrices.wanted]
 
 
+def substeps_of(grid: SampleGrid, substeps: int) -> tuple[float, list[Matrix]]:
+    """Length of a step, and the moments of the fine grid inside each step of a sample, counted from its start."""
+    h = grid.sample_time_min / substeps
+    index = np.minimum((grid.inside_min / h - 1e-9).astype(int), substeps - 1)
+    return h, [grid.inside_min[index == i] - i * h for i in range(substeps)]
+
+
 @dataclass(frozen=True)
 class Exponential:
     """The fast integrator: exact transport, fourth order in the rest, by default one step per sample.
@@ -268,13 +293,17 @@ class Exponential:
         """
         if not isinstance(patient, SemilinearPatient):
             raise TypeError(f"{type(patient).__name__} has no linear driven block; use the adaptive integrator for it")
-        h = grid.sample_time_min / self.substeps
-        index = np.minimum((grid.inside_min / h - 1e-9).astype(int), self.substeps - 1)
-        dense = [grid.inside_min[index == i] - i * h for i in range(self.substeps)]
-        starts = jnp.arange(grid.samples * self.substeps).reshape(grid.samples, self.substeps) * h
+        h, dense = substeps_of(grid, self.substeps)
         state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
         plant = ExponentialPlant(patient=patient, matrices=design(patient, h, dense, state))
-        return plant, _moments(starts, h, kinks)
+        return plant, meal_moments(grid.samples, self.substeps, h, kinks)
+
+
+def meal_moments(samples: int, substeps: int, step_min: float, kinks: Emptying) -> jax.Array:
+    """Moments of the meals' appearance over every step, ``(samples, substeps, 3, ...)``."""
+    starts = jnp.arange(samples * substeps).reshape(samples, substeps) * step_min
+    moments: jax.Array = _moments(starts, step_min, kinks)
+    return moments
 
 
 @jax.jit

@@ -16,7 +16,9 @@ from glucoloop.simulation.plant import SampleGrid
 
 
 @functools.partial(jax.jit, static_argnames="sample_time_min")
-def _linearised(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, sample_time_min: float) -> LinearModel:
+def linear_model_at(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, sample_time_min: float) -> LinearModel:
+    """Linearisation at a state and a rate; JAX can trace it, and map it over people."""
+
     def derivative(x: jax.Array, u: jax.Array, meal: jax.Array) -> jax.Array:
         return patient.derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=u, meal_mg_min=meal))
 
@@ -39,7 +41,7 @@ def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sampl
         Where the patient has no steady state under the infusion, or the sample time is not positive.
     """
     insulin = patient.basal_insulin_mU_min if insulin_mU_min is None else jnp.asarray(insulin_mU_min, float)
-    model: LinearModel = _linearised(patient, patient.steady_state(insulin), insulin, sample_time_min)
+    model: LinearModel = linear_model_at(patient, patient.steady_state(insulin), insulin, sample_time_min)
     return model
 
 

@@ -1,0 +1,144 @@
+"""Control-variability grid: each person at his least and greatest glucose, and the zone that he falls in.
+
+Magni, Raimondo, Dalla Man, Breton, Patek, De Nicolao, Cobelli & Kovatchev, "Evaluating the efficacy of closed-loop
+glucose regulation via control-variability grid analysis", J. Diabetes Sci. Technol. 2(4):630-635, 2008.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+ZONES: Final = ("A", "B", "C", "D", "E")
+MINIMUM_LIMITS_MG_DL: Final = (50.0, 70.0, 90.0, 110.0)
+"""Where columns of the grid meet; drawn from right to left."""
+MAXIMUM_LIMITS_MG_DL: Final = (110.0, 180.0, 300.0, 400.0)
+"""Where rows of the grid meet; drawn upwards."""
+CELLS: Final = 20
+"""Cells of a column and of a row."""
+
+# By column from the least minimum on, and by row from the least maximum on.
+_ZONES: Final = np.array([["C", "D", "E"], ["B", "B", "D"], ["A", "B", "C"]])
+_REGIONS: Final = np.array([["lower C", "lower D", "E"], ["lower B", "B", "upper D"], ["A", "upper B", "upper C"]])
+
+
+def _edges(limits: tuple[float, ...]) -> Floats:
+    parts = [np.linspace(low, high, CELLS, endpoint=False) for low, high in pairwise(limits)]
+    return np.append(np.concatenate(parts), limits[-1])
+
+
+MINIMUM_EDGES_MG_DL: Final = _edges(MINIMUM_LIMITS_MG_DL)
+"""(61,) 1 mg/dl apart."""
+MAXIMUM_EDGES_MG_DL: Final = _edges(MAXIMUM_LIMITS_MG_DL)
+"""(61,) 3.5, 6 and 5 mg/dl apart, so that rows are drawn equally high."""
+
+
+def grid_counts(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """People in each cell of the grid; counts of parts of a population add up to those of the whole.
+
+    Glucose beyond the grid is counted in the cells of its border. A cell includes its lower edges.
+
+    Parameters
+    ----------
+    minimum_mg_dl, maximum_mg_dl : array_like (n,)
+        Least and greatest glucose of each person. People for whom either is not finite are not counted.
+
+    Returns
+    -------
+    ndarray of int64 (60, 60)
+        By minimum (`MINIMUM_EDGES_MG_DL`) and maximum (`MAXIMUM_EDGES_MG_DL`), both rising.
+
+    Raises
+    ------
+    ValueError
+        If the two differ in shape.
+    """
+    minimum, maximum = np.asarray(minimum_mg_dl, float), np.asarray(maximum_mg_dl, float)
+    if minimum.shape != maximum.shape:
+        raise ValueError(
+            f"there are minima of shape {minimum.shape} and maxima of shape {maximum.shape}; give one of each per "
+            "person"
+        )
+    counted = np.isfinite(minimum) & np.isfinite(maximum)
+    column = _cell(MINIMUM_EDGES_MG_DL, minimum[counted])
+    row = _cell(MAXIMUM_EDGES_MG_DL, maximum[counted])
+    rows = MAXIMUM_EDGES_MG_DL.size - 1
+    columns = MINIMUM_EDGES_MG_DL.size - 1
+    return np.bincount(column * rows + row, minlength=columns * rows).reshape(columns, rows).astype(np.int64)
+
+
+def _cell(edges: Floats, values: Floats) -> npt.NDArray[np.intp]:
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
+
+
+def zones(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> npt.NDArray[np.str_]:
+    """The zone of each person: A accurate, B benign deviations, C overcorrection, D failure to correct, E erroneous.
+
+    A limit between two zones belongs to the side of higher glucose, as a cell of `grid_counts` does.
+
+    Parameters
+    ----------
+    minimum_mg_dl, maximum_mg_dl : array_like (n,)
+        Least and greatest glucose of each person.
+
+    Returns
+    -------
+    ndarray of str (n,)
+        "A" to "E", and "" where either is not finite.
+    """
+    minimum, maximum = np.broadcast_arrays(np.asarray(minimum_mg_dl, float), np.asarray(maximum_mg_dl, float))
+    column = np.searchsorted(MINIMUM_LIMITS_MG_DL[1:-1], minimum, side="right")
+    row = np.searchsorted(MAXIMUM_LIMITS_MG_DL[1:-1], maximum, side="right")
+    return np.where(np.isfinite(minimum) & np.isfinite(maximum), _ZONES[column, row], "")
+
+
+def zone_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
+    """Percentage of people in each zone.
+
+    Parameters
+    ----------
+    counts : ndarray (60, 60)
+        As `grid_counts` gives them.
+
+    Returns
+    -------
+    dict of str to float
+        By "A" to "E"; NaN if nobody is counted.
+    """
+    shares = _shares(counts)
+    return {zone: float(shares[_ZONES == zone].sum()) for zone in ZONES}
+
+
+def region_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
+    """Percentage of people in each of the nine regions of the grid.
+
+    Parameters
+    ----------
+    counts : ndarray (60, 60)
+        As `grid_counts` gives them.
+
+    Returns
+    -------
+    dict of str to float
+        By "A", "lower B", "B", "upper B", "lower C", "upper C", "lower D", "upper D" and "E", in the order of columns
+        from the least minimum on; NaN if nobody is counted.
+    """
+    return dict(zip(_REGIONS.ravel().tolist(), _shares(counts).ravel().tolist(), strict=True))
+
+
+def _shares(counts: npt.NDArray[Any]) -> Floats:
+    """(3, 3) percentages by column and row."""
+    values = np.asarray(counts, float)
+    shape = (MINIMUM_EDGES_MG_DL.size - 1, MAXIMUM_EDGES_MG_DL.size - 1)
+    if values.shape != shape:
+        raise ValueError(
+            f"the counts have shape {values.shape}, a control-variability grid has {shape}; use grid_counts"
+        )
+    total = values.sum()
+    people = values.reshape(3, CELLS, 3, CELLS).sum(axis=(1, 3))
+    return 100.0 * people / total if total else np.full((3, 3), np.nan)

@@ -1,0 +1,273 @@
+"""The closed loop of many people at once: the same loop, sample by sample, for all of them.
+
+What differs between people (constants of the patient, meals, random keys, a controller of one's own) trails; what they
+share is part of the program. `people_plant` integrates, with two steps a sample, and `engines` carries the loop out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Controller
+from glucoloop.meals.lehmann_deutsch import emptying
+from glucoloop.meals.people import ENTRIES, Digestion, digest, fasting, kink_table
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.pumps import Pump
+from glucoloop.sensors import Sensor
+from glucoloop.simulation.engines import Engine, make_engine
+from glucoloop.simulation.exponential import meal_moments
+from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
+from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
+from glucoloop.simulation.plant import SampleGrid
+
+Array = npt.NDArray[Any]
+
+SUBSTEPS: Final = 2
+
+
+class Fold(Protocol):
+    """What is made of the loop as it goes, in place of a trace; a pytree."""
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
+        """At the start."""
+        ...
+
+    def step(self, state: Any, happened: Sampled, t_min: jax.Array) -> Any:
+        """After a sample, which was taken at the time `t_min`."""
+        ...
+
+
+@dataclass(frozen=True)
+class People:
+    """Some people at the start of a run; people trail."""
+
+    patient: SemilinearPatient
+    x: Array
+    """(states, people) at rest."""
+    insulin_mU_min: Array
+    """(people,) under which they rest."""
+    key: jax.Array
+    """(people,) from which each one's sensor draws."""
+    controller: Controller | None = None
+    """Controllers of their own, numbers trailing; None: the cohort's."""
+    meal_t_min: Array | None = None
+    """(meals, people) meals of their own; None: the cohort's."""
+    carbs_g: Array | None = None
+    """(meals, people)"""
+
+
+@dataclass(frozen=True)
+class CohortRun:
+    """What became of some people."""
+
+    fold: Any
+    """The fold's state at the end, ``(..., people)``, float64."""
+    glucose_mg_dl: Array
+    """(samples + 1, people) free of noise, at each sample and at the horizon, in the engine's precision."""
+    insulin_mU_min: Array
+    """(samples, people) delivered from each sample to the next."""
+
+
+@pytree
+class _Carry:
+    loop: LoopState
+    digestion: Digestion | None
+    fold: Any
+
+
+@pytree
+class _Own:
+    """What differs between people, people trailing."""
+
+    plant: list[jax.Array]
+    controller: list[jax.Array]
+
+
+class Cohort:
+    """A closed loop made ready for people of one kind.
+
+    Parameters
+    ----------
+    nominal : SemilinearPatient
+        One person, about whom the integrator is made.
+    varied : SemilinearPatient
+        Some people, to show which constants vary: those that have one axis more than the nominal patient's.
+    controller : Controller
+        For all of them.
+    sensor, pump : Sensor, Pump
+    grid : SampleGrid
+    fold : Fold
+    setpoint_mg_dl : float
+    meals : (t_min, carbs_g) or None
+        Meals of all, ``(meals,)`` each; None: everybody brings his own.
+    announced : bool
+        Whether the controller is told of meals when they begin.
+    varied_controller : Controller, optional
+        Controllers of some people, where each brings his own; what varies is told as for `varied`.
+    engine : {"native", "xla"}, optional
+        By default native code where the controller allows it.
+    precision : {"float64", "float32"}
+        Of native code.
+    substeps : int
+        Steps of the integrator per sample.
+
+    Raises
+    ------
+    ValueError
+        For an unknown engine, or native code that is asked for and not possible.
+    """
+
+    def __init__(
+        self,
+        nominal: SemilinearPatient,
+        varied: SemilinearPatient,
+        controller: Controller,
+        sensor: Sensor,
+        pump: Pump,
+        grid: SampleGrid,
+        fold: Fold,
+        *,
+        setpoint_mg_dl: float,
+        meals: tuple[Array, Array] | None,
+        announced: bool = False,
+        varied_controller: Controller | None = None,
+        engine: str | None = None,
+        precision: str = "float64",
+        substeps: int = SUBSTEPS,
+    ) -> None:
+        self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
+        self._substeps, self._own_meals = substeps, meals is None
+        self._plants = PeoplePlant(nominal, varied, grid, substeps)
+        self._single = Loop(
+            plant=self._plants.single,
+            controller=controller,
+            sensor=sensor,
+            pump=pump,
+            setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
+        )
+        self._controller_varies = varying(controller if varied_controller is None else varied_controller, controller)
+        moments, told = self._meals_of_all(meals)
+        self._shared = {"moments": moments, "t_min": grid.t_min, "told": told}
+        self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
+        self._engine = self._make_engine(engine, precision)
+
+    @property
+    def engine(self) -> str:
+        """Name of the engine."""
+        return self._engine.name
+
+    @property
+    def precision(self) -> str:
+        """Of the engine."""
+        return self._engine.precision
+
+    def run(self, people: People, *, threads: int = 1) -> CohortRun:
+        """Carry people through the run.
+
+        Parameters
+        ----------
+        people : People
+            As many as is good for the caches: some hundred to a few thousand.
+        threads : int
+            Of native code. They make no difference to the result.
+        """
+        own = self._own(people)
+        reaching, first_told = self._meals_of_people(people)
+        x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
+        carry, keys = self._begin_people(own, x, insulin, jnp.asarray(first_told), people.key)
+        last, (glucose, delivered) = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
+        end = np.asarray(self._nominal.glucose_mg_dl(last.loop.x))
+        return CohortRun(
+            fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
+            glucose_mg_dl=np.concatenate([glucose, end[None]]),
+            insulin_mU_min=delivered,
+        )
+
+    # one person
+
+    def _loop(self, own: _Own) -> Loop:
+        """The loop with a person's own numbers in their places."""
+        return dataclasses.replace(
+            self._single,
+            plant=self._plants.of(own.plant),
+            controller=replaced(self._single.controller, self._controller_varies, own.controller),
+        )
+
+    def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
+        """Before the first sample, and the key of his readings."""
+        loop = self._loop(own)
+        state, reading_key = begin(loop, x, insulin, told, key)
+        glucose = loop.plant.patient.glucose_mg_dl(x)
+        digestion = fasting(glucose) if self._own_meals else None
+        return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
+
+    def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, chance: Any) -> tuple[_Carry, Any]:
+        """One sample; what comes out of it is glucose and the delivered rate."""
+        digestion, moments = carry.digestion, shared["moments"]
+        if digestion is not None:
+            of_steps = []
+            for kinks in reaching["kinks"]:
+                digestion, of_step = digest(digestion, kinks, self._plants.step_min)
+                of_steps.append(of_step)
+            moments = jnp.stack(of_steps)
+        told = (reaching if self._own_meals else shared)["told"] if self._announced else jnp.zeros(())
+        state, happened = sample(self._loop(own), carry.loop, moments, told, *chance)
+        fold = self._fold.step(carry.fold, happened, shared["t_min"])
+        return _Carry(loop=state, digestion=digestion, fold=fold), (happened.glucose_mg_dl, happened.delivered_mU_min)
+
+    def _make_engine(self, name: str | None, precision: str) -> Engine:
+        controller = chosen(self._single.controller, self._controller_varies)
+        own = _Own(plant=self._plants.own_of_nominal(), controller=controller)
+        insulin = self._nominal.basal_insulin_mU_min
+        carry, key = self._begin(own, self._nominal.steady_state(insulin), insulin, jnp.zeros(()), jax.random.key(0))
+        kinks = {"kinks": np.zeros((self._substeps, ENTRIES)), "told": np.zeros(())}
+        shared = {name: values[0] for name, values in self._shared.items()}
+        reaching = kinks if self._own_meals else {}
+        return make_engine(self._step, own, carry, reaching, shared, key, name=name, precision=precision)
+
+    # many people
+
+    def _own(self, people: People) -> _Own:
+        """What differs between people."""
+        controller = self._single.controller if people.controller is None else people.controller
+        return _Own(plant=self._plants.own(people.patient), controller=chosen(controller, self._controller_varies))
+
+    def _meals_of_all(self, meals: tuple[Array, Array] | None) -> tuple[Array, Array]:
+        """Moments ``(samples, substeps, 3)`` and what is announced ``(samples,)`` of meals that all eat."""
+        samples = self._grid.samples
+        if meals is None:
+            return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
+        t_min, carbs_g = (np.asarray(part, float) for part in meals)
+        moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, emptying(t_min, carbs_g)))
+        return moments, _at_samples(t_min[:, None], carbs_g[:, None], self._grid)[:, 0]
+
+    def _meals_of_people(self, people: People) -> tuple[Any, Array]:
+        """What reaches people of their own meals, and what is announced at the start."""
+        samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
+        if not self._own_meals:
+            return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
+        if people.meal_t_min is None or people.carbs_g is None:
+            raise TypeError("this cohort was made for people with meals of their own; give meal_t_min and carbs_g")
+        kinks = emptying(people.meal_t_min, people.carbs_g)
+        table = kink_table(kinks, steps=samples * self._substeps, step_min=self._plants.step_min)
+        told = np.zeros((samples, n))
+        if self._announced:
+            told = _at_samples(people.meal_t_min, people.carbs_g, self._grid)
+        return {"kinks": table.reshape(samples, self._substeps, ENTRIES, n), "told": told}, told[0]
+
+
+def _at_samples(t_min: Array, carbs_g: Array, grid: SampleGrid) -> Array:
+    """Carbohydrate of the meals that begin in each sample, ``(samples, people)``."""
+    told = np.zeros((grid.samples, t_min.shape[1]))
+    number = np.floor(t_min / grid.sample_time_min).astype(int)
+    which, person = np.nonzero((number >= 0) & (number < grid.samples))
+    np.add.at(told, (number[which, person], person), carbs_g[which, person])
+    return told

@@ -1,0 +1,181 @@
+"""How a loop over samples is carried out for many people: as native code, or mapped by JAX.
+
+Both take the same function of one person and one sample,
+``carry, outputs = step(own, carry, reaching, shared, chance)``:
+
+============  =====================================================  ================================
+argument      meaning                                                arrays given to `run`
+============  =====================================================  ================================
+``own``       what a person is                                       ``(..., people)``
+``carry``     what is handed from sample to sample                   ``(..., people)``
+``reaching``  what reaches him at a sample                           ``(samples, ..., people)``
+``shared``    what reaches all alike at a sample                     ``(samples, ...)``
+``chance``    his random key, and the number of the sample           ``(people,)`` keys
+============  =====================================================  ================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.native.flatten import UnsupportedError
+from glucoloop.native.kernel import compile_kernel
+
+Array = npt.NDArray[Any]
+Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
+
+ENGINES: Final = ("native", "xla")
+
+
+class Engine(Protocol):
+    """Carries a loop out."""
+
+    @property
+    def name(self) -> str:
+        """Which of the engines it is."""
+        ...
+
+    @property
+    def precision(self) -> str:
+        """``"float64"`` or ``"float32"``."""
+        ...
+
+    def run(
+        self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+    ) -> tuple[Any, Any]:
+        """Carry at the end ``(..., people)``, and outputs of each sample ``(samples, ..., people)``."""
+        ...
+
+
+def make_engine(
+    step: Step, own: Any, carry: Any, reaching: Any, shared: Any, key: jax.Array, *, name: str | None, precision: str
+) -> Engine:
+    """An engine for a loop, made from an example of one person and one sample.
+
+    Parameters
+    ----------
+    step : callable
+    own, carry, reaching, shared, key
+        Arguments of `step`, with the key in place of ``chance``.
+    name : {"native", "xla"}, optional
+        By default native code where the loop allows it.
+    precision : {"float64", "float32"}
+        Of native code; the other engine computes in float64.
+
+    Raises
+    ------
+    ValueError
+        For an unknown engine, or native code that is asked for and not possible.
+    """
+    if name not in (None, *ENGINES):
+        raise ValueError(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
+    if name != "xla":
+        try:
+            return NativeEngine(step, own, carry, reaching, shared, key, precision)
+        except UnsupportedError as error:
+            if name == "native":
+                raise ValueError(f"native code cannot take this loop, which has {error}; use xla") from None
+    return MappedEngine(step)
+
+
+class NativeEngine:
+    """Straight-line vector code, several people in each vector."""
+
+    name: Final = "native"
+
+    def __init__(
+        self, step: Step, own: Any, carry: Any, reaching: Any, shared: Any, key: jax.Array, precision: str
+    ) -> None:
+        self.precision = precision
+        own, carry, reaching, shared = jax.tree.map(jnp.asarray, (own, carry, reaching, shared))
+        chance = (key, jnp.zeros((), int))
+        self._kernel, drawing = compile_kernel(step, own, carry, reaching, shared, chance, precision=precision)
+        of_people = jax.vmap(drawing, in_axes=(0, None), out_axes=-1)
+        self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if drawing.wanted else None
+        _, outputs = jax.eval_shape(step, own, carry, reaching, shared, chance)
+        self._carry, self._outputs = (
+            (jax.tree.structure(tree), [jnp.shape(leaf) for leaf in jax.tree.leaves(tree)]) for tree in (carry, outputs)
+        )
+
+    def run(
+        self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+    ) -> tuple[Any, Any]:
+        """See `Engine`."""
+        kernel, n = self._kernel, keys.shape[0]
+        columns, dtype = kernel.padded(n), kernel.dtype
+        told = [np.asarray(leaf, dtype) for leaf in jax.tree.leaves(shared)]
+        samples = told[0].shape[0]
+        at_sample = np.concatenate([leaf.reshape(samples, -1) for leaf in told], axis=1)
+        reaches = list(jax.tree.leaves(reaching))
+        if self._draw is not None:
+            reaches += self._draw(keys, jnp.arange(samples))
+        arriving = np.zeros((samples, kernel.sizes["own"], columns), dtype)
+        row = 0
+        for leaf in reaches:
+            part = np.asarray(leaf).reshape(samples, -1, n)
+            arriving[:, row : row + part.shape[1], :n] = part
+            row += part.shape[1]
+        state = _rows(jax.tree.leaves(carry), n, columns, dtype)
+        written = np.empty((samples, kernel.sizes["outputs"], columns), dtype)
+        kernel.run(_rows(jax.tree.leaves(own), n, columns, dtype), state, arriving, at_sample, written, threads=threads)
+        return _tree(*self._carry, state[:, :n], axis=0), _tree(*self._outputs, written[..., :n], axis=1)
+
+
+class MappedEngine:
+    """JAX, mapped over people, in float64, on the device that it has."""
+
+    name: Final = "xla"
+    precision: Final = "float64"
+
+    def __init__(self, step: Step) -> None:
+        def scan(own: Any, carry: Any, reaching: Any, shared: Any, keys: Any) -> tuple[Any, Any]:
+            def one(carry: Any, entry: Any) -> tuple[Any, Any]:
+                reaching, shared, index = entry
+
+                def person(own: Any, carry: Any, reaching: Any, key: Any) -> tuple[Any, Any]:
+                    return step(own, carry, reaching, shared, (key, index))
+
+                of_people = jax.vmap(person, in_axes=(-1, -1, -1, 0), out_axes=-1)
+                results: tuple[Any, Any] = of_people(own, carry, reaching, keys)
+                return results
+
+            index = jnp.arange(jax.tree.leaves(shared)[0].shape[0])
+            return jax.lax.scan(one, carry, (reaching, shared, index))
+
+        self._scan = jax.jit(scan)
+
+    def run(
+        self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+    ) -> tuple[Any, Any]:
+        """See `Engine`; JAX has threads of its own."""
+        del threads
+        carry, outputs = jax.tree.map(np.asarray, self._scan(own, carry, reaching, shared, keys))
+        return carry, outputs
+
+
+def _rows(leaves: Sequence[Any], n: int, columns: int, dtype: Any) -> Array:
+    """Numbers of people as rows; the columns that fill the last vector repeat the last person."""
+    rows = [np.asarray(leaf).reshape(-1, n) for leaf in leaves]
+    wide = np.empty((sum(row.shape[0] for row in rows), columns), dtype)
+    if rows:
+        np.concatenate(rows, out=wide[:, :n], casting="unsafe")
+    wide[:, n:] = wide[:, n - 1 : n]
+    return wide
+
+
+def _tree(structure: Any, shapes: Sequence[tuple[int, ...]], rows: Array, *, axis: int) -> Any:
+    """Rows along an axis, as the leaves that they are of."""
+    leaves, start = [], 0
+    for shape in shapes:
+        size = math.prod(shape)
+        part = rows[(slice(None),) * axis + (slice(start, start + size),)]
+        leaves.append(part.reshape(*part.shape[:axis], *shape, part.shape[-1]))
+        start += size
+    return jax.tree.unflatten(structure, leaves)

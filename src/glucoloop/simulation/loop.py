@@ -1,0 +1,108 @@
+"""One sample of the closed loop: read, decide, deliver, and go on to the next.
+
+Whether one person is followed or a million, in real time or not, it is these two functions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Controller, Decision, Observation
+from glucoloop.pumps import Pump
+from glucoloop.sensors import Reading, Sensor
+from glucoloop.simulation.plant import Plant
+
+
+@pytree
+class Loop:
+    """What makes a loop, and where it is to hold glucose."""
+
+    plant: Plant
+    controller: Controller
+    sensor: Sensor
+    pump: Pump
+    setpoint_mg_dl: jax.Array
+
+
+@pytree
+class LoopState:
+    """What is handed from sample to sample."""
+
+    x: jax.Array
+    """State of the patient."""
+    delivered_mU_min: jax.Array
+    in_sensor: Any
+    in_controller: Any
+    in_pump: Any
+
+
+@pytree
+class Sampled:
+    """What happened at a sample and until the next."""
+
+    x: jax.Array
+    """State of the patient when it was taken."""
+    glucose_mg_dl: jax.Array
+    """The patient's own then, free of noise."""
+    reading: Reading
+    decision: Decision
+    delivered_mU_min: jax.Array
+    inside_mg_dl: jax.Array
+    """(points, ...) glucose on the fine grid from there to the next sample, its end included."""
+
+
+def _observe(loop: Loop, reading: Reading, delivered: jax.Array, announced_g: jax.Array) -> Observation:
+    return Observation(
+        glucose_mg_dl=reading.glucose_mg_dl,
+        valid=reading.valid,
+        setpoint_mg_dl=loop.setpoint_mg_dl,
+        delivered_mU_min=delivered,
+        announced_carbs_g=jnp.broadcast_to(announced_g, reading.glucose_mg_dl.shape),
+    )
+
+
+def begin(
+    loop: Loop, x: jax.Array, insulin_mU_min: jax.Array, announced_g: jax.Array, key: jax.Array
+) -> tuple[LoopState, jax.Array]:
+    """The loop before its first sample, with the patient in the state x under an infusion, and the key for `sample`."""
+    sensor_key, reading_key = jax.random.split(key)
+    glucose = loop.plant.patient.glucose_mg_dl(x)
+    in_sensor = loop.sensor.init(glucose, sensor_key)
+    # The controller wakes at what the first sample will show it.
+    _, first = loop.sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, 0))
+    state = LoopState(
+        x=x,
+        delivered_mU_min=insulin_mU_min,
+        in_sensor=in_sensor,
+        in_controller=loop.controller.init(_observe(loop, first, insulin_mU_min, announced_g)),
+        in_pump=loop.pump.init(insulin_mU_min),
+    )
+    return state, reading_key
+
+
+def sample(
+    loop: Loop, state: LoopState, exogenous: Any, announced_g: jax.Array, reading_key: jax.Array, index: jax.Array
+) -> tuple[LoopState, Sampled]:
+    """The sample with a number: what the integrator needs from outside and what is announced are its own."""
+    glucose = loop.plant.patient.glucose_mg_dl(state.x)
+    in_sensor, reading = loop.sensor.read(state.in_sensor, glucose, jax.random.fold_in(reading_key, index))
+    observation = _observe(loop, reading, state.delivered_mU_min, announced_g)
+    in_controller, decision = loop.controller.step(state.in_controller, observation)
+    in_pump, delivered = loop.pump.deliver(state.in_pump, decision.insulin_mU_min)
+    x, inside = loop.plant.advance(state.x, delivered, exogenous)
+    happened = Sampled(
+        x=state.x,
+        glucose_mg_dl=glucose,
+        reading=reading,
+        decision=decision,
+        delivered_mU_min=delivered,
+        inside_mg_dl=inside,
+    )
+    return (
+        LoopState(x=x, delivered_mU_min=delivered, in_sensor=in_sensor, in_controller=in_controller, in_pump=in_pump),
+        happened,
+    )

@@ -1,0 +1,98 @@
+"""The exponential integrator for people whose constants differ.
+
+The exponentials of the slow block are those of the nominal patient without its slow couplings, and so the same for all;
+what differs in a person enters with the nonlinear part, at the same order. Insulin has matrices of the person's own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.simulation import driven_block
+from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
+from glucoloop.simulation.plant import SampleGrid
+
+
+class PeoplePlant:
+    """Plants of people of one kind.
+
+    Parameters
+    ----------
+    nominal : SemilinearPatient
+        One person, about whom the integrator is made.
+    varied : SemilinearPatient
+        Some people, to show which constants vary: those that have one axis more than the nominal patient's.
+    grid : SampleGrid
+    substeps : int
+        Steps per sample.
+    """
+
+    def __init__(self, nominal: SemilinearPatient, varied: SemilinearPatient, grid: SampleGrid, substeps: int) -> None:
+        self.step_min, dense = substeps_of(grid, substeps)
+        matrices = design(nominal, self.step_min, dense, nominal.working_state(), nominal.stiff_couplings())
+        patient_varies = varying(varied, nominal)
+        y, z = nominal.split(nominal.working_state())
+        if _depends(lambda p: p.transport(y), nominal, patient_varies):
+            matrices = dataclasses.replace(matrices, transport=jax.jacfwd(nominal.transport)(y))
+        self._own_driven = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
+        self._doublings = driven_block.doublings_for(nominal, self.step_min)
+        self.single = ExponentialPlant(patient=nominal, matrices=matrices)
+        self._varies = [*patient_varies, *self._matrices_vary()]
+
+    def _matrices_vary(self) -> list[bool]:
+        varies: list[bool] = []
+        for field in dataclasses.fields(Matrices):
+            numbers = len(jax.tree.leaves(getattr(self.single.matrices, field.name)))
+            varies += [self._own_driven and field.name.startswith("driven")] * numbers
+        return varies
+
+    def own(self, patient: SemilinearPatient) -> list[jax.Array]:
+        """What differs between people, as a list of arrays with people trailing."""
+        matrices = self.single.matrices
+        if self._own_driven:
+            end, gauss = driven_block.driven_matrices(
+                patient, self.step_min, states=matrices.driven_end.shape[0], doublings=self._doublings
+            )
+            matrices = dataclasses.replace(matrices, driven_end=jnp.asarray(end), driven_gauss=jnp.asarray(gauss))
+        return chosen(ExponentialPlant(patient=patient, matrices=matrices), self._varies)
+
+    def own_of_nominal(self) -> list[jax.Array]:
+        """The same of the nominal patient, as an example of one person."""
+        return chosen(self.single, self._varies)
+
+    def of(self, own: Sequence[jax.Array]) -> ExponentialPlant:
+        """A person's plant."""
+        plant: ExponentialPlant = replaced(self.single, self._varies, own)
+        return plant
+
+
+def varying(many: Any, one: Any) -> list[bool]:
+    """Leaf by leaf, whether there is one number for each person."""
+    leaves = zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True)
+    return [jnp.ndim(a) > jnp.ndim(b) for a, b in leaves]
+
+
+def chosen(tree: Any, varies: Sequence[bool]) -> list[jax.Array]:
+    """The leaves that vary."""
+    return [jnp.asarray(leaf) for leaf, own in zip(jax.tree.leaves(tree), varies, strict=True) if own]
+
+
+def replaced(tree: Any, varies: Sequence[bool], own: Sequence[Any]) -> Any:
+    """A tree with other leaves where they vary."""
+    leaves, structure = jax.tree.flatten(tree)
+    new = iter(own)
+    return jax.tree.unflatten(structure, [next(new) if v else leaf for leaf, v in zip(leaves, varies, strict=True)])
+
+
+def _depends(function: Callable[[Any], jax.Array], single: Any, varies: Sequence[bool]) -> bool:
+    """Whether a function of a person rests on any of the numbers that vary, told leaf by leaf."""
+    leaves, tree = jax.tree.flatten(single)
+    jaxpr = jax.make_jaxpr(lambda *leaves: function(jax.tree.unflatten(tree, leaves)))(*leaves).jaxpr
+    used = {id(atom) for equation in jaxpr.eqns for atom in equation.invars}
+    return any(own and id(variable) in used for own, variable in zip(varies, jaxpr.invars, strict=True))

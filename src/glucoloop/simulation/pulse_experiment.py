@@ -1,0 +1,87 @@
+"""The paper's pulse experiment on many people at once: the record from which each one's own model is identified."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.sensors import Sensor
+from glucoloop.simulation.engines import make_engine
+from glucoloop.simulation.people_plant import PeoplePlant
+from glucoloop.simulation.plant import SampleGrid
+
+Floats = npt.NDArray[np.float64]
+
+SUBSTEPS: Final = 4
+"""Pulses jump far: smaller steps than the loop's."""
+
+
+class PulseExperiment:
+    """Readings of fasting people at rest who are given a sequence of infusion rates.
+
+    Parameters
+    ----------
+    nominal, varied : SemilinearPatient
+        As for `Cohort`.
+    sensor : Sensor
+    sample_time_min : float
+    """
+
+    def __init__(
+        self, nominal: SemilinearPatient, varied: SemilinearPatient, sensor: Sensor, *, sample_time_min: float
+    ) -> None:
+        grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
+        self._plants, self._sensor, self._fasting = (
+            PeoplePlant(nominal, varied, grid, SUBSTEPS),
+            sensor,
+            jnp.zeros((SUBSTEPS, 3)),
+        )
+        self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, 0), out_axes=(-1, 0)))
+        x = nominal.steady_state(nominal.basal_insulin_mU_min)
+        carry, key = self._begin(x, jax.random.key(0))
+        self._engine = make_engine(
+            self._step,
+            self._plants.own_of_nominal(),
+            carry,
+            jnp.zeros(()),
+            jnp.zeros(()),
+            key,
+            name=None,
+            precision="float64",
+        )
+
+    def _begin(self, x: jax.Array, key: jax.Array) -> tuple[Any, jax.Array]:
+        sensor_key, reading_key = jax.random.split(key)
+        glucose = self._plants.single.patient.glucose_mg_dl(x)
+        return (x, self._sensor.init(glucose, sensor_key)), reading_key
+
+    def _step(self, own: Any, carry: Any, insulin: Any, shared: Any, chance: Any) -> tuple[Any, jax.Array]:
+        del shared
+        plant, (x, in_sensor), (key, index) = self._plants.of(own), carry, chance
+        glucose = plant.patient.glucose_mg_dl(x)
+        in_sensor, reading = self._sensor.read(in_sensor, glucose, jax.random.fold_in(key, index))
+        x, _ = plant.advance(x, insulin, self._fasting)
+        return (x, in_sensor), jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
+
+    def run(self, patient: SemilinearPatient, x: Floats, insulin_mU_min: Floats, key: jax.Array) -> Floats:
+        """Readings ``(samples + 1, people)``, as `excite` gives them for one person.
+
+        Parameters
+        ----------
+        patient : SemilinearPatient
+            People trailing.
+        x : (states, people) array
+            At rest.
+        insulin_mU_min : (samples, people) array
+            Rates, each held over one sample.
+        key : (people,) keys
+        """
+        carry, keys = self._begin_people(jnp.asarray(x), key)
+        rates = np.concatenate([insulin_mU_min, insulin_mU_min[-1:]])  # what follows the last reading is not looked at
+        _, readings = self._engine.run(self._plants.own(patient), carry, rates, np.zeros(rates.shape[0]), keys)
+        return np.asarray(readings, np.float64)
