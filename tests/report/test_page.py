@@ -2,39 +2,12 @@
 
 import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 from glucoloop.metrics import summarise
 from glucoloop.report import interactive_page
-
-VOID = {"meta", "br", "img", "link", "input", "hr"}
-
-
-class Reader(HTMLParser):
-    """Tags in order, and the text within each kind; it refuses tags that are not closed in order."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.tags, self.attributes, self.text, self.open = [], [], {}, []
-        self.feed(page)
-        self.close()
-        assert not self.open
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open:
-            self.text.setdefault(self.open[-1], []).append(data)
 
 
 def curves(page):
@@ -50,8 +23,8 @@ def page(quiet, noisy):
     )
 
 
-def test_the_page_is_well_formed_and_says_what_it_is(page):
-    read = Reader(page)
+def test_the_page_is_well_formed_and_says_what_it_is(page, reader):
+    read = reader(page)
     assert page.startswith("<!doctype html>")
     assert read.text["title"] == read.text["h1"] == ["Two runs"]
     assert read.text["footer"] == ["Research software, not a medical device."]
@@ -59,8 +32,8 @@ def test_the_page_is_well_formed_and_says_what_it_is(page):
     assert "viewport" in dict(read.attributes).values()
 
 
-def test_the_page_needs_no_network(page):
-    read = Reader(page)
+def test_the_page_needs_no_network(page, reader):
+    read = reader(page)
     assert not {"link", "iframe", "img"} & set(read.tags)
     assert not {"src", "href"} & {name for name, _ in read.attributes}
     assert len(page) > 1_000_000  # plotly itself is inside
@@ -87,29 +60,29 @@ def test_the_curves_are_the_runs(page, quiet, noisy):
         assert unit in drawn["calm, insulin"]["hovertemplate"]
 
 
-def test_the_metrics_stand_below(page):
-    read = Reader(page)
+def test_the_metrics_stand_below(page, reader):
+    read = reader(page)
     assert page.index("<table>") > page.index("Plotly.newPlot")
     assert "Undershoot" in read.text["th"]
     assert "551+" in read.text["td"]
     assert {"mg/dl", "min", "%", "U", "mU/min"} <= set(read.text["td"])
 
 
-def test_a_single_run_needs_no_label(noisy):
+def test_a_single_run_needs_no_label(noisy, reader):
     page = interactive_page(noisy, summarise(noisy))
     assert [curve["name"] for curve in curves(page)][-3:] == ["glucose", "insulin", "reading"]
-    assert "Value" in Reader(page).text["th"]
+    assert "Value" in reader(page).text["th"]
 
 
-def test_labels_are_shown_as_they_are_and_never_run(quiet, noisy):
+def test_labels_are_shown_as_they_are_and_never_run(quiet, noisy, reader):
     labels = ["<script>alert(1)</script>", "</script><img src=x onerror=alert(1)>"]
     traces = dict(zip(labels, (quiet, noisy), strict=True))
     metrics = {label: summarise(trace) for label, trace in traces.items()}
     title = "</title><script>alert(2)</script> & $plot"
     page = interactive_page(traces, metrics, title=title)
     plain = interactive_page({"a": quiet, "b": noisy}, {"a": metrics[labels[0]], "b": metrics[labels[1]]})
-    read = Reader(page)
-    assert read.tags == Reader(plain).tags
+    read = reader(page)
+    assert read.tags == reader(plain).tags
     assert "".join(read.text["h1"]) == title
     for label in labels:
         assert label in read.text["th"]
@@ -118,14 +91,14 @@ def test_labels_are_shown_as_they_are_and_never_run(quiet, noisy):
         assert any(curve["name"] == label.replace("<", "&lt;").replace(">", "&gt;") for curve in curves(page))
 
 
-def test_a_run_that_left_the_numbers_makes_a_page(make_trace):
+def test_a_run_that_left_the_numbers_makes_a_page(make_trace, reader):
     glucose = np.full(601, 80.0)
     glucose[300:] = np.nan
     trace = make_trace(glucose)
     page = interactive_page(trace, summarise(trace))
     shown = next(curve for curve in curves(page) if curve["name"] == "glucose")
     assert shown["y"][299:301] == [80.0, None]
-    assert "n/a" in Reader(page).text["td"]
+    assert "n/a" in reader(page).text["td"]
 
 
 @pytest.mark.parametrize(("meals", "expected"), [(3, "50 g<br>▼"), (20, "◀ 50 g"), (100, "▼")])

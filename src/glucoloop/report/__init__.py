@@ -4,5 +4,21 @@ from glucoloop.report.figure import plot
 from glucoloop.report.identification_figure import plot_identification, plot_validation
 from glucoloop.report.page import interactive_page
 from glucoloop.report.table import comparison_table, metrics_table
+from glucoloop.report.trial_figure import plot_trial
+from glucoloop.report.trial_page import trial_page
+from glucoloop.report.trial_report import CaseReport, Distribution, TrialReport, WorstPerson
 
-__all__ = ["comparison_table", "interactive_page", "metrics_table", "plot", "plot_identification", "plot_validation"]
+__all__ = [
+    "CaseReport",
+    "Distribution",
+    "TrialReport",
+    "WorstPerson",
+    "comparison_table",
+    "interactive_page",
+    "metrics_table",
+    "plot",
+    "plot_identification",
+    "plot_trial",
+    "plot_validation",
+    "trial_page",
+]

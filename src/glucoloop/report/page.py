@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from string import Template
 from typing import Any, Final
 
 import numpy as np
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.report._runs import Floats, Run, labelled_runs, values_in_words
+from glucoloop.report import _page
+from glucoloop.report._page import FOOTER as FOOTER
+from glucoloop.report._page import GREY, PALE, numbers
+from glucoloop.report._runs import Run, labelled_runs, values_in_words
 from glucoloop.report._style import OKABE_ITO, time_axis
 from glucoloop.report.rows import metric_rows
 from glucoloop.simulation import Trace
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U
 
-FOOTER: Final = "Research software, not a medical device."
-
 _DASHES: Final = ("solid", "dash", "dot", "dashdot", "longdash")
-_GREY: Final = "#808080"  # seen on white and on black
-_PALE: Final = "rgba(128, 128, 128, 0.25)"
 _PX: Final = 620
 _PX_PER_RUN: Final = 24  # for the legend, on a narrow screen
 _MOST_LEVEL_TEXTS: Final = 6
@@ -75,44 +73,21 @@ def interactive_page(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )
-    return _PAGE.substitute(
-        title=html.escape(title),
-        plot=_plot(runs, limits, lowest_glucose_mg_dl),
-        table=_table(by_label, ["Value"] if single else labels),
-        footer=FOOTER,
-    )
+    plot = _plot(runs, limits, lowest_glucose_mg_dl)
+    table = _table(by_label, ["Value"] if single else labels)
+    return _page.page(title, f'{plot}\n<div class="scroll">\n{table}\n</div>')
 
 
 def _plot(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float) -> str:
-    import plotly.io
-
     horizon_min = max(run.horizon_min for run in runs)
     divisor, unit, _ = time_axis(horizon_min, "double")
-    drawn: str = plotly.io.to_html(
-        {
-            "data": [*_levels(runs, limits, lowest_mg_dl, horizon_min / divisor), *_curves(runs, divisor)],
-            "layout": _layout(runs[0].meals, divisor, unit, horizon_min / divisor),
-        },
-        config={
-            "responsive": True,
-            "displaylogo": False,
-            # named one by one: plotly's own choice includes sending the data away
-            "modeBarButtons": [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
-            "toImageButtonOptions": {"format": "svg", "filename": "glucoloop"},
-        },
-        include_plotlyjs=True,
-        full_html=False,
-        default_height=f"{_PX + _PX_PER_RUN * len(runs)}px",
-        validate=False,  # an attribute that an older plotly does not know is passed over
-        div_id="runs",
-        post_script=_FOLLOW_THEME,
+    return _page.picture(
+        [*_levels(runs, limits, lowest_mg_dl, horizon_min / divisor), *_curves(runs, divisor)],
+        _layout(runs[0].meals, divisor, unit, horizon_min / divisor),
+        name="runs",
+        height_px=_PX + _PX_PER_RUN * len(runs),
+        buttons=["toImage", "zoom2d", "pan2d", "resetScale2d"],
     )
-    return drawn
-
-
-def _numbers(values: Floats, digits: int = 3) -> list[float | None]:
-    """For JSON, which knows no NaN."""
-    return [round(value, digits) if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _curves(runs: Sequence[Run], divisor: float) -> list[dict[str, Any]]:
@@ -123,7 +98,7 @@ def _curves(runs: Sequence[Run], divisor: float) -> list[dict[str, Any]]:
         # escaped, since plotly takes a label for a kind of HTML
         name = html.escape(run.label)
         prefix = f"{name}, " if len(runs) > 1 else ""
-        fine_t = _numbers(run.fine_t_min / divisor)
+        fine_t = numbers(run.fine_t_min / divisor)
         # On the fine grid: pointing anywhere then tells the rate of that moment, not of the nearest sample.
         held_since = np.searchsorted(run.t_min, run.fine_t_min + 1e-9, side="right") - 1
         insulin = run.insulin_mU_min[held_since]
@@ -131,21 +106,21 @@ def _curves(runs: Sequence[Run], divisor: float) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "x": fine_t,
-                "y": _numbers(run.fine_glucose_mg_dl),
+                "y": numbers(run.fine_glucose_mg_dl),
                 "mode": "lines",
                 "line": line,
-                "customdata": _numbers(run.fine_glucose_mg_dl / MG_DL_PER_MMOL_L),
+                "customdata": numbers(run.fine_glucose_mg_dl / MG_DL_PER_MMOL_L),
                 "hovertemplate": _GLUCOSE_HOVER,
             },
             {
                 "name": f"{prefix}insulin",
                 "x": fine_t,
-                "y": _numbers(insulin),
+                "y": numbers(insulin),
                 "yaxis": "y2",
                 "mode": "lines",
                 "line": line | {"shape": "hv"},
                 "showlegend": False,
-                "customdata": _numbers(insulin * MIN_PER_H / MU_PER_U),
+                "customdata": numbers(insulin * MIN_PER_H / MU_PER_U),
                 "hovertemplate": _INSULIN_HOVER,
             },
         ]
@@ -153,12 +128,12 @@ def _curves(runs: Sequence[Run], divisor: float) -> list[dict[str, Any]]:
             of_run.append(
                 {
                     "name": f"{prefix}reading",
-                    "x": _numbers(run.reading_t_min / divisor),
-                    "y": _numbers(run.reading_mg_dl),
+                    "x": numbers(run.reading_t_min / divisor),
+                    "y": numbers(run.reading_mg_dl),
                     "mode": "markers",
                     "marker": {"color": line["color"], "size": 4, "opacity": 0.5},
                     "showlegend": False,
-                    "customdata": _numbers(run.reading_mg_dl / MG_DL_PER_MMOL_L),
+                    "customdata": numbers(run.reading_mg_dl / MG_DL_PER_MMOL_L),
                     "hovertemplate": _GLUCOSE_HOVER,
                 }
             )
@@ -187,7 +162,7 @@ def _levels(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, end: f
             "x": [x for _ in values for x in (0.0, end, None)],
             "y": [y for value in values for y in (value, value, None)],
             "yaxis": axis,
-            "line": {"color": _GREY, "width": 1.5, "dash": dash},
+            "line": {"color": GREY, "width": 1.5, "dash": dash},
             "visible": visible,
             "legendrank": 2000,
             "hoverinfo": "skip",
@@ -197,17 +172,12 @@ def _levels(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, end: f
 
 
 def _layout(meals: Sequence[tuple[float, float]], divisor: float, unit: str, end: float) -> dict[str, Any]:
-    grid = {"gridcolor": _PALE, "zeroline": False, "linecolor": _GREY}
-    return {
-        "autosize": True,
+    grid = {"gridcolor": PALE, "zeroline": False, "linecolor": GREY}
+    return _page.plain_layout() | {
+        # the buttons stand in the right margin, where they cover neither legend nor curves
         "margin": {"l": 60, "r": 40, "t": 40, "b": 40},
-        "paper_bgcolor": "rgba(0, 0, 0, 0)",
-        "plot_bgcolor": "rgba(0, 0, 0, 0)",
-        "font": {"family": "system-ui, sans-serif", "size": 13, "color": _GREY},
         "hovermode": "x unified",
         "hoversubplots": "axis",
-        # upright in the right margin, where it covers neither legend nor curves
-        "modebar": {"orientation": "v", "bgcolor": "rgba(0, 0, 0, 0)", "color": _GREY, "activecolor": OKABE_ITO[0]},
         "legend": {"orientation": "h", "x": 0.0, "y": 1.09, "yanchor": "bottom"},
         "xaxis": grid
         | {
@@ -219,7 +189,7 @@ def _layout(meals: Sequence[tuple[float, float]], divisor: float, unit: str, end
                 "visible": True,
                 "range": [0.0, end],
                 "thickness": 0.08,
-                "bordercolor": _PALE,
+                "bordercolor": PALE,
                 "borderwidth": 1,
             },
         },
@@ -260,56 +230,3 @@ def _table(metrics: Mapping[str, Metrics], heads: Sequence[str]) -> str:
         lines.append(f"<tr><th scope='row'>{html.escape(row.name)}</th>{cells}<td>{html.escape(row.unit)}</td></tr>")
     lines.append("</tbody></table>")
     return "\n".join(lines)
-
-
-# Plotly draws in fixed colours; these follow the page's, which follow the reader's.
-_FOLLOW_THEME: Final = """
-const dark = window.matchMedia("(prefers-color-scheme: dark)");
-const follow = () => {
-  const style = getComputedStyle(document.body);
-  Plotly.relayout("{plot_id}", {
-    "font.color": style.color,
-    "hoverlabel.bgcolor": style.backgroundColor,
-    "hoverlabel.font.color": style.color
-  });
-};
-follow();
-dark.addEventListener("change", follow);
-"""
-
-_PAGE: Final = Template("""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>$title</title>
-<style>
-:root { color-scheme: light dark; --ink: #222; --paper: #fff; --rule: rgba(128, 128, 128, 0.35); }
-@media (prefers-color-scheme: dark) { :root { --ink: #ddd; --paper: #181818; } }
-body { margin: 0 auto; padding: 1rem; max-width: 70rem; color: var(--ink); background: var(--paper);
-       font: 1rem/1.45 system-ui, sans-serif; }
-h1 { font-size: 1.4rem; font-weight: 600; margin: 0.5rem 0 1rem; overflow-wrap: anywhere; }
-.scroll { overflow-x: auto; margin-top: 1.5rem; }
-table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
-th, td { padding: 0.2rem 0.9rem 0.2rem 0; text-align: left; font-weight: normal; vertical-align: bottom; }
-thead th, th[scope=rowgroup] { font-weight: 600; }
-thead th { border-bottom: 1px solid var(--rule); }
-th[scope=rowgroup] { padding-top: 0.9rem; }
-th[scope=row] { padding-left: 0.9rem; white-space: pre; }
-.value { text-align: right; }
-td.value { white-space: nowrap; }
-footer { margin: 2rem 0 1rem; padding-top: 0.6rem; border-top: 1px solid var(--rule); font-size: 0.85rem; }
-</style>
-</head>
-<body>
-<h1>$title</h1>
-<main>
-$plot
-<div class="scroll">
-$table
-</div>
-</main>
-<footer>$footer</footer>
-</body>
-</html>
-""")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -20,6 +21,25 @@ class Row:
     name: str
     unit: str
     values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Described:
+    """How a metric is told: its value over the divisor is in the unit."""
+
+    name: str
+    unit: str
+    digits: int
+    divisor: float
+
+    @property
+    def title(self) -> str:
+        """Name and unit."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+    def value(self, value: float) -> str:
+        """A value of the metric, without its unit."""
+        return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
 
 
 @dataclass(frozen=True)
@@ -104,3 +124,18 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
         for section, entries in _SECTIONS.items()
         for entry in entries
     ]
+
+
+def described(field: str) -> Described:
+    """How a metric is told.
+
+    Raises
+    ------
+    ValueError
+        For a name that is not a metric's.
+    """
+    known = {entry.field: entry for entries in _SECTIONS.values() for entry in entries}
+    if field not in known:
+        raise ValueError(f"unknown metric {field!r}; use one of {', '.join(known)}")
+    entry = known[field]
+    return Described(entry.name, entry.unit, entry.digits, entry.divisor)

@@ -1,0 +1,149 @@
+"""What pages have in common: their look in light and in dark, and pictures that need no network."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from string import Template
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.report._style import OKABE_ITO
+
+FOOTER: Final = "Research software, not a medical device."
+GREY: Final = "#808080"  # seen on white and on black
+PALE: Final = "rgba(128, 128, 128, 0.25)"
+TRANSPARENT: Final = "rgba(0, 0, 0, 0)"
+
+
+def page(title: str, main: str, style: str = "") -> str:
+    """A page of its own.
+
+    Parameters
+    ----------
+    title : str
+        Shown as it is.
+    main : str
+        HTML of what stands below the title.
+    style : str
+        CSS beyond what all pages have.
+    """
+    return _PAGE.substitute(title=html.escape(title), style=style, main=main, footer=FOOTER)
+
+
+def picture(
+    data: Sequence[dict[str, Any]],
+    layout: dict[str, Any],
+    *,
+    name: str,
+    height_px: float,
+    buttons: Sequence[str],
+    library: bool = True,
+) -> str:
+    """HTML of a plot whose words follow the reader's theme.
+
+    Parameters
+    ----------
+    data, layout
+        As plotly takes them.
+    name : str
+        Of the element.
+    height_px : float
+    buttons : sequence of str
+        Plotly's, named one by one: its own choice includes sending the data away. None, no bar of buttons.
+    library : bool
+        Whether plotly itself comes with it, as it must with the first plot of a page.
+    """
+    import plotly.io
+
+    drawn: str = plotly.io.to_html(
+        {"data": list(data), "layout": layout},
+        config={
+            "responsive": True,
+            "displaylogo": False,
+            "displayModeBar": "hover" if buttons else False,
+            "modeBarButtons": [list(buttons)],
+            "toImageButtonOptions": {"format": "svg", "filename": "glucoloop"},
+        },
+        include_plotlyjs=library,
+        full_html=False,
+        default_height=f"{height_px:g}px",
+        validate=False,  # an attribute that an older plotly does not know is passed over
+        div_id=name,
+        post_script=_FOLLOW_THEME,
+    )
+    return drawn
+
+
+def plain_layout(**layout: Any) -> dict[str, Any]:
+    """A layout in the page's own font on the page's own ground."""
+    return {
+        "autosize": True,
+        "paper_bgcolor": TRANSPARENT,
+        "plot_bgcolor": TRANSPARENT,
+        "font": {"family": "system-ui, sans-serif", "size": 13, "color": GREY},
+        "modebar": {"orientation": "v", "bgcolor": TRANSPARENT, "color": GREY, "activecolor": OKABE_ITO[0]},
+    } | layout
+
+
+def numbers(values: npt.ArrayLike, digits: int = 3) -> list[float | None]:
+    """For JSON, which knows no NaN."""
+    return [round(value, digits) if np.isfinite(value) else None for value in np.asarray(values, float).tolist()]
+
+
+def tinted(colour: str, opacity: float) -> str:
+    """A colour of six hexadecimal digits, made transparent."""
+    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    return f"rgba({red}, {green}, {blue}, {opacity:g})"
+
+
+# Plotly draws in fixed colours; these follow the page's, which follow the reader's.
+_FOLLOW_THEME: Final = """
+const dark = window.matchMedia("(prefers-color-scheme: dark)");
+const follow = () => {
+  const style = getComputedStyle(document.body);
+  Plotly.relayout("{plot_id}", {
+    "font.color": style.color,
+    "hoverlabel.bgcolor": style.backgroundColor,
+    "hoverlabel.font.color": style.color
+  });
+};
+follow();
+dark.addEventListener("change", follow);
+"""
+
+_PAGE: Final = Template("""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>$title</title>
+<style>
+:root { color-scheme: light dark; --ink: #222; --paper: #fff; --rule: rgba(128, 128, 128, 0.35); }
+@media (prefers-color-scheme: dark) { :root { --ink: #ddd; --paper: #181818; } }
+body { margin: 0 auto; padding: 1rem; max-width: 70rem; color: var(--ink); background: var(--paper);
+       font: 1rem/1.45 system-ui, sans-serif; }
+h1 { font-size: 1.4rem; font-weight: 600; margin: 0.5rem 0 1rem; overflow-wrap: anywhere; }
+.scroll { overflow-x: auto; margin-top: 1.5rem; }
+table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
+th, td { padding: 0.2rem 0.9rem 0.2rem 0; text-align: left; font-weight: normal; vertical-align: bottom; }
+thead th, th[scope=rowgroup] { font-weight: 600; }
+thead th { border-bottom: 1px solid var(--rule); }
+th[scope=rowgroup] { padding-top: 0.9rem; }
+th[scope=row] { padding-left: 0.9rem; white-space: pre; }
+.value { text-align: right; }
+td.value { white-space: nowrap; }
+footer { margin: 2rem 0 1rem; padding-top: 0.6rem; border-top: 1px solid var(--rule); font-size: 0.85rem; }
+$style</style>
+</head>
+<body>
+<h1>$title</h1>
+<main>
+$main
+</main>
+<footer>$footer</footer>
+</body>
+</html>
+""")

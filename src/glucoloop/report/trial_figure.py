@@ -1,0 +1,243 @@
+"""A trial in a picture, ready for print: response bands, the control-variability grid and the time in range."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from glucoloop.metrics.control_variability import (
+    CELLS,
+    MAXIMUM_LIMITS_MG_DL,
+    MINIMUM_LIMITS_MG_DL,
+    region_pct,
+    zone_pct,
+)
+from glucoloop.report import _style
+from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.report._trial_curves import BANDS, shared_frame
+from glucoloop.report._trial_panels import ZONE_COLOURS, colour, percent
+from glucoloop.report._trial_style import RANGE_COLOURS
+from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLUMNS: Final = {"single": 2, "double": 4}
+_GLUCOSE_MM: Final = 34.0
+_INSULIN_MM: Final = 24.0
+_BAR_MM: Final = 8.5
+_PANEL_SHARE: Final = 0.8  # of a column; the rest is for ticks and gaps
+_CHARACTER_MM: Final = 1.7  # of the font's boldest
+_AROUND_MM: Final = 30.0  # title, legend and the axis of the bars
+_LEAST_SHARE_TOLD: Final = 7.0  # percent of a bar that has room for its own number
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """Panels in their places."""
+
+    figure: Figure
+    glucose: list[Axes]
+    insulin: list[Axes]
+    grids: list[Axes]
+    bars: Axes
+    columns: int
+    characters: int
+    """That fit above a panel."""
+
+
+def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = "double") -> Figure:
+    """Draw a trial: for each controller the bands of glucose and insulin and the grid, and the times in range below.
+
+    Bands hold the middle 50, 90 and 98 % of the people at each moment, on axes that all controllers share. In the
+    grid each person is counted at his least and greatest glucose, the colour on a logarithmic scale.
+
+    Parameters
+    ----------
+    report : TrialReport
+    title : str, optional
+        The report's own if not given; an empty one leaves it out.
+    width : {"single", "double"}
+        Of a printed column: 88 or 180 mm.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Apart from pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
+
+    Raises
+    ------
+    ValueError
+        For an unknown width.
+    """
+    sheet = _sheet(report, report.title if title is None else title, width)
+    frame = shared_frame(report)
+    entries: dict[str, Artist] = {}
+    for index, (label, case) in enumerate(report.cases.items()):
+        glucose, insulin, grid = sheet.glucose[index], sheet.insulin[index], sheet.grids[index]
+        _draw_bands(glucose, case.bands_t_min / frame.divisor, case.glucose_quantiles, colour(index))
+        held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
+        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / frame.divisor
+        _draw_bands(insulin, held_t, held, colour(index), step="post")
+        setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
+        bound = glucose.axhline(
+            report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
+        )
+        _draw_grid(grid, case, colour(index), sheet.characters)
+        heading = _style.literal(textwrap.fill(label, sheet.characters))
+        glucose.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
+        grid.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
+        glucose.set_ylim(*frame.glucose)
+        insulin.set_ylim(*frame.insulin)
+        for axes in (glucose, insulin):
+            _style.dress(axes)
+            axes.set_xlim(0.0, frame.end)
+            axes.xaxis.set_major_locator(_style.every(frame.tick))
+        glucose.tick_params(labelbottom=False)
+        insulin.set_xlabel(f"Time ({frame.unit})")
+        first = index % sheet.columns == 0
+        for axes, name in ((glucose, "Glucose (mg/dl)"), (insulin, "Insulin (mU/min)"), (grid, "Maximum (mg/dl)")):
+            if first:
+                axes.set_ylabel(name)
+            else:
+                axes.tick_params(labelleft=False)
+    sheet.figure.align_ylabels([*sheet.glucose, *sheet.insulin, *sheet.grids])
+    _legend_of_bands(entries)
+    entries[f"setpoint {report.setpoint_mg_dl:g} mg/dl"] = setpoint
+    entries[f"lowest allowed {report.lowest_glucose_mg_dl:g} mg/dl"] = bound
+    _draw_ranges(sheet.bars, report, entries, width)
+    _style.add_legend(sheet.figure, list(entries.values()), list(entries), width)
+    return sheet.figure
+
+
+def _sheet(report: TrialReport, title: str, width: Width) -> _Sheet:
+    """The empty sheet: below each other as many rows of panels as the controllers need, then the bars."""
+    people = len(report.cases)
+    most = _COLUMNS.get(width, 1)
+    rows = -(-people // most)
+    columns = -(-people // rows)
+    grid_mm = min(48.0, _PANEL_SHARE * _style.WIDTHS_MM.get(width, 0.0) / columns)
+    heights = [_GLUCOSE_MM, _INSULIN_MM] * rows + [grid_mm] * rows + [_BAR_MM * people]
+    figure = _style.new_figure(width, sum(heights) + 6.0 * len(heights) + _AROUND_MM, title)
+    spec = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+
+    def of_all(first: int, step: int) -> list[Any]:
+        return [figure.add_subplot(spec[first + step * (i // columns), i % columns]) for i in range(people)]
+
+    return _Sheet(
+        figure=figure,
+        glucose=of_all(0, 2),
+        insulin=of_all(1, 2),
+        grids=of_all(2 * rows, 1),
+        bars=figure.add_subplot(spec[-1, :]),
+        columns=columns,
+        characters=max(12, int(_PANEL_SHARE * _style.WIDTHS_MM[width] / columns / _CHARACTER_MM)),
+    )
+
+
+def _draw_bands(axes: Axes, t: Any, quantiles: Any, of_case: str, step: Any = None) -> None:
+    for low, high, opacity in BANDS:
+        axes.fill_between(
+            t, quantiles[low], quantiles[high], color=of_case, alpha=opacity, linewidth=0.0, step=step, zorder=2
+        )
+    if step:
+        axes.step(t, quantiles[0.5], where=step, color=of_case, linewidth=1.1, zorder=3)
+    else:
+        axes.plot(t, quantiles[0.5], color=of_case, linewidth=1.1, zorder=3)
+
+
+def _legend_of_bands(entries: dict[str, Artist]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries["median"] = Line2D([], [], color=GREY, linewidth=1.1)
+    # a band lies over the wider ones
+    transparency = 1.0
+    for low, high, opacity in BANDS:
+        transparency *= 1.0 - opacity
+        entries[f"middle {100 * (high - low):.0f} %"] = Patch(facecolor="0.2", alpha=1.0 - transparency, linewidth=0.0)
+
+
+def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> None:
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+    from matplotlib.patches import Rectangle
+
+    for place, region in enumerate(region_pct(case.cvga_counts)):
+        corner = (CELLS * (place // 3), CELLS * (place % 3))
+        tint = (ZONE_COLOURS[region[-1]], 0.16)
+        axes.add_patch(Rectangle(corner, CELLS, CELLS, facecolor=tint, edgecolor=GREY, linewidth=0.5, zorder=1))
+        axes.annotate(
+            region[-1],
+            (corner[0] + CELLS - 1.0, corner[1] + CELLS - 1.0),
+            ha="left",
+            va="top",
+            fontsize=FONT_PT,
+            zorder=4,
+        )
+    counts = np.ma.masked_less(np.asarray(case.cvga_counts, float).T, 0.5)
+    colours = LinearSegmentedColormap.from_list("people", [(of_case, 0.3), (of_case, 1.0)])
+    edges = np.arange(3 * CELLS + 1)
+    top = max(10.0, float(counts.max() or 1.0)) if counts.count() else 10.0
+    axes.pcolormesh(edges, edges, counts, cmap=colours, norm=LogNorm(1.0, top), zorder=2, rasterized=True)
+    _style.dress(axes)
+    axes.spines[:].set_visible(False)
+    ticks = np.arange(0, 3 * CELLS + 1, CELLS)
+    axes.set_xticks(ticks, [f"{limit:g}" for limit in MINIMUM_LIMITS_MG_DL])
+    axes.set_yticks(ticks, [f"{limit:g}" for limit in MAXIMUM_LIMITS_MG_DL])
+    axes.set_box_aspect(1.0)
+    axes.set_anchor("W")
+    axes.set_xlim(3 * CELLS, 0)
+    axes.set_ylim(0, 3 * CELLS)
+    shares = [f"{zone} {percent(share)}" for zone, share in zone_pct(case.cvga_counts).items() if share != 0.0]
+    axes.set_xlabel("Minimum (mg/dl)\n" + _fill(", ".join(shares), characters))
+
+
+def _fill(text: str, characters: int) -> str:
+    """Lines that break at spaces, though not at those which hold together."""
+    lines = [""]
+    for word in text.split(" "):
+        if lines[-1] and len(lines[-1]) + len(word) >= characters:
+            lines.append(word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}".strip(" ")
+    return "\n".join(lines)
+
+
+def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], width: Width) -> None:
+    # beside the times that stand on the right, where there is room for them
+    room = int(_style.WIDTHS_MM[width] / _CHARACTER_MM * (0.5 if width == "double" else 0.9))
+    for index, (label, case) in enumerate(report.cases.items()):
+        left = 0.0
+        for name in RANGES:
+            time = float(case.time_in_range_pct[name])
+            bar = axes.barh(index, time, left=left, height=0.42, color=RANGE_COLOURS[name], linewidth=0.0)
+            entries.setdefault(f"{name} mg/dl", bar[0])
+            if time >= _LEAST_SHARE_TOLD:
+                axes.annotate(
+                    percent(time), (left + time / 2.0, index), ha="center", va="center_baseline", fontsize=FONT_PT
+                )
+            left += time
+        name_told = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
+        axes.annotate(name_told, (0.0, index - 0.26), ha="left", va="bottom", fontsize=FONT_PT, fontweight="bold")
+        if width == "single":
+            continue
+        below = sum(float(case.time_in_range_pct[name]) for name in RANGES[:2])
+        above = sum(float(case.time_in_range_pct[name]) for name in RANGES[3:])
+        axes.annotate(
+            f"below 70: {percent(below)}   above 180: {percent(above)}",
+            (100.0, index - 0.26),
+            ha="right",
+            va="bottom",
+            fontsize=FONT_PT,
+        )
+    _style.dress(axes)
+    axes.spines["left"].set_visible(False)
+    axes.set_yticks([])
+    axes.set_xlim(0.0, 100.0)
+    axes.set_ylim(len(report.cases) - 0.7, -0.75)
+    axes.set_xlabel("Time in range, mean over the people (%)")
