@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import typer
 
 import glucoloop
-from glucoloop.cli import compare, identify, reproduce, run, tune
+from glucoloop.cli import compare, identify, query, reproduce, run, trial, tune
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 
@@ -20,7 +20,7 @@ app = typer.Typer(
     name="glucoloop",
     help=(
         "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, "
-        "compare controllers. Research software, not a medical device."
+        "compare controllers, try them on a population. Research software, not a medical device."
     ),
     no_args_is_help=True,
     add_completion=False,
@@ -31,6 +31,8 @@ app.command("run", help=run.HELP)(run.command)
 app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
 app.command("tune", help=tune.HELP)(tune.command)
+app.command("trial", help=trial.HELP)(trial.command)
+app.command("query", help=query.HELP)(query.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
 
 

@@ -6,24 +6,19 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
-
-import jax
+from typing import Any
 
 from glucoloop.config.run import IDENTIFICATION_KEYS, Case, Run, Situation
 from glucoloop.control import Controller
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.patients import SorensenPatient, patient
-from glucoloop.pumps import DoseLimits, LimitedPump, Pump, dose_limits, with_resolution
-from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
+from glucoloop.pumps import DoseLimits, dose_limits
 from glucoloop.simulation import Adaptive, Exponential, Trace, identify, simulate
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.trials.catalogue import controller_entry
 from glucoloop.trials.designs import DesignCase
-
-# Far from the small numbers by which the loop splits its key, so that the record's noise is not the loop's.
-_RECORD_KEY: Final = 0x4D4F444C
+from glucoloop.trials.situation import pump_of, record_key, sensor_of
 
 
 @dataclass(frozen=True)
@@ -76,8 +71,8 @@ def close_the_loop(run: Run) -> Outcome:
     trace = simulate(
         person,
         controller,
-        sensor(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples),
-        pump_for(situation, limits),
+        sensor_of(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples),
+        pump_of(limits, situation.pump_resolution_mU_min),
         scenario,
         situation.seed,
         integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
@@ -92,27 +87,6 @@ def close_the_loop(run: Run) -> Outcome:
     )
 
 
-def sensor(noise_variance: float, bound_mg_dl: float, dead_time_samples: int) -> Sensor:
-    """Sensor with noise, dead time, both or neither."""
-    inner: Sensor = IdealSensor()
-    if noise_variance > 0.0:
-        inner = white_noise(noise_variance, bound_mg_dl, inner)
-    return dead_time(dead_time_samples, inner) if dead_time_samples else inner
-
-
-def record_key(seed: int) -> jax.Array:
-    """Key of the record that a model is identified from; the loop's own is the seed's."""
-    key: jax.Array = jax.random.fold_in(jax.random.key(seed), _RECORD_KEY)
-    return key
-
-
-def pump_for(situation: Situation, limits: DoseLimits) -> Pump:
-    """The pump of a situation."""
-    pump = LimitedPump(limits=limits)
-    step = situation.pump_resolution_mU_min
-    return pump if step is None else with_resolution(step, pump)
-
-
 def model_for(run: Run, person: SorensenPatient) -> ModelFile | None:
     """The model that the controller is designed on, before it is told of a dead time."""
     situation, case = run.situation, run.case
@@ -123,7 +97,7 @@ def model_for(run: Run, person: SorensenPatient) -> ModelFile | None:
     settings = _identification_settings(case)
     identification = identify(
         person,
-        sensor(settings["model_noise_variance"], situation.noise_bound_mg_dl, 0),
+        sensor_of(settings["model_noise_variance"], situation.noise_bound_mg_dl, 0),
         record_key(situation.seed),
         memory=settings["memory"],
         laguerre_pole=settings["laguerre_pole"],

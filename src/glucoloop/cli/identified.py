@@ -11,7 +11,6 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.cli.closed_loop import record_key, sensor
 from glucoloop.config.identification import IdentificationConfig, identification_keys
 from glucoloop.identification import (
     Identification,
@@ -30,6 +29,7 @@ from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import read_record_columns
+from glucoloop.trials.situation import record_key, sensor_of
 
 VALIDATION_SAMPLES: Final = 100
 VALIDATION_SHARE: Final = 0.1
@@ -117,7 +117,7 @@ def _from_patient(config: IdentificationConfig) -> Identified:
     late = config.dead_time_samples
 
     def experiment(noise_variance: float) -> Record:
-        reads = sensor(noise_variance, config.noise_bound_mg_dl, late)
+        reads = sensor_of(noise_variance, config.noise_bound_mg_dl, late)
         return excite(person, pulses, reads, record_key(config.seed), sample_time_min=config.sample_time_min)
 
     record = experiment(config.noise_variance)
@@ -132,7 +132,7 @@ def _from_patient(config: IdentificationConfig) -> Identified:
     answer = excite(
         person,
         basal + np.asarray(sequence),
-        sensor(0.0, config.noise_bound_mg_dl, late),
+        sensor_of(0.0, config.noise_bound_mg_dl, late),
         sample_time_min=config.sample_time_min,
     )
     noise = f"with noise of variance {config.noise_variance:g}" if config.noise_variance else "free of noise"

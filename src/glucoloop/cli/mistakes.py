@@ -28,9 +28,9 @@ def mistake(told: str) -> NoReturn:
     sys.exit(2)
 
 
-def interrupted() -> NoReturn:
+def interrupted(told: str = "interrupted, nothing was written") -> NoReturn:
     """Leave after Ctrl-C."""
-    print("glucoloop: interrupted, nothing was written.", file=sys.stderr)
+    print(f"glucoloop: {told}.", file=sys.stderr)
     # An interrupt that lands in an exec, which dataclasses use, marks the process: `python -m` would then end as if
     # nobody had caught it. The next exec takes the mark away.
     exec("")

@@ -15,16 +15,24 @@ if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
 
-def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
-    """A figure as PNG and SVG, the same for the same run."""
+def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
+    """A figure as PNG and SVG, by the names of the files; the same for the same run."""
     import matplotlib
 
+    files = {}
     for kind in ("png", "svg"):
         buffer = io.BytesIO()
         # An SVG file would hold its date, and names drawn by chance.
         with matplotlib.rc_context({"svg.hashsalt": "glucoloop"}):
             figure.savefig(buffer, format=kind, metadata={"Date": None} if kind == "svg" else None)
-        folder.write(f"{name}.{kind}", buffer.getvalue())
+        files[f"{name}.{kind}"] = buffer.getvalue()
+    return files
+
+
+def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
+    """A figure as PNG and SVG, the same for the same run."""
+    for file, data in figure_files(name, figure).items():
+        folder.write(file, data)
 
 
 def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:

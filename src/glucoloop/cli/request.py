@@ -81,4 +81,7 @@ def file_keys(path: Path | None) -> dict[str, Any]:
         for key in _PATHS:
             if isinstance(table.get(key), str):
                 table[key] = beside(table[key], path)
+    population = keys.get("population")
+    if isinstance(population, str) and population.endswith(".toml"):  # and not the name of a preset
+        keys["population"] = beside(population, path)
     return keys

@@ -191,6 +191,7 @@ def _search(asked: _Asked) -> _Found:
     from glucoloop.patients import patient
     from glucoloop.pumps import dose_limits
     from glucoloop.simulation import Adaptive, Exponential
+    from glucoloop.trials.situation import pump_of, sensor_of
     from glucoloop.trials.tuning import printed_tuning, search
 
     run, situation = asked.run, asked.run.situation
@@ -226,10 +227,10 @@ def _search(asked: _Asked) -> _Found:
                 initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
                 announced=situation.announce_meals,
             ),
-            sensor=closed_loop.sensor(noise, bound, late),
-            quiet_sensor=closed_loop.sensor(0.0, bound, late) if situation.noisy else None,
+            sensor=sensor_of(noise, bound, late),
+            quiet_sensor=sensor_of(0.0, bound, late) if situation.noisy else None,
             seeds=range(situation.seed, situation.seed + asked.seeds),
-            pump=closed_loop.pump_for(situation, limits),
+            pump=pump_of(limits, situation.pump_resolution_mU_min),
             limits=limits,
             integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
             progress=lambda done, total: progress(f"{done} of {total} runs"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +22,12 @@ from glucoloop.control import (
     internal_model_tuning,
 )
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients import Patient
+from glucoloop.patients import Patient, SorensenPatient
 from glucoloop.pumps import DoseLimits
-from glucoloop.simulation import fit_step, linear_model, nonlinear_model
+from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
+from glucoloop.trials.catalogue import Value, controller_entry
+from glucoloop.trials.situation import record_key, sensor_of
+from glucoloop.trials.trial import Trial, TrialCase
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,40 @@ class DesignCase:
         return self.model
 
 
+def controller_of(trial: Trial, case: TrialCase, nominal: SorensenPatient, limits: DoseLimits) -> Controller:
+    """The controller of a trial's case, designed for the nominal patient.
+
+    Raises
+    ------
+    ValueError
+        For a design that is not possible.
+    """
+    entry = controller_entry(case.controller)
+    known_samples = trial.dead_time_samples if case.known_dead_time else 0
+    model = None
+    if entry.uses_model:
+        identified = identify(
+            nominal,
+            sensor_of(case.model_noise_variance or 0.0, trial.noise_bound_mg_dl, 0),
+            record_key(trial.seed),
+            memory=case.memory or 0,
+            laguerre_pole=case.laguerre_pole or 0.0,
+            laguerre_functions=case.laguerre_functions or None,
+            sample_time_min=trial.sample_time_min,
+        )
+        model = identified.model.delayed(known_samples)
+    design = DesignCase(
+        patient=nominal,
+        model=model,
+        limits=limits,
+        sample_time_min=trial.sample_time_min,
+        noise_variance=trial.noise_variance,
+        dead_time_samples=known_samples,
+    )
+    controller: Controller = entry.designer()(design, **case.tuning)
+    return controller
+
+
 def linear_mpc(
     case: DesignCase,
     *,
@@ -68,8 +106,12 @@ def linear_mpc(
     return design_linear_mpc(case.identified, tuning, case.limits, constraints=constraints)
 
 
+def process_noise(tuning: Mapping[str, Value]) -> npt.NDArray[np.float64]:
+    """Diagonal of Q for the 8 glucose, 9 other and 2 glucagon states, of the settings of a controller."""
+    return _process_noise(*(float(tuning[f"{kind}_process_noise"]) for kind in ("glucose", "other", "glucagon")))
+
+
 def _process_noise(glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
-    """Diagonal of Q for the 8 glucose, 9 other and 2 glucagon states."""
     return np.repeat([glucose, other, glucagon], [8, 9, 2])
 
 

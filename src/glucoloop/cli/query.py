@@ -1,0 +1,118 @@
+"""``glucoloop query``: questions to a trial, in SQL."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from glucoloop.cli.screen import note, show
+
+if TYPE_CHECKING:
+    from glucoloop.storage.trials.query import Answer, TrialTables
+
+HELP: Final = (
+    "Ask the folder of a trial a question in SQL, in the dialect of DuckDB.\n\n"
+    "Its tables are people (a row a person and controller), counts and bands (glucose and insulin over time), summary, "
+    "and traces if they were kept; without a question their columns are listed. A trial that is not finished answers "
+    "about the shards that are done. Nothing is written.\n\n"
+    "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
+    "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
+    "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
+)
+_MOST_SHOWN: Final = 1000
+
+
+def command(
+    folder: Annotated[str, typer.Argument(help="The folder that glucoloop trial wrote.", metavar="DIR")],
+    sql: Annotated[str | None, typer.Argument(help="One SELECT.", metavar="SQL")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object: columns, and a list of rows.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print lines of comma-separated values, however many.")] = False,
+) -> None:
+    """Ask, and print the answer."""
+    if json and csv:
+        raise ValueError("--json and --csv exclude one another; leave one out")
+    if not folder:
+        raise ValueError("DIR is empty; give the folder of a trial")
+    from glucoloop.storage.trials.query import trial_tables
+
+    with trial_tables(Path(folder)) as tables:
+        if tables.done < tables.shards:
+            note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
+        if sql is None:
+            _list(tables, json=json)
+            return
+        answer = tables.ask(sql)
+        if csv:
+            _print_csv(answer)
+        elif json:
+            _print_json(answer)
+        else:
+            _print_table(answer)
+
+
+def _list(tables: TrialTables, *, json: bool) -> None:
+    from rich import box
+    from rich.table import Table
+
+    from glucoloop.storage.strict_json import json_text
+    from glucoloop.storage.trials.query import VIEWS
+
+    if json:
+        print(json_text(tables.views))
+        return
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in ("Table", "What it holds", "Columns"):
+        table.add_column(name, overflow="fold")
+    for name, columns in tables.views.items():
+        table.add_row(name, VIEWS[name], ", ".join(columns))
+    show(table)
+
+
+def _print_csv(answer: Answer) -> None:
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(answer.columns)
+    writer.writerows(answer.rows)
+
+
+def _print_json(answer: Answer) -> None:
+    from glucoloop.storage.strict_json import json_text
+
+    print(json_text({"columns": answer.columns, "rows": [[_plain(value) for value in row] for row in answer.rows]}))
+
+
+def _print_table(answer: Answer) -> None:
+    from rich import box
+    from rich.table import Table
+
+    shown = list(itertools.islice(answer.rows, _MOST_SHOWN + 1))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for position, name in enumerate(answer.columns):
+        numbers = shown and isinstance(shown[0][position], int | float)
+        table.add_column(name, justify="right" if numbers else "left")
+    for row in shown[:_MOST_SHOWN]:
+        table.add_row(*_cells(row))
+    show(table)
+    if len(shown) > _MOST_SHOWN:
+        note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
+
+
+def _cells(row: tuple[Any, ...]) -> Iterator[str]:
+    for value in row:
+        yield "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it; what it has no kind for is told as text."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return float(value) if type(value).__name__ == "Decimal" else str(value)

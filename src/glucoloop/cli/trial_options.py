@@ -1,0 +1,170 @@
+"""The options of a trial."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Final
+
+from glucoloop.cli.options import CASE, MEALS, MMOL, OUTPUT, SITUATION, Option
+
+_PEOPLE: Final = "People"
+_MEALS: Final = "Meals"
+_CONTROLLERS: Final = "Controllers"
+_WORK: Final = "Work"
+_NOT_OF_A_TRIAL: Final = ("initial_glucose_mg_dl", MEALS, "duration_min", "integrator", "controller", "model")
+
+CASES: Final = Option(
+    "cases",
+    "--case",
+    list[str],
+    "A controller with settings of its own, like 'careful: mpc, move_weight=1'; repeat it for more.",
+    _CONTROLLERS,
+    metavar="CASE",
+)
+CONTROLLERS: Final = Option(
+    "controllers",
+    "--controller",
+    list[str],
+    next(option.help for option in CASE if option.key == "controller") + " Repeat it for more.",
+    _CONTROLLERS,
+    metavar="NAME",
+    default="mpc",
+)
+WORKERS: Final = Option(
+    "workers",
+    "--workers",
+    int,
+    "Threads that compute; with --dask local, processes.",
+    _WORK,
+    metavar="N",
+    default="one a core",
+)
+DASK: Final = Option(
+    "dask",
+    "--dask",
+    str,
+    "Compute on a Dask cluster: the address of its scheduler, like tcp://10.0.0.1:8786, or local.",
+    _WORK,
+    metavar="ADDRESS",
+)
+
+
+def _shared() -> Iterator[Option]:
+    """What a trial has in common with a single run, in the words of a trial."""
+    words = {
+        "operating_point": "The nominal patient, for whom controllers are designed: setpoint-81 or nominal-22.",
+        "setpoint_mg_dl": "Where everybody rests at the start, and the target; the operating point's by default.",
+        "seed": "The same seed gives the same people, meals and noise.",
+    }
+    panels = {"setpoint_mg_dl": _PEOPLE, "seed": _PEOPLE, "operating_point": _PEOPLE, "announce_meals": _MEALS}
+    for option in (*SITUATION, *CASE):
+        if option.key not in _NOT_OF_A_TRIAL:
+            yield dataclasses.replace(
+                option, help=words.get(option.key, option.help), panel=panels.get(option.key, option.panel)
+            )
+
+
+def _output() -> Iterator[Option]:
+    words = {
+        "out": "Folder of the trial; a trial that was begun there goes on.",
+        "overwrite": "Begin again, whatever trial the folder holds.",
+        "json": "Print the summary as one JSON object.",
+    }
+    for option in (*OUTPUT, MMOL):
+        yield dataclasses.replace(option, help=words.get(option.key, option.help))
+
+
+TRIAL: Final = (
+    Option("people", "--people", int, "How many.", _PEOPLE, metavar="N", default="1000"),
+    Option(
+        "population",
+        "--population",
+        str,
+        "nominal, parker2000 (up to 40 % in eight parameters), lognormal, or a table of your own in a file.",
+        _PEOPLE,
+        metavar="NAME|FILE.toml",
+        default="parker2000",
+    ),
+    Option(
+        "first_person",
+        "--first-person",
+        int,
+        "Number of the first one; a person of a number and seed is always the same.",
+        _PEOPLE,
+        metavar="N",
+        default="0",
+    ),
+    Option("days", "--days", int, "Days, each with the same meals.", _MEALS, metavar="N", default="1"),
+    Option("duration_min", "--duration", float, "Length of the run, in place of days.", _MEALS, metavar="MIN"),
+    Option(
+        MEALS,
+        "--meal",
+        list[str],
+        "Carbohydrate and time of the day, like 45g@7h; repeat it for more meals.",
+        _MEALS,
+        metavar="G@TIME",
+        default="45g@7h, 70g@12h, 60g@18h",
+    ),
+    Option("no_meal", "--no-meal", bool, "Nothing is eaten.", _MEALS),
+    Option(
+        "meal_size_spread_pct",
+        "--meal-size-spread",
+        float,
+        "By how much a meal is larger or smaller, drawn anew for each person and day.",
+        _MEALS,
+        metavar="PCT",
+        default="0",
+    ),
+    Option(
+        "meal_time_spread_min",
+        "--meal-time-spread",
+        float,
+        "By how much it is earlier or later.",
+        _MEALS,
+        metavar="MIN",
+        default="0",
+    ),
+    CONTROLLERS,
+    CASES,
+    Option(
+        "design",
+        "--design",
+        str,
+        "Controllers designed once for the nominal patient, or for each person.",
+        _CONTROLLERS,
+        metavar="nominal|individual",
+        default="nominal",
+    ),
+    *_shared(),
+    Option(
+        "traces",
+        "--traces",
+        str,
+        "Whose glucose and insulin are kept over time: none, all, or so many people.",
+        _WORK,
+        metavar="none|all|N",
+        default="none",
+    ),
+    Option(
+        "precision",
+        "--precision",
+        str,
+        "Arithmetic of the loop; controllers are always designed in float64.",
+        _WORK,
+        metavar="float32|float64",
+        default="float64",
+    ),
+    Option(
+        "shard_people",
+        "--shard-people",
+        int,
+        "People that are computed and written together.",
+        _WORK,
+        metavar="N",
+        default="up to 16384",
+    ),
+    WORKERS,
+    DASK,
+    *_output(),
+)

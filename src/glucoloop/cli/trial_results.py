@@ -1,0 +1,205 @@
+"""What is said about a whole trial: summary, bands, picture and page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+import glucoloop
+from glucoloop.cli.pictures import figure_files
+from glucoloop.metrics.control_variability import zone_pct
+from glucoloop.patients import patient
+from glucoloop.report import CaseReport, Distribution, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.report.trial_report import ranges_pct
+from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.tables import parquet
+from glucoloop.storage.trials.folder import BANDS, REPORT, SUMMARY, TrialFolder
+from glucoloop.storage.trials.header import read_header
+from glucoloop.storage.trials.shard import Counts, Simulate, add_counts, edges, no_counts, times
+from glucoloop.trials.counts import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.trials.summary import CaseSummary, TrialSummary, summarise_people
+from glucoloop.trials.trial import Trial
+from glucoloop.units import MIN_PER_DAY
+
+Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
+"""By controller and quantity: (quantiles, times)."""
+_RANGE_METRICS: Final = (
+    "time_below_54_pct",
+    "time_below_70_pct",
+    "time_70_180_pct",
+    "time_above_180_pct",
+    "time_above_250_pct",
+)
+_SETTLING: Final = "settling_5pct_min"
+_REMARKABLE: Final = 3
+
+
+def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
+    """The files about a whole trial, by name, from its shards; the people who fared worst are simulated again."""
+    trial = folder.trial
+    summary = summarise_people(folder.people, max_insulin_mU_min=trial.max_insulin_mU_min)
+    bands = _bands(folder)
+    setpoint = trial.setpoint_mg_dl or float(patient(trial.operating_point).setpoint_mg_dl)
+    report = TrialReport(
+        title=f"{trial.population.name}, {trial.people} people",
+        setpoint_mg_dl=setpoint,
+        people=summary.people,
+        unable=summary.unable.count,
+        facts=_facts(trial),
+        cases={
+            label: _case_report(trial, label, of_label, bands[label], simulate)
+            for label, of_label in summary.cases.items()
+        },
+    )
+    return {
+        BANDS: parquet(pl.concat(_band_tables(trial, bands))),
+        SUMMARY: _summary_text(folder, summary, setpoint).encode(),
+        REPORT: trial_page(report).encode(),
+        **figure_files("figure", plot_trial(report)),
+    }
+
+
+def _summary_text(folder: TrialFolder, summary: TrialSummary, setpoint_mg_dl: float) -> str:
+    header = read_header(folder.path)
+    told = summary.as_dict()
+    for label, of_label in summary.cases.items():
+        told["controllers"][label]["control_variability_pct"] = zone_pct(of_label.cvga_counts)
+    versions = {"version": glucoloop.__version__, "libraries": header.libraries}
+    return json_text({**versions, "config": header.config, "setpoint_mg_dl": setpoint_mg_dl, **told}) + "\n"
+
+
+def _bands(folder: TrialFolder) -> Bands:
+    trial = folder.trial
+    total: dict[str, Counts] = no_counts(trial)
+    for index in range(trial.shards):
+        add_counts(folder.shard(index), trial, total)
+    bins = edges(trial)
+    return {
+        label: {quantity: quantiles_of_counts(bins[quantity], counts) for quantity, counts in of_label.items()}
+        for label, of_label in total.items()
+    }
+
+
+def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
+    t_min = times(trial)
+    for label, of_label in bands.items():
+        for quantity, quantiles in of_label.items():
+            columns = {f"q{100 * q:02.0f}": values for q, values in zip(BAND_QUANTILES, quantiles, strict=True)}
+            table = pl.DataFrame({"t_min": t_min[quantity], **columns}).with_columns(pl.col(pl.Float64).fill_nan(None))
+            yield table.select(pl.lit(label).alias("controller"), pl.lit(quantity).alias("quantity"), pl.all())
+
+
+def _case_report(
+    trial: Trial, label: str, summary: CaseSummary, bands: Mapping[str, Any], simulate: Simulate
+) -> CaseReport:
+    t_min = times(trial)
+    metrics = summary.metrics
+    return CaseReport(
+        bands_t_min=t_min["glucose"],
+        glucose_quantiles=dict(zip(BAND_QUANTILES, bands["glucose"], strict=True)),
+        insulin_t_min=t_min["insulin"],
+        insulin_quantiles=dict(zip(BAND_QUANTILES, bands["insulin"], strict=True)),
+        metric_counts={
+            metric: Distribution(
+                edges=counted.edges,
+                counts=counted.counts,
+                **{name: metrics[metric][name] for name in ("p5", "median", "p95")},
+            )
+            for metric, counted in summary.distributions.items()
+            if metric != _SETTLING or _one_meal(trial)
+        },
+        cvga_counts=summary.cvga_counts,
+        time_in_range_pct=ranges_pct(**{name: metrics[name]["mean"] for name in _RANGE_METRICS}),
+        table=_headlines(summary, settling=_one_meal(trial)),
+        worst=_worst(trial, label, summary, simulate),
+    )
+
+
+def _one_meal(trial: Trial) -> bool:
+    """Whether there is one meal to settle from; after many, settling is that of the last."""
+    return len(trial.plan.nominal()) == 1
+
+
+def _headlines(summary: CaseSummary, *, settling: bool) -> dict[str, float | str]:
+    metrics = summary.metrics
+    undershoot, below = metrics["undershoot_mg_dl"], metrics["time_below_60_pct"]
+    return {
+        "Undershoot, median (mg/dl)": undershoot["median"],
+        "Undershoot of the worst 5 % (mg/dl)": undershoot["p95"],
+        "Greatest undershoot (mg/dl)": undershoot["max"],
+        "Least glucose of all (mg/dl)": metrics["minimum_mg_dl"]["min"],
+        "People ever below 60 mg/dl (%)": summary.ever_below[60]["share_pct"],
+        "People ever below 54 mg/dl (%)": summary.ever_below[54]["share_pct"],
+        "Time below 60 mg/dl, mean (%)": below["mean"],
+        "Time below 60 mg/dl of the worst 5 % (%)": below["p95"],
+        "Time from 70 to 180 mg/dl, mean (%)": metrics["time_70_180_pct"]["mean"],
+        "Greatest glucose, median (mg/dl)": metrics["peak_mg_dl"]["median"],
+        "Greatest glucose of the worst 5 % (mg/dl)": metrics["peak_mg_dl"]["p95"],
+        "Mean glucose, median (mg/dl)": metrics["mean_mg_dl"]["median"],
+        **({"Settling to 5 %, median (min)": metrics[_SETTLING]["median"]} if settling else {}),
+    }
+
+
+def _worst(trial: Trial, label: str, summary: CaseSummary, simulate: Simulate) -> list[WorstPerson]:
+    """Those who fared worst, with their traces: a person is the same whenever he is simulated."""
+    if not summary.worst:
+        return []
+    again = simulate(label, np.array([person["person"] for person in summary.worst], np.int64), True)
+    if again.glucose_mg_dl is None or again.insulin_mU_min is None:
+        raise TypeError("traces were asked for, but the engine gave none")
+    t_min = times(trial)
+    return [
+        WorstPerson(
+            person=person["person"],
+            minimum_mg_dl=person["metrics"]["minimum_mg_dl"],
+            t_min=t_min["glucose"],
+            glucose_mg_dl=again.glucose_mg_dl[:, column].astype(np.float64),
+            insulin_t_min=t_min["insulin"],
+            insulin_mU_min=again.insulin_mU_min[:, column].astype(np.float64),
+            note=_note(trial, person),
+        )
+        for column, person in enumerate(summary.worst)
+    ]
+
+
+def _note(trial: Trial, person: Mapping[str, Any]) -> str:
+    """His basal rate, and the parameters that lie farthest from the middle of what is drawn."""
+    told = [f"basal {person['basal_insulin_mU_min']:.1f} mU/min"]
+    distributions = trial.population.distributions()
+    apart = {
+        name: (value - distributions[name].centre) / (distributions[name].upper - distributions[name].lower)
+        for name, value in person["parameters"].items()
+    }
+    farthest = sorted(apart, key=lambda name: -abs(apart[name]))[:_REMARKABLE]
+    return ", ".join([*told, *(f"{name} {person['parameters'][name]:.3g}" for name in farthest)])
+
+
+def _length(trial: Trial) -> str:
+    plan = trial.plan
+    if plan.horizon_min != plan.days * MIN_PER_DAY:
+        return f"{plan.horizon_min:g} min"
+    return "a day" if plan.days == 1 else f"{plan.days} days"
+
+
+def _facts(trial: Trial) -> dict[str, str]:
+    plan = trial.plan
+    meals = ", ".join(f"{meal.carbs_g:g} g at {meal.t_min / 60.0:g} h" for meal in plan.meals) or "none"
+    if plan.varies:
+        meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
+    noise = f"variance {trial.noise_variance:g}, at most {trial.noise_bound_mg_dl:g} mg/dl"
+    facts = {
+        "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
+        "Seed": str(trial.seed),
+        "Length": _length(trial),
+        "Meals": meals + (", announced" if trial.announced and plan.meals else ""),
+        "Noise": noise if trial.noise_variance else "none",
+        "Dead time": f"{trial.dead_time_samples * trial.sample_time_min:g} min",
+        "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
+        "Precision": trial.precision,
+    }
+    if trial.first_person:
+        facts["First person"] = str(trial.first_person)
+    return facts

@@ -1,0 +1,101 @@
+"""What a trial says at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from glucoloop.cli.request import Output
+from glucoloop.cli.screen import show
+from glucoloop.cli.telling import print_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from glucoloop.trials.trial import Trial
+
+_TABLE: Final = (
+    ("undershoot_mg_dl", ("median", "p95", "max")),
+    ("minimum_mg_dl", ("median", "min")),
+    ("peak_mg_dl", ("median", "p95")),
+    ("time_below_60_pct", ("mean", "p95")),
+    ("time_70_180_pct", ("mean", "p5")),
+    ("mean_mg_dl", ("median",)),
+    ("insulin_total_mU", ("median",)),
+)
+_NAMED: Final = 10
+
+
+def tell(trial: Trial, summary: Mapping[str, Any], output: Output, out: Path) -> None:
+    """Tell a finished trial: its summary as one JSON object, or a table and what it leaves out."""
+    from glucoloop.storage.trials.folder import CONFIGURATION, FINAL
+
+    notes = tuple(_notes(summary))
+    if output.json:
+        summary = {key: value for key, value in summary.items() if key != "version"}
+        print_json(summary, {name: str(out / name) for name in sorted((*FINAL, CONFIGURATION))}, notes)
+        return
+    show(_table(summary))
+    for line in (*notes, *(_mmol_lines(summary) if output.mmol else ())):
+        print(line)
+    print(f"Wrote {', '.join(FINAL)} and {trial.shards} {'shard' if trial.shards == 1 else 'shards'} to {out}.")
+
+
+def _table(summary: Mapping[str, Any]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    from glucoloop.report.rows import described
+
+    controllers = summary["controllers"]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("Over the people")
+    table.add_column("")
+    for label in controllers:
+        table.add_column(label, justify="right")
+    table.add_column("Unit")
+    for metric, quantiles in _TABLE:
+        how = described(metric)
+        for position, quantile in enumerate(quantiles):
+            values = (of["metrics"][metric][quantile] for of in controllers.values())
+            cells = ("n/a" if value is None else how.value(value) for value in values)
+            table.add_row("" if position else how.name, quantile, *cells, how.unit)
+    for limit in ("60", "54"):
+        shares = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers.values())
+        cells = ("n/a" if of["share_pct"] is None else f"{of['share_pct']:.2f}" for of in shares)
+        table.add_row(f"People ever below {limit} mg/dl", "share", *cells, "%")
+    return table
+
+
+def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Who is not in the numbers, and who is beyond the pump."""
+    unable, beyond = summary["unable"], summary["basal_beyond_pump"]
+    setpoint = f"{summary['setpoint_mg_dl']:g} mg/dl"
+    if unable["count"]:
+        yield f"Of {summary['people']} people {unable['count']} have no basal rate for {setpoint}: {_persons(unable)}."
+    if beyond["count"]:
+        yield f"{beyond['count']} people would need more than the pump gives to rest there: {_persons(beyond)}."
+    for label, of in summary["controllers"].items():
+        if of["not_finite"]["count"]:
+            lost = of["not_finite"]
+            yield f"{label}: glucose of {lost['count']} people did not stay finite: {_persons(lost)}."
+
+
+def _persons(named: Mapping[str, Any]) -> str:
+    shown = ", ".join(map(str, named["person"][:_NAMED]))
+    return f"person {shown}" if named["count"] <= _NAMED else f"person {shown} and others, see summary.json"
+
+
+def _mmol_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    from glucoloop.units import mmol_l_from_mg_dl
+
+    for label, of in summary["controllers"].items():
+        least, peak = of["metrics"]["minimum_mg_dl"], of["metrics"]["peak_mg_dl"]
+        values = (least["median"], least["min"], peak["median"], peak["max"])
+        if None not in values:
+            median, worst, high, highest = (f"{mmol_l_from_mg_dl(value):.2f}" for value in values)
+            yield (
+                f"{label}: least glucose {median} mmol/l in the median and {worst} at worst, "
+                f"greatest {high} in the median and {highest} at worst."
+            )

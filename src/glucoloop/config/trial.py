@@ -1,0 +1,270 @@
+"""A trial from flat keys: the people, their meals and sensor, and the controllers that are tried on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, Field
+
+from glucoloop.config.comparison import CASES_KEY, MOST_CASES
+from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.config.population import named_population, population_keys, read_population
+from glucoloop.config.run import (
+    LONGEST_RUN_MIN,
+    STRICT,
+    Case,
+    Situation,
+    case_key_names,
+    checked,
+    overlay,
+    read_case,
+    whole_samples,
+)
+from glucoloop.meals.plan import MOST_DAYS, MealPlan
+from glucoloop.patients.population import PRESETS, Population
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.threefry import LARGEST_COUNTER
+from glucoloop.trials import catalogue
+from glucoloop.trials.trial import MOST_PEOPLE, Trial, TrialCase, usual_shard_people
+from glucoloop.units import MIN_PER_DAY
+
+USUAL_DAY: Final = ("45g@420min", "70g@720min", "60g@1080min")
+"""Breakfast at 7 h, lunch at 12 h and dinner at 18 h."""
+CONTROLLERS_KEY: Final = "controllers"
+"""Of a list of controllers, each a case with its usual tuning."""
+SITUATION_KEYS: Final = (
+    "operating_point",
+    "setpoint_mg_dl",
+    "announce_meals",
+    "sample_time_min",
+    "noise_variance",
+    "noise_bound_mg_dl",
+    "dead_time_min",
+    "max_change_mU_min",
+    "min_insulin_mU_min",
+    "max_insulin_mU_min",
+    "pump_resolution_mU_min",
+    "seed",
+)
+"""What a trial has in common with a single run."""
+_LENGTHS: Final = ("days", "duration_min")
+
+
+class TrialKeys(BaseModel):
+    """What a trial has and a single run has not."""
+
+    model_config = STRICT
+
+    people: Annotated[int, Field(ge=1, le=MOST_PEOPLE)] = 1000
+    first_person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] = 0
+    meals: tuple[str, ...] = USUAL_DAY
+    days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
+    duration_min: Annotated[float, Field(gt=0.0, le=LONGEST_RUN_MIN)] | None = None
+    """None: the days."""
+    meal_size_spread_pct: Annotated[float, Field(ge=0.0, lt=100.0)] = 0.0
+    meal_time_spread_min: Annotated[float, Field(ge=0.0, lt=MIN_PER_DAY)] = 0.0
+    design: Literal["nominal", "individual"] = "nominal"
+    precision: Literal["float32", "float64"] = "float64"
+    shard_people: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+
+
+def trial_key_names() -> list[str]:
+    """The flat keys of a trial, but for those of its cases."""
+    return ["population", *TrialKeys.model_fields, *SITUATION_KEYS, "traces", CONTROLLERS_KEY]
+
+
+def read_trial(
+    keys: Mapping[str, object], cases: Sequence[Mapping[str, object]] = (), names: Mapping[str, str] | None = None
+) -> Trial:
+    """Trial from the keys that hold for all cases, and those of each.
+
+    Parameters
+    ----------
+    keys : mapping
+    cases : sequence of mapping
+        Each with its label; the controllers that `keys` names come before them. Without either it is linear MPC.
+    names : mapping, optional
+        What a key is called where it was given; for messages.
+
+    Raises
+    ------
+    ValueError
+        For a key that is unknown, wrong or at odds with another, a meal that does not fit into its day, or a label
+        that is missing or used twice.
+    """
+    _refuse_unknown(keys)
+    called = {key: (names or {}).get(key, key) for key in keys}
+    if all(key in keys for key in _LENGTHS):
+        raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
+    own = checked(TrialKeys, {key: keys[key] for key in TrialKeys.model_fields if key in keys}, names)
+    situation = checked(Situation, {key: keys[key] for key in SITUATION_KEYS if key in keys}, names)
+    samples = whole_samples(situation.dead_time_min, situation.sample_time_min)
+    meals = [parse_meal(text) for text in own.meals]
+    if "meals" not in keys and own.duration_min is not None:
+        meals = [meal for meal in meals if meal.t_min < own.duration_min]
+    plan = MealPlan(
+        meals,
+        own.days or 1,
+        size_spread_pct=own.meal_size_spread_pct,
+        time_spread_min=own.meal_time_spread_min,
+        horizon_min=own.duration_min,
+    )
+    sample_grid(plan.horizon_min, situation.sample_time_min)  # refuses a part of a sample
+    traces = _traces(keys.get("traces", "none"), called.get("traces", "traces"))
+    return Trial(
+        population=_population(keys.get("population", "parker2000"), called.get("population", "population")),
+        people=own.people,
+        first_person=own.first_person,
+        plan=plan,
+        cases=_cases(keys, cases, situation),
+        seed=situation.seed,
+        operating_point=situation.operating_point,
+        setpoint_mg_dl=situation.setpoint_mg_dl,
+        announced=situation.announce_meals,
+        noise_variance=situation.noise_variance,
+        noise_bound_mg_dl=situation.noise_bound_mg_dl,
+        dead_time_samples=samples,
+        max_change_mU_min=situation.max_change_mU_min,
+        min_insulin_mU_min=situation.min_insulin_mU_min,
+        max_insulin_mU_min=situation.max_insulin_mU_min,
+        pump_resolution_mU_min=situation.pump_resolution_mU_min,
+        sample_time_min=situation.sample_time_min,
+        precision=own.precision,
+        design=own.design,
+        traces=traces,
+        shard_people=own.shard_people
+        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0),
+    )
+
+
+def overlay_trial(
+    lower: Mapping[str, object], upper: Mapping[str, object], names: Mapping[str, str] | None = None
+) -> dict[str, object]:
+    """Flat keys in two layers, of which the upper one wins; with a key go those below that it excludes."""
+    excluded: set[str] = set()
+    if any(key in upper for key in _LENGTHS):
+        excluded.update(_LENGTHS)
+    if {"people", "traces", *_LENGTHS} & upper.keys():
+        # How many go into a shard follows from these.
+        excluded.add("shard_people")
+    return overlay({key: value for key, value in lower.items() if key not in excluded}, upper, names)
+
+
+def trial_keys(trial: Trial) -> dict[str, Any]:
+    """The flat keys from which the same trial is read."""
+    plan, preset = trial.plan, PRESETS.get(trial.population.name)
+    whole_days = plan.horizon_min == plan.days * MIN_PER_DAY
+    return {
+        "population": trial.population.name if trial.population == preset else population_keys(trial.population),
+        "people": trial.people,
+        "first_person": trial.first_person,
+        "seed": trial.seed,
+        "operating_point": trial.operating_point,
+        "setpoint_mg_dl": trial.setpoint_mg_dl,
+        "meals": [meal_text(meal) for meal in plan.meals],
+        **({"days": plan.days} if whole_days else {"duration_min": plan.horizon_min}),
+        "meal_size_spread_pct": plan.size_spread_pct,
+        "meal_time_spread_min": plan.time_spread_min,
+        "announce_meals": trial.announced,
+        "noise_variance": trial.noise_variance,
+        "noise_bound_mg_dl": trial.noise_bound_mg_dl,
+        "dead_time_min": trial.dead_time_samples * trial.sample_time_min,
+        "max_change_mU_min": trial.max_change_mU_min,
+        "min_insulin_mU_min": trial.min_insulin_mU_min,
+        "max_insulin_mU_min": trial.max_insulin_mU_min,
+        "pump_resolution_mU_min": trial.pump_resolution_mU_min,
+        "sample_time_min": trial.sample_time_min,
+        "design": trial.design,
+        "precision": trial.precision,
+        "traces": trial.traces,
+        "shard_people": trial.shard_people,
+        CASES_KEY: [_case_keys(case) for case in trial.cases],
+    }
+
+
+def _case_keys(case: TrialCase) -> dict[str, Any]:
+    keys = {
+        "label": case.label,
+        "controller": case.controller,
+        **case.tuning,
+        "known_dead_time": case.known_dead_time,
+        "model_noise_variance": case.model_noise_variance,
+        "memory": case.memory,
+        "laguerre_pole": case.laguerre_pole,
+        "laguerre_functions": case.laguerre_functions,
+    }
+    return {key: value for key, value in keys.items() if value is not None}
+
+
+def _own_case_keys() -> list[str]:
+    """A model of one's own would be that of one person; the trial's are identified from its people."""
+    return [key for key in case_key_names() if key != "model"]
+
+
+def _refuse_unknown(keys: Mapping[str, object]) -> None:
+    known = [*trial_key_names(), *(key for key in _own_case_keys() if key != "controller")]
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"unknown key {key!r} of a trial; {catalogue.known_names(key, known)}")
+
+
+def _population(told: object, name: str) -> Population:
+    if isinstance(told, Mapping):
+        return read_population(told)
+    if isinstance(told, str):
+        return named_population(told)
+    raise ValueError(f"{name} is {told!r}; give {', '.join(PRESETS)}, or a file like people.toml")
+
+
+def _traces(told: object, name: str) -> Literal["none", "all"] | int:
+    if told == "none" or told == "all":
+        return told
+    number = int(told) if isinstance(told, str) and told.isdecimal() else told
+    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
+        return number
+    raise ValueError(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
+
+
+def _cases(
+    keys: Mapping[str, object], cases: Sequence[Mapping[str, object]], situation: Situation
+) -> tuple[TrialCase, ...]:
+    named = keys.get(CONTROLLERS_KEY, [])
+    if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
+        raise ValueError(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
+    tables = [*({"label": name, "controller": name} for name in named), *cases]
+    if len(tables) > MOST_CASES:
+        raise ValueError(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
+    shared = {key: value for key, value in keys.items() if key in _own_case_keys()}
+    read = [_read_case(table, shared, situation) for table in tables or [{"label": "mpc"}]]
+    return tuple(read)
+
+
+def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situation: Situation) -> TrialCase:
+    label = table.get("label")
+    if not isinstance(label, str) or not label.strip():
+        raise ValueError(f"the case {dict(table)!r} has no label; give it one, like label = 'careful'")
+    own = {key: value for key, value in table.items() if key != "label"}
+    try:
+        for key in own:
+            if key in trial_key_names():
+                raise ValueError(f"{key} belongs to the trial, which all cases share; give it outside the cases")
+            if key not in _own_case_keys():
+                raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, _own_case_keys())}")
+        case = read_case(overlay(shared, {"controller": "mpc", **own}), situation)
+    except ValueError as error:
+        raise ValueError(f"case {label!r}: {error}") from None
+    return _trial_case(label, case)
+
+
+def _trial_case(label: str, case: Case) -> TrialCase:
+    return TrialCase(
+        label=label,
+        controller=case.controller,
+        tuning=dict(case.tuning),
+        known_dead_time=case.known_dead_time,
+        model_noise_variance=case.model_noise_variance,
+        memory=case.memory,
+        laguerre_pole=case.laguerre_pole,
+        laguerre_functions=case.laguerre_functions,
+    )

@@ -1,0 +1,162 @@
+"""A trial on a Dask cluster: a shard is a task, and its files come back as bytes.
+
+Workers need the same glucoloop, but no disk in common with this process, which alone writes to the folder. A task of a
+worker that dies is given to another one. A person's numbers do not depend on where they are computed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import logging
+import signal
+import threading
+import uuid
+from collections import Counter, deque
+from collections.abc import Iterator
+from typing import Any, Final
+
+import glucoloop
+from glucoloop.storage.trials.folder import TrialFolder
+from glucoloop.storage.trials.run import Progress
+from glucoloop.storage.trials.shard import compute_shard
+from glucoloop.trials.trial import Trial, fingerprint
+
+LOCAL: Final = "local"
+RETRIES: Final = 3
+"""How often a shard is tried again before the trial stops."""
+_IN_FLIGHT_PER_THREAD: Final = 2
+_LEAST_IN_FLIGHT: Final = 4
+_CONNECT_S: Final = 30
+_designing = threading.Lock()
+
+
+def shard_on_worker(trial: Trial, index: int, version: str) -> dict[str, bytes]:
+    """The files of a shard, computed by a worker.
+
+    Raises
+    ------
+    ValueError
+        If the worker has another version of glucoloop.
+    """
+    from glucoloop.trials import engine
+
+    if glucoloop.__version__ != version:
+        raise ValueError(
+            f"a worker has glucoloop {glucoloop.__version__}, and this is {version}; "
+            "install the same on all workers and run the same command again"
+        )
+    with _designing:  # kept by the process, and made once even where it has several threads
+        prepared = engine.prepare(trial)
+    return compute_shard(
+        trial,
+        index,
+        lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=1),
+        lambda: None,
+    )
+
+
+@contextlib.contextmanager
+def connected(address: str, workers: int | None = None) -> Iterator[Any]:
+    """A client of the scheduler at an address, or of one of this machine's own.
+
+    Parameters
+    ----------
+    address : str
+        Like ``tcp://10.0.0.1:8786``; or ``"local"``: worker processes are started on this machine.
+    workers : int, optional
+        How many of them; one for each core by default.
+
+    Raises
+    ------
+    ValueError
+        If Dask is not installed, or nobody answers at the address.
+    """
+    try:
+        distributed = importlib.import_module("distributed")  # untyped
+    except ImportError:
+        raise ValueError("Dask is not installed; install it with: pip install 'glucoloop[dask]'") from None
+    with contextlib.ExitStack() as stack:
+        if address == LOCAL:
+            with _workers_deaf_to_interrupts():
+                cluster: Any = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=workers,
+                        threads_per_worker=1,
+                        dashboard_address="127.0.0.1:0",
+                        silence_logs=logging.ERROR,
+                    )
+                )
+        elif workers is not None:
+            raise ValueError("the number of workers is the cluster's own; leave it out")
+        else:
+            cluster = address
+        try:
+            client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_S, set_as_default=False))
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); "
+                "start one, or give its address like tcp://10.0.0.1:8786"
+            ) from None
+        yield client
+
+
+@contextlib.contextmanager
+def _workers_deaf_to_interrupts() -> Iterator[None]:
+    """Ctrl-C reaches all processes of a terminal; those started in the block leave it to this one to stop them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None:
+    """Have the missing shards computed by the workers of a cluster, and put them into the folder as they come.
+
+    Raises
+    ------
+    ValueError
+        If a shard fails again and again, or cannot be written; those that are done stay.
+    """
+    trial = folder.trial
+    waiting = deque(folder.missing())
+    tried: Counter[int] = Counter()
+    running: dict[Any, int] = {}
+    """Shard by future."""
+    completed = importlib.import_module("distributed").as_completed(loop=client.loop)
+
+    def fill() -> None:
+        while waiting and len(running) < max(_LEAST_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values())):
+            index = waiting.popleft()
+            tried[index] += 1
+            future = client.submit(
+                shard_on_worker,
+                trial,
+                index,
+                glucoloop.__version__,
+                key=f"glucoloop-{fingerprint(trial)[:16]}-{index:05d}-{uuid.uuid4().hex}",
+                pure=False,
+            )
+            running[future] = index
+            completed.add(future)
+
+    fill()
+    for future in completed:
+        index = running.pop(future)
+        error = future.exception()
+        if error is None:
+            folder.put(index, future.result())
+            progress(trial.shard(index).size * len(trial.cases))
+        elif tried[index] <= RETRIES and not isinstance(error, ValueError):
+            waiting.appendleft(index)
+        else:
+            raise ValueError(
+                f"shard {index} failed on the cluster: {' '.join(str(error).split()).rstrip('.')}; "
+                f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
+            )
+        future.release()
+        fill()

@@ -1,0 +1,172 @@
+"""Questions to the folder of a trial, in SQL.
+
+DuckDB reads the Parquet files where they are. A question is one SELECT: nothing is written, and no other file is read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import duckdb
+
+from glucoloop.storage.folder import SUMS
+from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards
+from glucoloop.storage.trials.header import read_header
+
+VIEWS: Final = {
+    "people": "one row a person and controller: parameters, basal rate, metrics",
+    "counts": "how many people had a glucose or insulin from low to high at a time",
+    "bands": "quantiles of glucose and insulin over time",
+    "summary": "how each metric is spread, by controller",
+    "traces": "glucose and insulin of those whose traces were kept",
+}
+_MEMORY: Final = "1GB"
+_SPECIAL: Final = frozenset("*?[]{}")
+_ROWS: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a question; its rows can be read once."""
+
+    columns: list[str]
+    rows: Iterator[tuple[Any, ...]]
+
+
+class TrialTables:
+    """The tables of a trial, open for questions; see `trial_tables`."""
+
+    def __init__(self, connection: Any, views: dict[str, list[str]], done: int, shards: int) -> None:
+        self._connection = connection
+        self.views = views
+        """Columns of each table that there is."""
+        self.done = done
+        self.shards = shards
+
+    def ask(self, sql: str) -> Answer:
+        """Answer a question.
+
+        Raises
+        ------
+        ValueError
+            For what is not one SELECT, or what DuckDB refuses.
+        """
+        try:
+            statements = self._connection.extract_statements(sql)
+            if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
+                raise ValueError(
+                    f"{_line(sql)!r} is not one question that only reads; give one SELECT, "
+                    'like "select controller, avg(undershoot_mg_dl) from people group by all"'
+                )
+            self._connection.execute(statements[0])
+            columns = [of[0] for of in self._connection.description]
+            first = self._connection.fetchmany(_ROWS)
+        except duckdb.Error as error:
+            raise ValueError(_refusal(error)) from None
+        return Answer(columns, self._rows(first))
+
+    def _rows(self, rows: list[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
+        while rows:
+            yield from rows
+            try:
+                rows = self._connection.fetchmany(_ROWS)
+            except duckdb.Error as error:
+                raise ValueError(_refusal(error)) from None
+
+
+@contextlib.contextmanager
+def trial_tables(folder: Path) -> Iterator[TrialTables]:
+    """Open the folder of a trial, finished or not, for questions.
+
+    Raises
+    ------
+    ValueError
+        If it holds no trial, or none of its shards is done.
+    """
+    header = read_header(folder)
+    shards = done_shards(folder, header.shards)
+    if not shards:
+        raise ValueError(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
+    place = folder.resolve()
+    if _SPECIAL & set(str(place)):
+        raise ValueError(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
+    with tempfile.TemporaryDirectory(prefix="glucoloop-") as scratch, duckdb.connect(":memory:") as connection:
+        try:
+            for name, statement in _views(folder, [shard.name for shard in shards]).items():
+                connection.execute(f"create view {name} as {statement}")
+            if (folder / SUMS).exists():
+                _summary(connection, folder)
+            connection.execute("set memory_limit = ?", [_MEMORY])
+            connection.execute("set temp_directory = ?", [scratch])
+            connection.execute("set allowed_directories = ?", [[str(place)]])
+            connection.execute("set enable_external_access = false")
+            connection.execute("set lock_configuration = true")
+            columns = connection.execute(
+                "select table_name, list(column_name order by column_index) from duckdb_columns() "
+                "where not internal group by all"
+            ).fetchall()
+        except duckdb.Error as error:
+            raise ValueError(f"{folder} cannot be read: {_line(str(error))}") from None
+        views = dict(columns)
+        known = {name: views[name] for name in VIEWS if name in views}
+        yield TrialTables(connection, known, len(shards), header.shards)
+
+
+def _views(folder: Path, shards: list[str]) -> dict[str, str]:
+    """The views of what is there, in SQL."""
+    place = folder.resolve()
+
+    def of_shards(name: str) -> str:
+        files = [place / SHARDS / shard / name for shard in shards]
+        return _read([file for file in files if file.exists()])
+
+    views = {
+        "people": f"select * from {of_shards('people.parquet')}",
+        "counts": "select controller, quantity, t_min, low, high, sum(count)::bigint as count "
+        f"from {of_shards('bands.parquet')} group by all",
+    }
+    if any((place / SHARDS / shard / "traces.parquet").exists() for shard in shards):
+        views["traces"] = f"select * from {of_shards('traces.parquet')}"
+    if (place / SUMS).exists():
+        views["bands"] = f"select * from {_read([place / BANDS])}"
+    return views
+
+
+def _read(files: list[Path]) -> str:
+    return f"read_parquet([{', '.join(_quoted(str(file)) for file in files)}])"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _summary(connection: Any, folder: Path) -> None:
+    """A row a controller and metric."""
+    controllers = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["controllers"]
+    rows = [
+        {"controller": label, "metric": metric, **values}
+        for label, of_label in controllers.items()
+        for metric, values in of_label["metrics"].items()
+    ]
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    kinds = (f'"{name}" {"varchar" if name in ("controller", "metric") else "double"}' for name in columns)
+    connection.execute(f"create table summary ({', '.join(kinds)})")
+    marks = ", ".join("?" * len(columns))
+    connection.executemany(
+        f"insert into summary values ({marks})", [[row.get(name) for name in columns] for row in rows]
+    )
+
+
+def _refusal(error: Exception) -> str:
+    """DuckDB's own message in a line, without the part that points into the text."""
+    return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split()).rstrip(".")

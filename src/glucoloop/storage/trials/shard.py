@@ -1,0 +1,171 @@
+"""The files of a shard: a row a person and controller, exact counts over time, and traces where they are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from glucoloop.storage.tables import parquet
+from glucoloop.trials.bins import glucose_edges, insulin_edges
+from glucoloop.trials.people import People
+from glucoloop.trials.trial import Trial
+
+if TYPE_CHECKING:
+    from glucoloop.trials.engine import PeopleResult
+
+PEOPLE: Final = "people.parquet"
+BANDS: Final = "bands.parquet"
+TRACES: Final = "traces.parquet"
+QUANTITIES: Final = ("glucose", "insulin")
+_FIRST_COLUMNS: Final = ("person", "controller", "able", "basal_insulin_mU_min")
+
+Simulate = Callable[[str, npt.NDArray[np.int64], bool], "PeopleResult"]
+"""What becomes of some people under the controller of a label, with or without their traces."""
+Counts = dict[str, npt.NDArray[np.int64]]
+"""(times, bins) by quantity."""
+
+
+def column_name(parameter: str) -> str:
+    """A parameter as the column of a table: ``M_IHGP.strength`` as ``M_IHGP_strength``, which SQL reads unquoted."""
+    return parameter.replace(".", "_")
+
+
+def edges(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
+    """Edges of the bins that glucose [mg/dl] and insulin [mU/min] are counted in."""
+    return {"glucose": glucose_edges(), "insulin": insulin_edges(trial.max_insulin_mU_min)}
+
+
+def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
+    """When glucose and insulin are counted [min]: glucose also at the end."""
+    t_min = trial.sample_time_min * np.arange(trial.samples + 1, dtype=np.float64)
+    return {"glucose": t_min, "insulin": t_min[:-1]}
+
+
+def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[], None]) -> dict[str, bytes]:
+    """Run the people of a shard under each controller; `done` is called after each.
+
+    Returns
+    -------
+    dict
+        Contents of the files by name; the same to the bit whoever computes them.
+    """
+    person = trial.shard(index)
+    traced = trial.traced(person)
+    results: dict[str, PeopleResult] = {}
+    for case in trial.cases:
+        results[case.label] = simulate(case.label, person, bool(traced.any()))
+        done()
+    files = {
+        PEOPLE: parquet(pl.concat([_people_table(label, result) for label, result in results.items()])),
+        BANDS: parquet(pl.concat(_count_tables(trial, results))),
+    }
+    if traced.any():
+        files[TRACES] = parquet(pl.concat(_trace_tables(trial, results, traced)))
+    return files
+
+
+def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
+    able = pl.Series(result.able)
+    metrics = [pl.Series(name, values).to_frame() for name, values in result.metrics.items()]
+    table = pl.DataFrame(
+        {
+            "person": result.person,
+            "controller": pl.repeat(label, result.person.size, eager=True),
+            "able": able,
+            "basal_insulin_mU_min": result.basal_insulin_mU_min,
+            **{column_name(name): values for name, values in result.drawn.items()},
+        }
+    )
+    table = pl.concat([table, *metrics], how="horizontal")
+    names = list(result.metrics)
+    # Of somebody who is not able nothing is known, not even that he is never below 60 mg/dl.
+    table = table.with_columns(pl.when("able").then(pl.col(names)))
+    return table.with_columns(pl.col(pl.Float64).fill_nan(None))
+
+
+def _count_tables(trial: Trial, results: Mapping[str, PeopleResult]) -> Iterator[pl.DataFrame]:
+    """The bins that hold somebody."""
+    low, t_min = edges(trial), times(trial)
+    for label, result in results.items():
+        for quantity, counts in zip(QUANTITIES, (result.glucose_counts, result.insulin_counts), strict=True):
+            when, number = np.nonzero(counts)
+            yield pl.DataFrame(
+                {
+                    "controller": pl.repeat(label, when.size, eager=True),
+                    "quantity": pl.repeat(quantity, when.size, eager=True),
+                    "t_min": t_min[quantity][when],
+                    "bin": number.astype(np.int32),
+                    "low": low[quantity][number],
+                    "high": low[quantity][number + 1],
+                    "count": counts[when, number].astype(np.int64),
+                }
+            )
+
+
+def _trace_tables(
+    trial: Trial, results: Mapping[str, PeopleResult], traced: npt.NDArray[np.bool_]
+) -> Iterator[pl.DataFrame]:
+    t_min = times(trial)["glucose"]
+    for label, result in results.items():
+        glucose, insulin = result.glucose_mg_dl, result.insulin_mU_min
+        if glucose is None or insulin is None:
+            raise TypeError("traces were asked for, but the engine gave none")
+        kept = result.person[traced]
+        after = np.full((1, kept.size), np.nan, np.float32)  # no dose follows the end
+        table = pl.DataFrame(
+            {
+                "person": np.repeat(kept, t_min.size),
+                "controller": pl.repeat(label, kept.size * t_min.size, eager=True),
+                "t_min": np.tile(t_min, kept.size),
+                "glucose_mg_dl": glucose[:, traced].astype(np.float32).ravel("F"),
+                "insulin_mU_min": np.concatenate([insulin[:, traced].astype(np.float32), after]).ravel("F"),
+            }
+        )
+        yield table.with_columns(pl.col(pl.Float32).fill_nan(None))
+
+
+def read_people(folder: Path, trial: Trial) -> dict[str, People]:
+    """The people of a shard, by controller."""
+    table = pl.read_parquet(folder / PEOPLE)
+    yes_or_no = frozenset(name for name, kind in table.schema.items() if kind == pl.Boolean and name != "able")
+    numbers = pl.exclude("person", "controller", "able").cast(pl.Float64).fill_null(np.nan)
+    table = table.with_columns(numbers)
+    drawn = {v.parameter: column_name(v.parameter) for v in trial.population.variations}
+    metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values()}]
+    people = {}
+    # Rows of a controller follow one another.
+    for position, case in enumerate(trial.cases):
+        size = table.height // len(trial.cases)
+        of_case = {column.name: column.to_numpy() for column in table.slice(position * size, size)}
+        people[case.label] = People(
+            person=of_case["person"],
+            able=of_case["able"],
+            basal_insulin_mU_min=of_case["basal_insulin_mU_min"],
+            drawn={name: of_case[column] for name, column in drawn.items()},
+            metrics={name: of_case[name] for name in metrics},
+            yes_or_no=yes_or_no,
+        )
+    return people
+
+
+def no_counts(trial: Trial) -> dict[str, Counts]:
+    """Counts of nobody, by controller."""
+    bins, t_min = edges(trial), times(trial)
+    return {
+        case.label: {name: np.zeros((t_min[name].size, bins[name].size - 1), np.int64) for name in QUANTITIES}
+        for case in trial.cases
+    }
+
+
+def add_counts(folder: Path, trial: Trial, total: dict[str, Counts]) -> None:
+    """Add the counts of a shard to those of others."""
+    table = pl.read_parquet(folder / BANDS)
+    for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
+        counts: Any = total[str(label)][str(quantity)]
+        when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
+        counts[when, part["bin"].to_numpy()] += part["count"].to_numpy()

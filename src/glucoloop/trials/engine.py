@@ -1,0 +1,298 @@
+"""The people of a trial under its controllers: drawn, simulated, measured and counted, block by block.
+
+A block has one size, however many people are asked for: the last one is filled up. So each person goes through the same
+code, and is the same to the bit whoever else is asked for, in whatever order, and by how many threads.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.control import MPCSE, NLQDMC, Controller
+from glucoloop.meals.plan import draw_meals
+from glucoloop.metrics.running import RunningMetrics
+from glucoloop.metrics.summary import Metrics
+from glucoloop.patients.operating_point import SorensenPatient, patient
+from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.plant import SampleGrid
+from glucoloop.trials.bins import count, glucose_edges, insulin_edges
+from glucoloop.trials.designs import controller_of
+from glucoloop.trials.individual import individual_design
+from glucoloop.trials.situation import keys_of_people, pump_of, sensor_of
+from glucoloop.trials.trial import Trial, TrialCase, fingerprint
+
+Array = npt.NDArray[Any]
+
+BLOCK: Final = {"native": 2048, "xla": 64}
+"""People that go through the loop together, by engine: as many as fit the caches, and few where each takes long."""
+_ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
+
+
+@dataclass(frozen=True)
+class PeopleResult:
+    """What became of some people under one controller."""
+
+    person: npt.NDArray[np.int64]
+    """(n,)"""
+    able: npt.NDArray[np.bool_]
+    """(n,) whether a basal rate holds him at the setpoint; without one the metrics are not numbers."""
+    drawn: Mapping[str, npt.NDArray[np.float64]]
+    """(n,) each, by parameter."""
+    basal_insulin_mU_min: npt.NDArray[np.float64]
+    """(n,)"""
+    metrics: Mapping[str, Array]
+    """(n,) each, by the name of a field of `Metrics`."""
+    glucose_counts: npt.NDArray[np.int64]
+    """(samples + 1, bins) of those who are able."""
+    insulin_counts: npt.NDArray[np.int64]
+    """(samples, bins)"""
+    glucose_mg_dl: npt.NDArray[np.float32] | None = None
+    """(samples + 1, n) if traces were asked for."""
+    insulin_mU_min: npt.NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class PreparedCase:
+    """A controller of a trial with its loop, compiled."""
+
+    case: TrialCase
+    controller: Controller
+    """For the nominal patient."""
+    own: Callable[[VirtualPeople], Controller] | None
+    """Controllers of people's own; None where all have the same."""
+    cohort: Cohort
+
+
+@dataclass(frozen=True)
+class PreparedTrial:
+    """A trial whose controllers are designed."""
+
+    trial: Trial
+    grid: SampleGrid
+    setpoint_mg_dl: float
+    fold: RunningMetrics
+    cases: Mapping[str, PreparedCase]
+
+
+@functools.lru_cache(maxsize=2)
+def _prepared(key: str, trial: _ByFingerprint) -> PreparedTrial:
+    del key
+    return _prepare(trial.trial)
+
+
+class _ByFingerprint:
+    """A trial that a cache knows by what it says; its dictionaries cannot be hashed."""
+
+    def __init__(self, trial: Trial) -> None:
+        self.trial = trial
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByFingerprint)
+
+
+def prepare(trial: Trial) -> PreparedTrial:
+    """Design the controllers of a trial and compile their loops; what was prepared last is kept.
+
+    Raises
+    ------
+    ValueError
+        For a design that is not possible.
+    """
+    return _prepared(fingerprint(trial), _ByFingerprint(trial))
+
+
+def _prepare(trial: Trial) -> PreparedTrial:
+    nominal = patient(trial.operating_point)
+    grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
+    limits = dose_limits(
+        max_change_mU_min=trial.max_change_mU_min,
+        min_mU_min=trial.min_insulin_mU_min,
+        max_mU_min=trial.max_insulin_mU_min,
+    )
+    setpoint = float(nominal.setpoint_mg_dl) if trial.setpoint_mg_dl is None else trial.setpoint_mg_dl
+    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
+    example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
+    prepared = {
+        case.label: _prepare_case(trial, case, nominal, example, grid, limits, fold, setpoint) for case in trial.cases
+    }
+    return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
+
+
+def _prepare_case(
+    trial: Trial,
+    case: TrialCase,
+    nominal: SorensenPatient,
+    example: VirtualPeople,
+    grid: SampleGrid,
+    limits: DoseLimits,
+    fold: RunningMetrics,
+    setpoint: float,
+) -> PreparedCase:
+    controller = controller_of(trial, case, nominal, limits)
+    own = _own_controllers(trial, case, controller, nominal, example, limits)
+    meals = None
+    if not trial.plan.varies:
+        eaten = trial.plan.nominal()
+        meals = np.array([meal.t_min for meal in eaten]), np.array([meal.carbs_g for meal in eaten])
+    cohort = Cohort(
+        nominal,
+        example.patient,
+        controller,
+        sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, trial.dead_time_samples),
+        pump_of(limits, trial.pump_resolution_mU_min),
+        grid,
+        fold,
+        setpoint_mg_dl=setpoint,
+        meals=meals,
+        announced=trial.announced,
+        varied_controller=None if own is None else own(example),
+        precision=trial.precision,
+    )
+    return PreparedCase(case=case, controller=controller, own=own, cohort=cohort)
+
+
+def _own_controllers(
+    trial: Trial,
+    case: TrialCase,
+    controller: Controller,
+    nominal: SorensenPatient,
+    example: VirtualPeople,
+    limits: DoseLimits,
+) -> Callable[[VirtualPeople], Controller] | None:
+    """How people get controllers of their own, if they do."""
+    if trial.design == "individual":
+        return individual_design(trial, case, nominal, example, limits)
+    if not isinstance(controller, MPCSE | NLQDMC):
+        return None
+    # these hold the nominal patient's basal rate; the others take it from the pump when they wake
+    return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
+
+
+def run_people(
+    prepared: PreparedTrial,
+    label: str,
+    person: npt.ArrayLike,
+    *,
+    traces: bool = False,
+    threads: int | None = None,
+) -> PeopleResult:
+    """What becomes of some people of a trial under one of its controllers.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    label : str
+        Of the controller.
+    person : (n,) array of int
+        Their numbers.
+    traces : bool
+        Whether to keep glucose and insulin over time.
+    threads : int, optional
+        One for each core by default. It makes no difference to the result.
+    """
+    number = np.asarray(person, np.int64)
+    of_case = prepared.cases[label]
+    size = BLOCK[of_case.cohort.engine]
+    blocks = [number[start : start + size] for start in range(0, number.size, size)]
+    threads = min(threads or os.cpu_count() or 1, len(blocks))
+
+    def run(block: npt.NDArray[np.int64]) -> PeopleResult:
+        return _run_block(prepared, of_case, block, size, traces=traces)
+
+    if threads == 1:
+        return _joined([run(block) for block in blocks])
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            return _joined(list(pool.map(run, blocks)))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+
+
+def _run_block(
+    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], size: int, *, traces: bool
+) -> PeopleResult:
+    trial, grid = prepared.trial, prepared.grid
+    n = person.size
+    filled = np.resize(person, size)
+    people = virtual_people(trial.population, trial.seed, filled, setpoint_mg_dl=prepared.setpoint_mg_dl)
+    first_meal: Array | float = 0.0
+    t_min = carbs_g = None
+    if trial.plan.meals:
+        t_min, carbs_g = draw_meals(trial.plan, trial.seed, filled)
+        first_meal = np.floor(t_min.min(axis=0) / grid.sample_time_min)[:n] * grid.sample_time_min
+    run = of_case.cohort.run(
+        People(
+            patient=people.patient,
+            x=people.rest,
+            insulin_mU_min=people.basal_insulin_mU_min,
+            key=keys_of_people(trial.seed, filled),
+            controller=None if of_case.own is None else of_case.own(people),
+            meal_t_min=t_min if trial.plan.varies else None,
+            carbs_g=carbs_g if trial.plan.varies else None,
+        )
+    )
+    able = people.able[:n]
+    metrics: Metrics = prepared.fold.finish(
+        _first(run.fold, n),
+        samples=grid.samples,
+        sample_time_min=grid.sample_time_min,
+        meal_t_min=first_meal,
+        rounding_mU_min=_ROUNDING_MU_MIN[of_case.cohort.precision],
+    )
+    glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
+    known = able & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
+    return PeopleResult(
+        person=person,
+        able=able,
+        drawn={name: values[:n] for name, values in people.draw.values.items()},
+        basal_insulin_mU_min=people.basal_insulin_mU_min[:n],
+        metrics={field.name: np.asarray(getattr(metrics, field.name)) for field in dataclasses.fields(metrics)},
+        glucose_counts=count(glucose[:, known], glucose_edges()),
+        insulin_counts=count(insulin[:, known], insulin_edges(trial.max_insulin_mU_min)),
+        glucose_mg_dl=glucose.astype(np.float32) if traces else None,
+        insulin_mU_min=insulin.astype(np.float32) if traces else None,
+    )
+
+
+def _first(fold: Any, n: int) -> Any:
+    return jax.tree.map(lambda values: values[:n], fold)
+
+
+def _joined(parts: list[PeopleResult]) -> PeopleResult:
+    """Results of blocks as one, in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+
+    def traces(name: str) -> Any:
+        return None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts], axis=1)
+
+    return PeopleResult(
+        person=np.concatenate([p.person for p in parts]),
+        able=np.concatenate([p.able for p in parts]),
+        drawn={name: np.concatenate([p.drawn[name] for p in parts]) for name in first.drawn},
+        basal_insulin_mU_min=np.concatenate([p.basal_insulin_mU_min for p in parts]),
+        metrics={name: np.concatenate([p.metrics[name] for p in parts]) for name in first.metrics},
+        glucose_counts=np.sum([p.glucose_counts for p in parts], axis=0),
+        insulin_counts=np.sum([p.insulin_counts for p in parts], axis=0),
+        glucose_mg_dl=traces("glucose_mg_dl"),
+        insulin_mU_min=traces("insulin_mU_min"),
+    )

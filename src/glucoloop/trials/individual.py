@@ -1,0 +1,174 @@
+"""Controllers designed for each person of a trial, many at a time.
+
+Linear MPC is designed on a model identified from each person's own pulse experiment, and MPC/SE on his own
+linearisation; both are carried out for a block of people at once. The others are designed one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.control import Controller, MPCTuning, StateTuning
+from glucoloop.control.linear_mpc import linear_mpc_of_people
+from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
+from glucoloop.estimation import filter_gain, steady_state_covariance
+from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
+from glucoloop.patients import SorensenPatient
+from glucoloop.patients.population import VirtualPeople
+from glucoloop.pumps import DoseLimits
+from glucoloop.simulation.experiment import NOMINAL_INSULIN_MU_MIN
+from glucoloop.simulation.internal_model import linear_model_at
+from glucoloop.simulation.people_plant import chosen, replaced, varying
+from glucoloop.simulation.pulse_experiment import PulseExperiment
+from glucoloop.trials.designs import controller_of, process_noise
+from glucoloop.trials.situation import keys_of_records, sensor_of
+from glucoloop.trials.trial import Trial, TrialCase
+
+Design = Callable[[VirtualPeople], Controller]
+
+_BY_FILTER: Final = ("held-innovation", "none")
+"""What removes an offset in MPC/SE without a further state."""
+
+
+def individual_design(
+    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
+) -> Design | None:
+    """How people get controllers of their own.
+
+    Parameters
+    ----------
+    trial : Trial
+    case : TrialCase
+    nominal : SorensenPatient
+    example : VirtualPeople
+        Some of them, to show what varies.
+    limits : DoseLimits
+
+    Returns
+    -------
+    callable or None
+        None for a controller that is not designed on anything.
+    """
+    if case.controller == "basal":
+        return None
+    if case.controller == "mpc":
+        return _linear_mpc(trial, case, nominal, example, limits)
+    if case.controller == "mpc-se" and case.tuning["offset_free"] in _BY_FILTER:
+        return _mpc_se(trial, case, nominal, example, limits)
+    return _one_by_one(trial, case, limits)
+
+
+def _linear_mpc(
+    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
+) -> Design:
+    memory, functions = case.memory or 0, case.laguerre_functions
+    pulses = np.asarray(design_csrs(memory, 1.0))
+    experiment = PulseExperiment(
+        nominal,
+        example.patient,
+        sensor_of(case.model_noise_variance or 0.0, trial.noise_bound_mg_dl, 0),
+        sample_time_min=trial.sample_time_min,
+    )
+    late = trial.dead_time_samples if case.known_dead_time else 0
+    tuning = _tuning(MPCTuning, case, late)
+
+    def design(people: VirtualPeople) -> Controller:
+        basal = people.basal_insulin_mU_min
+        amplitude = np.minimum(NOMINAL_INSULIN_MU_MIN, basal)  # insulin cannot be taken back
+        keys = keys_of_records(trial.seed, people.draw.person)
+        glucose = experiment.run(people.patient, people.rest, basal + amplitude * pulses[:, None], keys)
+        # somebody without a basal rate has no record; the others' must not wait for him
+        known = np.isfinite(glucose).all(axis=0)
+        deviation = np.where(known, (glucose - glucose.mean(axis=0)) / np.where(known, amplitude, 1.0), 0.0)
+        response = cross_correlation(pulses, deviation, memory)
+        smooth = laguerre_smooth(response, case.laguerre_pole or 0.0, functions) if functions else response
+        S = np.where(known, np.cumsum(np.asarray(smooth), axis=0), np.nan)
+        return linear_mpc_of_people(
+            np.concatenate([np.zeros((late, S.shape[1])), S]),
+            tuning,
+            limits,
+            sample_time_min=trial.sample_time_min,
+            constraints=str(case.tuning["constraints"]),
+        )
+
+    return design
+
+
+def _mpc_se(
+    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
+) -> Design:
+    varies = varying(example.patient, nominal)
+    noise = process_noise(case.tuning)
+    variance = float(case.tuning["measurement_variance"])
+    tuning = _tuning(StateTuning, case, 0)
+
+    def of_person(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        model = linear_model_at(replaced(nominal, varies, own), x, insulin, trial.sample_time_min)
+        return model.Phi, model.Gamma, model.C
+
+    @jax.jit
+    def gains(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, ...]:
+        Phi, Gamma, C = jax.vmap(of_person, in_axes=(-1, -1, 0), out_axes=-1)(own, x, insulin)
+        P = steady_state_covariance(Phi, C, jnp.diag(jnp.asarray(noise)), variance, doublings=_DOUBLINGS)
+        still = jnp.eye(noise.size) - jnp.moveaxis(Phi, -1, 0)
+        rest = jnp.linalg.solve(still, jnp.moveaxis(Gamma, -1, 0)[..., None])[..., 0].T
+        return Phi, Gamma, C, filter_gain(P, C, variance), rest
+
+    def design(people: VirtualPeople) -> Controller:
+        basal = jnp.asarray(people.basal_insulin_mU_min)
+        found = gains(chosen(people.patient, varies), jnp.asarray(people.rest), basal)
+        Phi, Gamma, C, gain, rest = (np.asarray(part) for part in found)
+        return mpc_se_of_people(
+            FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=gain, rest=rest),
+            tuning,
+            limits,
+            basal_mU_min=basal,
+            basal_glucose_mg_dl=people.patient.setpoint_mg_dl,
+            sample_time_min=trial.sample_time_min,
+            hold_innovation=case.tuning["offset_free"] == "held-innovation",
+            dead_time_samples=trial.dead_time_samples if case.known_dead_time else 0,
+            constraints=str(case.tuning["constraints"]),
+        )
+
+    return design
+
+
+_DOUBLINGS: Final = 12
+"""Exact to rounding for filters that forget within two days."""
+
+
+def _tuning(kind: Any, case: TrialCase, late: int) -> Any:
+    """The tuning record of a case, its horizon longer by a known dead time."""
+    own = {name: case.tuning[name] for name in kind.__dataclass_fields__}
+    return kind(**{**own, "prediction_horizon": int(case.tuning["prediction_horizon"]) + late})
+
+
+def _one_by_one(trial: Trial, case: TrialCase, limits: DoseLimits) -> Design:
+    def design(people: VirtualPeople) -> Controller:
+        # a block is filled up by repetition, and nobody is designed for twice
+        numbers, first, place = np.unique(people.draw.person, return_index=True, return_inverse=True)
+        designed: list[Any] = [None] * numbers.size
+        for which in np.flatnonzero(people.able[first]):
+            person = jax.tree.map(lambda a, i=first[which]: a[i] if jnp.ndim(a) else a, people.patient)
+            designed[which] = controller_of(trial, case, person, limits)
+        sound = next((controller for controller in designed if controller is not None), None)
+        if sound is None:
+            sound = controller_of(trial, case, _nominal(trial), limits)
+        designed = [sound if controller is None else controller for controller in designed]
+        stacked: Controller = jax.tree.map(
+            lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves], axis=-1)[..., place], *designed
+        )
+        return stacked
+
+    return design
+
+
+def _nominal(trial: Trial) -> SorensenPatient:
+    from glucoloop.patients import patient
+
+    return patient(trial.operating_point)

@@ -1,0 +1,155 @@
+"""A trial: virtual people, what they go through, and the controllers that are tried on each of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.meals.plan import MealPlan
+from glucoloop.patients.population import Population
+from glucoloop.threefry import LARGEST_COUNTER
+from glucoloop.trials.catalogue import Value
+from glucoloop.units import MIN_PER_DAY
+
+FORMAT: Final = 1
+"""Of the files of a trial; another one is not continued."""
+MOST_PEOPLE: Final = 1_000_000_000
+SHARD_PATIENT_DAYS: Final = 16_384
+TRACED_PATIENT_DAYS: Final = 2048
+"""Of a shard of which all traces are kept."""
+_SHARDS_WANTED: Final = 16
+_BLOCK: Final = 1024
+_LEAST_SHARD: Final = 2 * _BLOCK
+_LEAST_TRACED: Final = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialCase:
+    """A controller with its tuning, and how its model is identified."""
+
+    label: str
+    controller: str
+    tuning: Mapping[str, Value]
+    """Every setting of the controller."""
+    known_dead_time: bool = False
+    model_noise_variance: float | None = None
+    """Of the record that the model is identified from; None, like the next three, for a controller without a model."""
+    memory: int | None = None
+    laguerre_pole: float | None = None
+    laguerre_functions: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """Everything that the results of a trial depend on.
+
+    Person i of a seed is the same, and meets the same meals and noise, under every controller and in every trial of
+    the same population, meals and sensor; how people are dealt into shards changes nothing about them.
+
+    Raises
+    ------
+    ValueError
+        For numbers of people or a size of shards out of bounds, traces of more people than there are, no case, or a
+        label that two cases have.
+    """
+
+    population: Population
+    people: int
+    plan: MealPlan
+    """Meals and the length of the run."""
+    cases: tuple[TrialCase, ...]
+    seed: int = 0
+    first_person: int = 0
+    operating_point: str = "setpoint-81"
+    """Of the nominal patient, for whom controllers are designed."""
+    setpoint_mg_dl: float | None = None
+    """Where every person starts at rest, and the target; None: the operating point's own."""
+    announced: bool = False
+    noise_variance: float = 0.0
+    noise_bound_mg_dl: float = 5.0
+    dead_time_samples: int = 0
+    max_change_mU_min: float = 16.7
+    min_insulin_mU_min: float = 0.0
+    max_insulin_mU_min: float = 66.9
+    pump_resolution_mU_min: float | None = None
+    sample_time_min: float = 5.0
+    precision: Literal["float32", "float64"] = "float64"
+    design: Literal["nominal", "individual"] = "nominal"
+    """Whether a controller is designed once, for the nominal patient, or for each person."""
+    traces: Literal["none", "all"] | int = "none"
+    """Whose glucose and insulin are kept over time; a number: of so many, from the first person on."""
+    shard_people: int = SHARD_PATIENT_DAYS
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.people <= MOST_PEOPLE:
+            raise ValueError(f"a trial of {self.people} people is not possible; give from 1 to {MOST_PEOPLE}")
+        last = LARGEST_COUNTER + 1 - self.people
+        if not 0 <= self.first_person <= last:
+            raise ValueError(
+                f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}"
+            )
+        if self.shard_people < 1:
+            raise ValueError(f"a shard of {self.shard_people} people is not possible; give 1 or more")
+        if not isinstance(self.traces, str) and not 1 <= self.traces <= self.people:
+            raise ValueError(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
+        labels = [case.label for case in self.cases]
+        if not labels:
+            raise ValueError("a trial without a controller is not possible; give one or more")
+        for label in labels:
+            if labels.count(label) > 1:
+                raise ValueError(f"two cases are called {label!r}; give each a label of its own")
+
+    @property
+    def samples(self) -> int:
+        """How often each controller decides."""
+        return round(self.plan.horizon_min / self.sample_time_min)
+
+    @property
+    def shards(self) -> int:
+        """Into how many shards the people are dealt."""
+        return -(-self.people // self.shard_people)
+
+    def shard(self, index: int) -> npt.NDArray[np.int64]:
+        """The people of a shard, by number."""
+        start = index * self.shard_people
+        stop = min(start + self.shard_people, self.people)
+        return self.first_person + np.arange(start, stop, dtype=np.int64)
+
+    def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Of which people traces are kept."""
+        kept = {"none": 0, "all": self.people}[self.traces] if isinstance(self.traces, str) else self.traces
+        return person < self.first_person + kept
+
+
+def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0) -> int:
+    """Size of the shards if none is asked for: a power of two.
+
+    A shard is what is lost when a run is killed, what a worker does at a time, and what is in memory: at most some
+    16 000 patient-days, or 2000 of which all is kept, and fewer where there would be less than 16 shards, but no less
+    than a few blocks of people.
+    """
+    days = max(1.0, horizon_min / MIN_PER_DAY)
+    wanted = min(SHARD_PATIENT_DAYS / days, max(_LEAST_SHARD, people / _SHARDS_WANTED))
+    least = _BLOCK
+    if traced:
+        wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), _LEAST_TRACED
+    return max(least, 1 << round(math.log2(max(1.0, wanted))))
+
+
+def plain(trial: Trial) -> dict[str, Any]:
+    """The trial as plain values."""
+    return {**dataclasses.asdict(trial), "format": FORMAT}
+
+
+def fingerprint(trial: Trial) -> str:
+    """SHA-256 of everything that the results depend on, in hexadecimal."""
+    text = json.dumps(plain(trial), sort_keys=True, separators=(",", ":"), allow_nan=False, default=list)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,296 @@
+"""``glucoloop trial``."""
+
+import json
+import re
+import subprocess
+import sys
+
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+
+from glucoloop.cli import trial_progress
+
+SHORT = ("--duration", 300, "--meal", "50g@50min")
+SMALL = ("--people", 40, "--controller", "basal", *SHORT)
+TWO = (*SMALL, "--controller", "pid", "--seed", 3, "--shard-people", 15)
+FILES = {
+    "SHA256SUMS",
+    "bands.parquet",
+    "figure.png",
+    "figure.svg",
+    "report.html",
+    "summary.json",
+    "trial.json",
+    "trial.toml",
+}
+
+
+@pytest.fixture
+def _plain(monkeypatch):
+    """A page without pictures, which take longer than the trial."""
+    monkeypatch.setattr("glucoloop.cli.trial_results.trial_page", lambda report: report.title)
+    monkeypatch.setattr("glucoloop.cli.trial_results.plot_trial", lambda report: Figure())
+
+
+def sums(folder):
+    return (folder / "SHA256SUMS").read_text()
+
+
+def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
+    first = glucoloop("trial", *TWO, "--traces", 4, "--out", "a")
+    assert first.code == 0
+    assert {entry.name for entry in (tmp_path / "a").iterdir()} == FILES | {"shards"}
+    for part in ("Undershoot", "basal", "pid", "People ever below 60 mg/dl", "Wrote bands.parquet", "3 shards to a."):
+        assert part in first.out
+    people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet")
+    assert people.group_by("controller").agg(pl.col("person").n_unique()).sort("controller").rows() == [
+        ("basal", 40),
+        ("pid", 40),
+    ]
+    assert people["minimum_mg_dl"].is_finite().all()
+    summary = json.loads((tmp_path / "a/summary.json").read_text())
+    pid = people.filter(pl.col("controller") == "pid")
+    of_pid = summary["controllers"]["pid"]
+    assert of_pid["metrics"]["undershoot_mg_dl"]["max"] == pid["undershoot_mg_dl"].max()
+    assert of_pid["metrics"]["mean_mg_dl"]["median"] == pytest.approx(pid["mean_mg_dl"].median())
+    assert of_pid["worst"][0]["metrics"]["minimum_mg_dl"] == pid["minimum_mg_dl"].min()
+    traces = pl.read_parquet(tmp_path / "a/shards/00000/traces.parquet")
+    assert traces["person"].unique().to_list() == [0, 1, 2, 3]
+    bands = pl.read_parquet(tmp_path / "a/bands.parquet")
+    median = bands.filter(controller="pid", quantity="glucose", t_min=0.0)["q50"].item()
+    assert median == pytest.approx(81.1, abs=1.0)
+    assert glucoloop("trial", "--config", "a/trial.toml", "--out", "b").code == 0
+    assert sums(tmp_path / "a") == sums(tmp_path / "b")
+
+
+def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_path, monkeypatch):
+    reports = []
+    monkeypatch.setattr("glucoloop.cli.trial_results.trial_page", lambda report: reports.append(report) or "")
+    monkeypatch.setattr("glucoloop.cli.trial_results.plot_trial", lambda report: Figure())
+    glucoloop("trial", *TWO, "--traces", "all", "--out", "a")
+    [report] = reports
+    assert (report.people, report.unable, report.setpoint_mg_dl) == (40, 0, pytest.approx(81.1))
+    assert report.facts["Seed"] == "3"
+    people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet").filter(controller="pid")
+    traces = pl.read_parquet(tmp_path / "a/shards/*/traces.parquet").filter(controller="pid")
+    worst = report.cases["pid"].worst
+    assert [one.person for one in worst] == people.sort("minimum_mg_dl")["person"].head(10).to_list()
+    for one in worst:
+        kept = traces.filter(person=one.person).sort("t_min")
+        assert one.glucose_mg_dl.tolist() == kept["glucose_mg_dl"].to_list()
+        assert one.insulin_mU_min.tolist() == kept["insulin_mU_min"].to_list()[:-1]
+        assert one.minimum_mg_dl <= kept["glucose_mg_dl"].min() + 1e-4
+    at_100 = traces.filter(t_min=100.0)["glucose_mg_dl"]
+    assert report.cases["pid"].glucose_quantiles[0.5][20] == pytest.approx(at_100.median(), abs=1.0)
+    assert report.cases["pid"].insulin_quantiles[0.95].shape == (60,)
+    shares = report.cases["pid"].time_in_range_pct
+    assert sum(shares.values()) == pytest.approx(100.0)
+
+
+def test_help_of_trials_imports_nothing_heavy():
+    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "plotly", "matplotlib", "glucoloop.config")
+    for command in ("trial", "query"):
+        code = (
+            "import sys\n"
+            "from glucoloop.cli import main\n"
+            f"try: main([{command!r}, '--help'])\n"
+            f"except SystemExit: print([name for name in {heavy} if name in sys.modules], file=sys.stderr)"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        assert done.stderr.strip() == "[]"
+        assert "Usage: glucoloop" in done.stdout
+
+
+@pytest.mark.usefixtures("_plain")
+def test_shards_and_threads_change_nothing_about_a_person(glucoloop, tmp_path):
+    glucoloop("trial", *SMALL, "--shard-people", 40, "--workers", 1, "--out", "one")
+    glucoloop("trial", *SMALL, "--shard-people", 7, "--workers", 2, "--out", "many")
+    glucoloop("trial", *SMALL, "--people", 1, "--first-person", 33, "--out", "alone")
+    one, many, alone = (
+        pl.read_parquet(tmp_path / place / "shards/*/people.parquet") for place in ("one", "many", "alone")
+    )
+    assert one.equals(many)
+    assert one.filter(person=33).equals(alone)
+
+
+@pytest.mark.usefixtures("_plain")
+def test_json_is_the_summary_and_a_finished_trial_is_told_again(glucoloop, tmp_path):
+    first = glucoloop("trial", *SMALL, "--out", "a", "--json")
+    found = first.json
+    assert found["config"]["people"] == 40
+    assert found["able"] == 40
+    assert found["files"]["summary.json"] == "a/summary.json"
+    written = json.loads((tmp_path / "a/summary.json").read_text())
+    assert {key: value for key, value in found.items() if key != "files"} == written
+    assert re.search(r"^40 people in [\d.]+ s\.$", first.err, re.M)
+    again = glucoloop("trial", *SMALL, "--out", "a", "--json")
+    assert again.json == found
+    assert again.err == "a was finished before; nothing is computed again.\n"
+    assert "overwrite" in glucoloop("trial", *SMALL, "--seed", 1, "--out", "a").err
+    assert glucoloop("trial", *SMALL, "--seed", 1, "--out", "a", "--overwrite", "--json").json["config"]["seed"] == 1
+
+
+@pytest.mark.usefixtures("_plain")
+def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
+    answer = glucoloop("trial", *SMALL, "--setpoint", 180, "--out", "a", "--mmol")
+    summary = json.loads((tmp_path / "a/summary.json").read_text())
+    unable = summary["unable"]["person"]
+    assert 0 < len(unable) < 40
+    assert f"Of 40 people {len(unable)} have no basal rate for 180 mg/dl: person {unable[0]}, " in answer.out
+    assert "basal: least glucose" in answer.out
+    assert "mmol/l" in answer.out
+    people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet")
+    assert people.filter(~pl.col("able"))["person"].to_list() == unable
+
+
+@pytest.mark.usefixtures("_plain")
+def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, tmp_path, monkeypatch):
+    from glucoloop.trials import engine
+
+    run_people, calls = engine.run_people, []
+
+    def interrupted(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return run_people(*arguments, **options)
+
+    monkeypatch.setattr(engine, "run_people", interrupted)
+    answer = glucoloop("trial", *TWO, "--out", "a")
+    assert answer.code == 130
+    assert answer.err == "glucoloop: interrupted; 1 of 3 shards are done, the same command goes on.\n"
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    answer = glucoloop("trial", *TWO, "--out", "a")
+    assert answer.err.startswith("1 of 3 shards of a are done already; going on.\n25 people in ")
+    glucoloop("trial", *TWO, "--out", "b")
+    assert sums(tmp_path / "a") == sums(tmp_path / "b")
+
+
+@pytest.mark.usefixtures("_plain")
+def test_design_that_fails_changes_nothing(glucoloop, refused, tmp_path):
+    wrong = ("trial", "--people", 40, "--prediction-horizon", 1, *SHORT, "--out", "a/b")
+    assert "prediction horizon of 1" in refused(*wrong)
+    assert not (tmp_path / "a/b").exists()
+    glucoloop("trial", *SMALL, "--out", "a/b")
+    before = sums(tmp_path / "a/b")
+    assert "prediction horizon of 1" in refused(*wrong, "--overwrite")
+    assert sums(tmp_path / "a/b") == before
+
+
+@pytest.mark.usefixtures("_plain")
+def test_population_file_beside_a_configuration(glucoloop, tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in/people.toml").write_text(
+        "[[vary]]\nparameter = 'weight_kg'\ndistribution = 'lognormal'\nspread_pct = 15\n"
+    )
+    (tmp_path / "in/t.toml").write_text(
+        "population = 'people.toml'\npeople = 20\ndays = 2\nmove_weight = 2\n"
+        "[[case]]\nlabel = 'rest'\ncontroller = 'basal'\n"
+    )
+    answer = glucoloop("trial", "--config", "in/t.toml", *SHORT, "--out", "a", "--json")
+    assert answer.json["config"]["duration_min"] == 300.0
+    assert answer.json["config"]["population"]["name"] == "people"
+    assert list(answer.json["controllers"]) == ["rest"]
+    assert "weight_kg" in pl.read_parquet(tmp_path / "a/shards/*/people.parquet").columns
+
+
+MISTAKES = {
+    "trial": ["--out is missing", "like --out trial"],
+    "trial --out=": ["--out is empty"],
+    "trial --out a --people 0": ["--people is 0", "at least 1"],
+    "trial --out a --people many": ["--people is 'many'", "a whole number"],
+    "trial --out a --population here": ["unknown population 'here'"],
+    "trial --out a --population absent.toml": ["absent.toml", "No such file"],
+    "trial --out a --days 0": ["--days is 0"],
+    "trial --out a --days 2 --duration 600": ["--days and --duration", "leave one out"],
+    "trial --out a --meal 50@25h": ["1500 min", "move the meal"],
+    "trial --out a --meal 50@1h --no-meal": ["--meal and --no-meal"],
+    "trial --out a --meal-size-spread 100": ["--meal-size-spread is 100", "below 100"],
+    "trial --out a --meal-time-spread 500": ["can begin at -80 min", "at most 420 min"],
+    "trial --out a --controller mpx": ["case 'mpx'", "did you mean 'mpc'"],
+    "trial --out a --controller mpc --case mpc": ["two cases are called 'mpc'"],
+    "trial --out a --case a:mpc,people=3": ["case 'a'", "people belongs to the trial"],
+    "trial --out a --design own": ["--design is 'own'", "'nominal' or 'individual'"],
+    "trial --out a --precision double": ["--precision is 'double'"],
+    "trial --out a --traces some": ["--traces is 'some'", "none, all"],
+    "trial --out a --shard-people 0": ["--shard-people is 0"],
+    "trial --out a --workers 0": ["--workers is 0"],
+    "trial --out a --dask here": ["--dask is 'here'", "tcp://"],
+    "trial --out a --dask tcp://10.0.0.1:1 --workers 3": ["--workers is 3", "leave it out"],
+    "trial --out a --integrator fast": ["--integrator", "glucoloop trial --help"],
+    "query": ["DIR", "glucoloop query --help"],
+    "query absent": ["absent is not a folder"],
+    "query . x": ["holds no trial"],
+    "query . x --json --csv": ["--json and --csv"],
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_mistake_is_told_in_a_sentence(refused, tmp_path, line):
+    told = refused(*line.split(" "))
+    for part in MISTAKES[line]:
+        assert part in told
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("_plain")
+def test_questions(glucoloop, refused, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert glucoloop("trial", *TWO, "--out", "a").code == 0
+    question = "select controller, count(*) as n, null as nothing from people group by all order by 1"
+    assert [line.split() for line in glucoloop("query", "a", question).out.splitlines() if "40" in line] == [
+        ["basal", "40"],
+        ["pid", "40"],
+    ]
+    assert glucoloop("query", "a", question, "--json").json == {
+        "columns": ["controller", "n", "nothing"],
+        "rows": [["basal", 40, None], ["pid", 40, None]],
+    }
+    assert glucoloop("query", "a", question, "--csv").out == "controller,n,nothing\nbasal,40,\npid,40,\n"
+    exact = glucoloop(
+        "query", "a", "select sum(minimum_mg_dl), 1::decimal(4,2), [1.5, null] from people", "--json"
+    ).json
+    assert exact["rows"][0][1:] == [1.0, [1.5, None]]
+    listed = glucoloop("query", "a")
+    assert {"people", "counts", "bands", "summary"} <= {
+        line.split()[0] for line in listed.out.splitlines() if line.strip()
+    }
+    assert set(glucoloop("query", "a", "--json").json) == {"people", "counts", "bands", "summary"}
+    assert "Did you mean" in refused("query", "a", "select * from persons")
+    many = glucoloop("query", "a", "select range from range(1500)")
+    assert many.err == "The first 1000 rows; --csv prints all.\n"
+    assert "999" in many.out
+    assert "1000" not in many.out
+
+
+@pytest.mark.usefixtures("_plain")
+def test_question_to_a_trial_that_is_not_finished(glucoloop, tmp_path):
+    import shutil
+
+    glucoloop("trial", *TWO, "--out", "a")
+    shutil.rmtree(tmp_path / "a/shards/00001")
+    answer = glucoloop("query", "a", "select count(*) from people", "--csv")
+    assert answer.out.splitlines()[1] == "50"
+    assert answer.err == "2 of 3 shards are done; the answer is about these.\n"
+
+
+def test_progress_is_told_in_lines(capsys, monkeypatch):
+    monkeypatch.setattr(trial_progress, "BETWEEN_LINES_S", 0.0)
+    with trial_progress.counted(1000, 200, 2) as done:
+        done(400)
+        done(400)
+    first, second = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"400 of 1000 people, [\d.e+]+ people/s, 0 s left", first)
+    assert second.startswith("600 of 1000 people")
+
+
+def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with trial_progress.counted(1000, 200, 1) as done:
+        done(800)
+    capsys.readouterr()
+    assert trial_progress._duration(59) == "59 s"
+    assert trial_progress._duration(75) == "1 min 15 s"
+    assert trial_progress._duration(7290) == "2 h 1 min"

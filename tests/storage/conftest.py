@@ -1,0 +1,76 @@
+"""A trial without a simulator: what becomes of a person is a formula of his random numbers."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from glucoloop.config.trial import read_trial
+from glucoloop.metrics import Metrics
+from glucoloop.patients.population import draw
+from glucoloop.storage.trials.shard import edges
+from glucoloop.threefry import uniforms
+
+
+def pretend(trial):
+    """What `engine.run_people` would say, made up; one person in a hundred is not able."""
+    bins = edges(trial)
+
+    def count(values, quantity):
+        low = bins[quantity]
+        number = np.clip(np.searchsorted(low, values, "right") - 1, 0, low.size - 2)
+        return np.stack([np.bincount(row, minlength=low.size - 1) for row in number]).astype(np.int64)
+
+    def simulate(label, person, traces):
+        chance = uniforms(trial.seed, f"pretend {label}", person)
+        luck = uniforms(trial.seed, "luck", person)
+        able = luck > 0.01
+        missing = np.where(able, 0.0, np.nan)
+        t_min = trial.sample_time_min * np.arange(trial.samples + 1)[:, None]
+        glucose = (81.1 + 60.0 * chance * np.sin(t_min / 90.0)).astype(np.float32)
+        insulin = np.maximum(20.0 + 30.0 * chance * np.cos(t_min[:-1] / 90.0), 0.0).astype(np.float32)
+        metrics = {}
+        for number, field in enumerate(dataclasses.fields(Metrics)):
+            if field.name.startswith("settled") or field.name.endswith("satisfied"):
+                metrics[field.name] = chance > 0.3
+            elif field.name.startswith("samples"):
+                metrics[field.name] = (10 * luck).astype(np.int64)
+            else:
+                metrics[field.name] = (number + 1) * chance + missing
+        minimum = glucose.min(axis=0).astype(float) + missing
+        metrics |= {
+            "minimum_mg_dl": minimum,
+            "peak_mg_dl": glucose.max(axis=0).astype(float) + missing,
+            "undershoot_mg_dl": 81.1 - minimum,
+            "time_below_60_pct": np.where(minimum < 60.0, 5.0 * chance, 0.0) + missing,
+        }
+        return SimpleNamespace(
+            person=person,
+            able=able,
+            drawn=dict(draw(trial.population, trial.seed, person).values),
+            basal_insulin_mU_min=15.0 + 60.0 * luck + missing,
+            metrics=metrics,
+            glucose_counts=count(glucose[:, able], "glucose"),
+            insulin_counts=count(insulin[:, able], "insulin"),
+            glucose_mg_dl=glucose if traces else None,
+            insulin_mU_min=insulin if traces else None,
+        )
+
+    return simulate
+
+
+@pytest.fixture(name="pretend")
+def _pretend():
+    return pretend
+
+
+@pytest.fixture
+def make_trial():
+    """A trial of 300 people under two controllers in shards of 64, or another one."""
+
+    def make(**keys):
+        keys = {"people": 300, "seed": 4, "duration_min": 300.0, "meals": ["50g@50min"], "shard_people": 64, **keys}
+        return read_trial({"controllers": ["mpc", "pid"], **keys})
+
+    return make

@@ -1,0 +1,139 @@
+"""A trial on a Dask cluster: workers die and come, and the bits are those of this process."""
+
+import contextlib
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from glucoloop.storage.trials.cluster import connected, run_on_cluster
+from glucoloop.storage.trials.folder import trial_folder
+from glucoloop.storage.trials.run import run_here
+from glucoloop.trials import engine
+
+pytest.importorskip("distributed")
+PATIENCE_S = 60.0
+
+
+def contents(path):
+    return {str(file.relative_to(path)): file.read_bytes() for file in sorted(path.rglob("*")) if file.is_file()}
+
+
+@contextlib.contextmanager
+def dask(*arguments, log):
+    """A process of the cluster, as one starts it by hand."""
+    with (
+        log.open("w") as file,
+        subprocess.Popen([sys.executable, "-m", "dask", *map(str, arguments)], stdout=file, stderr=file) as process,
+    ):
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
+    trial = make_trial(controllers=["basal"], people=24, shard_people=1, traces=2)
+    place = tmp_path / "scheduler.json"
+    to_scheduler = ("--scheduler-file", place, "--no-dashboard")
+    worker = ("worker", *to_scheduler, "--nworkers", 1, "--nthreads", 1, "--no-nanny", "--local-directory", tmp_path)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask("scheduler", "--host", "127.0.0.1", "--port", 0, *to_scheduler, log=tmp_path / "s"))
+        first = stack.enter_context(dask(*worker, "--name", "first", log=tmp_path / "1"))
+        stack.enter_context(dask(*worker, "--name", "second", log=tmp_path / "2"))
+        until = time.monotonic() + PATIENCE_S
+        while not place.exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        address = importlib.import_module("json").loads(place.read_text())["address"]
+        client = stack.enter_context(connected(address))
+        client.wait_for_workers(2, timeout=PATIENCE_S)
+        done = []
+
+        def progress(people):
+            done.append(people)
+            if len(done) == 5:
+                first.send_signal(signal.SIGKILL)
+
+        with trial_folder(tmp_path / "cluster", trial) as folder:
+            run_on_cluster(folder, client, progress)
+            assert folder.missing() == []
+        assert first.wait(PATIENCE_S) == -signal.SIGKILL
+        assert len(client.nthreads()) == 1
+    assert done == [1] * 24
+    prepared = engine.prepare(trial)
+    with trial_folder(tmp_path / "here", trial) as folder:
+        run_here(folder, lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces), print)
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
+
+
+class Refusing:
+    """A cluster whose workers fail."""
+
+    def __init__(self, client, errors):
+        self.client, self.errors = client, list(errors)
+        self.loop, self.nthreads = client.loop, client.nthreads
+
+    def submit(self, function, *arguments, **options):
+        error = self.errors.pop(0) if self.errors else None
+
+        def fails(*arguments):
+            if error is not None:
+                raise error
+            return {"people.parquet": b"", "bands.parquet": b""}
+
+        return self.client.submit(fails, *arguments, **options)
+
+
+@pytest.fixture(scope="module")
+def client():
+    distributed = importlib.import_module("distributed")
+    with distributed.Client(
+        processes=False, n_workers=1, dashboard_address="127.0.0.1:0", set_as_default=False
+    ) as client:
+        yield client
+
+
+def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client):
+    with trial_folder(tmp_path / "out", make_trial()) as folder:
+        run_on_cluster(folder, Refusing(client, [RuntimeError("a"), RuntimeError("b")]), lambda people: None)
+        assert folder.done == 5
+
+
+@pytest.mark.parametrize(
+    ("errors", "told"),
+    [
+        ([RuntimeError("out of\n luck")] * 30, "failed on the cluster: out of luck; "),
+        ([None, ValueError("a worker has glucoloop 9, and this is 0")], "a worker has glucoloop 9"),
+    ],
+)
+def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_trial, client, errors, told):
+    with trial_folder(tmp_path / "out", make_trial()) as folder:
+        with pytest.raises(ValueError, match=r"shard \d failed") as failed:
+            run_on_cluster(folder, Refusing(client, errors), lambda people: None)
+        assert told in str(failed.value)
+        assert f"{folder.done} of 5 shards are done and kept" in str(failed.value)
+
+
+def test_nobody_at_the_address(monkeypatch):
+    monkeypatch.setattr("glucoloop.storage.trials.cluster._CONNECT_S", 1)
+    with (
+        pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"),
+        connected("tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_workers_of_this_machine_are_processes():
+    with connected("local", 1) as client:
+        assert client.submit(os.getpid).result() != os.getpid()
+
+
+def test_dask_that_is_not_installed_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ValueError, match=r"pip install 'glucoloop\[dask\]'"), connected("local"):
+        pass

@@ -1,0 +1,123 @@
+"""Questions to a trial: answered from its files, and unable to do anything else."""
+
+import json
+
+import polars as pl
+import pytest
+
+from glucoloop.storage.trials.folder import trial_folder
+from glucoloop.storage.trials.query import trial_tables
+from glucoloop.storage.trials.run import run_here
+from glucoloop.storage.trials.shard import compute_shard
+
+SUMMARY = {
+    "controllers": {"mpc": {"metrics": {"gri": {"mean": 1.5, "p95": None}, "settled_2pct": {"share_pct": 50.0}}}}
+}
+
+
+@pytest.fixture
+def finished(tmp_path, make_trial, pretend):
+    trial = make_trial(traces=3)
+    bands = tmp_path / "bands.parquet"
+    pl.DataFrame({"t_min": [0.0], "q50": [81.1]}).write_parquet(bands)
+    with trial_folder(tmp_path / "it's", trial) as folder:
+        run_here(folder, pretend(trial), lambda people: None)
+        folder.finish({"bands.parquet": bands.read_bytes(), "summary.json": json.dumps(SUMMARY).encode()})
+    return tmp_path / "it's"
+
+
+def ask(folder, sql):
+    with trial_tables(folder) as tables:
+        answer = tables.ask(sql)
+        return answer.columns, list(answer.rows)
+
+
+QUESTIONS = {
+    "select controller, count(*), sum(able::int) > 280 from people group by all order by 1": [
+        ("mpc", 300, True),
+        ("pid", 300, True),
+    ],
+    "from bands": [(0.0, 81.1)],
+    "select controller, metric, mean, p95, share_pct from summary order by metric": [
+        ("mpc", "gri", 1.5, None, None),
+        ("mpc", "settled_2pct", None, None, 50.0),
+    ],
+    "select count(distinct person) from traces": [(3,)],
+    "select sum(count) from counts where quantity = 'glucose' and t_min = 5 and controller = 'mpc'": [(297,)],
+    "with a as (select 1 as one) select one from a;": [(1,)],
+    "select count(*) from (describe people)": [(46,)],
+    "select count(*) / 2 from people where not able": [(3.0,)],
+}
+
+
+@pytest.mark.parametrize(("sql", "rows"), QUESTIONS.items())
+def test_answers(finished, sql, rows):
+    assert ask(finished, sql)[1] == rows
+
+
+def test_many_rows_come_in_parts(finished):
+    columns, rows = ask(finished, "select range as n from range(25000)")
+    assert columns == ["n"]
+    assert rows == [(n,) for n in range(25000)]
+
+
+@pytest.mark.parametrize(
+    ("sql", "told"),
+    [
+        ("selct 1", "Parser Error: syntax error"),
+        ("select foo from people", '"foo" not found in FROM clause! Candidate bindings'),
+        ("select * from persons", "Table with name persons does not exist! Did you mean"),
+        ("select 1/", "Parser Error"),
+        ("", "is not one question"),
+        ("select 1; select 2", "is not one question"),
+        ("drop view people", "is not one question"),
+        ("create table x as select 1", "is not one question"),
+        ("copy people to 'x.csv'", "is not one question"),
+        ("explain analyze copy people to 'x.csv'", "is not one question"),
+        ("attach 'x.db'", "is not one question"),
+        ("install httpfs", "is not one question"),
+        ("set enable_external_access = true", "is not one question"),
+        ("select * from read_csv('/etc/passwd')", "Permission Error"),
+        ("from '/etc/passwd.csv'", "Permission Error"),
+        ("select * from read_text('/etc/hostname')", "Permission Error"),
+        ("select * from glob('/etc/*')", "Permission Error"),
+        ("select 'x'::int", "Conversion Error"),
+        ("select case when n = 24000 then error('late') end from range(25000) of(n)", "late"),
+    ],
+)
+def test_refusals(finished, sql, told):
+    before = sorted(finished.rglob("*"))
+    with pytest.raises(ValueError, match=r".") as refused:
+        ask(finished, sql)
+    assert told in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert sorted(finished.rglob("*")) == before
+
+
+def test_trial_that_is_not_finished_answers_about_what_is_done(tmp_path, make_trial, pretend):
+    trial = make_trial()
+    with trial_folder(tmp_path / "out", trial) as folder:
+        for index in (0, 3):
+            folder.put(index, compute_shard(trial, index, pretend(trial), lambda: None))
+    with trial_tables(tmp_path / "out") as tables:
+        assert (tables.done, tables.shards) == (2, 5)
+        assert set(tables.views) == {"people", "counts"}
+        assert tables.views["people"][:4] == ["person", "controller", "able", "basal_insulin_mU_min"]
+        assert list(tables.ask("select count(distinct person) from people").rows) == [(128,)]
+
+
+def test_folder_that_is_no_trial_or_has_no_shard_is_refused(tmp_path, make_trial):
+    for place, told in (("absent", "is not a folder"), (".", "holds no trial")):
+        with pytest.raises(ValueError, match=told), trial_tables(tmp_path / place):
+            pass
+    with trial_folder(tmp_path / "out", make_trial()):
+        pass
+    with pytest.raises(ValueError, match=r"no shard of .* is done yet"), trial_tables(tmp_path / "out"):
+        pass
+
+
+def test_damaged_shard_is_told(finished):
+    place = finished / "shards/00001/people.parquet"
+    place.write_bytes(b"PAR1" + place.read_bytes()[4:-8] + b"\0" * 8)
+    with pytest.raises(ValueError, match=r"00001/people\.parquet"):
+        ask(finished, "select avg(gri) from people")
