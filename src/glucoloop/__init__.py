@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from glucoloop.identification import identify_record, record_from_samples
     from glucoloop.meals import Meal, Scenario
     from glucoloop.metrics import summarise
-    from glucoloop.patients import at_basal, at_setpoint, patient
+    from glucoloop.patients import at_basal, at_setpoint, patient, population, virtual_people
     from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
     from glucoloop.report import plot
     from glucoloop.sensors import dead_time, white_noise
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         nonlinear_model,
         simulate,
     )
+    from glucoloop.trials.people_run import simulate_people
 
 __version__ = "0.1.0"
 
@@ -76,9 +77,12 @@ _HOME = {
     "nonlinear_model": "simulation",
     "patient": "patients",
     "plot": "report",
+    "population": "patients",
     "record_from_samples": "identification",
     "simulate": "simulation",
+    "simulate_people": "trials.people_run",
     "summarise": "metrics",
+    "virtual_people": "patients",
     "white_noise": "sensors",
     "with_resolution": "pumps",
 }
@@ -110,9 +114,12 @@ __all__ = [
     "nonlinear_model",
     "patient",
     "plot",
+    "population",
     "record_from_samples",
     "simulate",
+    "simulate_people",
     "summarise",
+    "virtual_people",
     "white_noise",
     "with_resolution",
 ]

@@ -20,6 +20,7 @@ from glucoloop.simulation.loop import Sampled
 Floats = npt.NDArray[Any]
 
 _NEVER: Final = -1.0
+_ROUNDING_MU_MIN: Final = {"float64": constraints.ROUNDING_MU_MIN, "float32": 1e-4}
 
 
 @pytree
@@ -150,7 +151,7 @@ class RunningMetrics:
         samples: int,
         sample_time_min: float,
         meal_t_min: Floats | float,
-        rounding_mU_min: float = constraints.ROUNDING_MU_MIN,
+        precision: str = "float64",
     ) -> Metrics:
         """Metrics of a run.
 
@@ -162,8 +163,8 @@ class RunningMetrics:
         sample_time_min : float
         meal_t_min : () or (people,) array
             Time of the sample in which the first meal begins; 0 if nothing is eaten.
-        rounding_mU_min : float
-            By how much a rate may seem to exceed its limit.
+        precision : {"float64", "float32"}
+            In which the tally was kept: a dose at its limit may seem to exceed it by rounding.
 
         Returns
         -------
@@ -191,8 +192,8 @@ class RunningMetrics:
         settling_2pct, settled_2pct = settled(t.outside_2pct_t_min)
         settling_5pct, settled_5pct = settled(t.outside_5pct_t_min)
         mean = of(setpoint + t.deviation / points)
-        variance = (t.squared_deviation - t.deviation**2 / points) / (points - 1)
-        slack = rounding_mU_min
+        variance = (of(t.squared_deviation) - of(t.deviation) ** 2 / points) / (points - 1)
+        slack = _ROUNDING_MU_MIN[precision]
         rate = delivered & (t.largest_change <= self.limits.max_change_mU_min + slack)
         magnitude = (
             delivered
@@ -213,7 +214,7 @@ class RunningMetrics:
             settled_2pct=settled_2pct,
             settling_5pct_min=settling_5pct,
             settled_5pct=settled_5pct,
-            sse=of(t.sse),
+            sse=of(t.sse, np.isfinite(t.sse)),
             time_below_54_pct=very_low,
             time_below_60_pct=pct(t.below_60),
             time_below_70_pct=pct(t.below_70),

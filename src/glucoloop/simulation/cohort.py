@@ -22,7 +22,7 @@ from glucoloop.meals.people import ENTRIES, Digestion, digest, fasting, kink_tab
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
-from glucoloop.simulation.engines import Engine, make_engine
+from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
 from glucoloop.simulation.exponential import meal_moments
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
@@ -179,10 +179,13 @@ class Cohort:
         threads : int
             Of native code. They make no difference to the result.
         """
-        own = self._own(people)
-        reaching, first_told = self._meals_of_people(people)
-        x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-        carry, keys = self._begin_people(own, x, insulin, jnp.asarray(first_told), people.key)
+        with one_at_a_time:
+            own = self._own(people)
+            reaching, first_told = self._meals_of_people(people)
+            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
+            carry, keys = self._begin_people(own, x, insulin, jnp.asarray(first_told), people.key)
+            for computed in jax.tree.leaves((own, carry, keys)):
+                computed.block_until_ready()
         last, (glucose, delivered) = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
         end = np.asarray(self._nominal.glucose_mg_dl(last.loop.x))
         return CohortRun(

@@ -17,6 +17,7 @@ argument      meaning                                                arrays give
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
@@ -32,6 +33,9 @@ Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
 
 ENGINES: Final = ("native", "xla")
+
+one_at_a_time = threading.RLock()
+"""Held while JAX computes: on the CPU two of its programs, run by two threads, can wait for one another for ever."""
 
 
 class Engine(Protocol):
@@ -115,7 +119,8 @@ class NativeEngine:
         at_sample = np.concatenate([leaf.reshape(samples, -1) for leaf in told], axis=1)
         reaches = list(jax.tree.leaves(reaching))
         if self._draw is not None:
-            reaches += self._draw(keys, jnp.arange(samples))
+            with one_at_a_time:
+                reaches += [np.asarray(drawn) for drawn in self._draw(keys, jnp.arange(samples))]
         arriving = np.zeros((samples, kernel.sizes["own"], columns), dtype)
         row = 0
         for leaf in reaches:
@@ -156,7 +161,8 @@ class MappedEngine:
     ) -> tuple[Any, Any]:
         """See `Engine`; JAX has threads of its own."""
         del threads
-        carry, outputs = jax.tree.map(np.asarray, self._scan(own, carry, reaching, shared, keys))
+        with one_at_a_time:
+            carry, outputs = jax.tree.map(np.asarray, self._scan(own, carry, reaching, shared, keys))
         return carry, outputs
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import (
+    MPCSE,
+    NLQDMC,
     Controller,
     MPCTuning,
     PIDTuning,
@@ -84,6 +87,17 @@ def controller_of(trial: Trial, case: TrialCase, nominal: SorensenPatient, limit
         dead_time_samples=known_samples,
     )
     controller: Controller = entry.designer()(design, **case.tuning)
+    return controller
+
+
+def told_of_basal(controller: Controller, basal_insulin_mU_min: npt.NDArray[np.float64]) -> Controller:
+    """A controller for people whose basal rates are the ones given.
+
+    Those that hold the basal rate of the patient they were designed for are given each person's own; the others take
+    it from the pump when they wake, and are handed back as they are.
+    """
+    if isinstance(controller, MPCSE | NLQDMC):
+        return controller.with_basal(jnp.asarray(basal_insulin_mU_min))
     return controller
 
 

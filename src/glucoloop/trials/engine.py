@@ -1,25 +1,17 @@
-"""The people of a trial under its controllers: drawn, simulated, measured and counted, block by block.
-
-A block has one size, however many people are asked for: the last one is filled up. So each person goes through the same
-code, and is the same to the bit whoever else is asked for, in whatever order, and by how many threads.
-"""
+"""The people of a trial under its controllers: drawn, simulated, measured and counted, block by block."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import MPCSE, NLQDMC, Controller
+from glucoloop.control import Controller
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
@@ -28,18 +20,16 @@ from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.pumps import DoseLimits, dose_limits
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.trials.bins import count, glucose_edges, insulin_edges
-from glucoloop.trials.designs import controller_of
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.designs import controller_of, told_of_basal
 from glucoloop.trials.individual import individual_design
 from glucoloop.trials.situation import keys_of_people, pump_of, sensor_of
 from glucoloop.trials.trial import Trial, TrialCase, fingerprint
 
 Array = npt.NDArray[Any]
-
-BLOCK: Final = {"native": 2048, "xla": 64}
-"""People that go through the loop together, by engine: as many as fit the caches, and few where each takes long."""
-_ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
 
 
 @dataclass(frozen=True)
@@ -176,13 +166,10 @@ def _own_controllers(
     example: VirtualPeople,
     limits: DoseLimits,
 ) -> Callable[[VirtualPeople], Controller] | None:
-    """How people get controllers of their own, if they do."""
+    """How people get controllers of their own, if they do; otherwise they share one, told of each one's basal rate."""
     if trial.design == "individual":
         return individual_design(trial, case, nominal, example, limits)
-    if not isinstance(controller, MPCSE | NLQDMC):
-        return None
-    # these hold the nominal patient's basal rate; the others take it from the pump when they wake
-    return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
+    return lambda people: told_of_basal(controller, people.basal_insulin_mU_min)
 
 
 def run_people(
@@ -209,62 +196,38 @@ def run_people(
     """
     number = np.asarray(person, np.int64)
     of_case = prepared.cases[label]
-    size = BLOCK[of_case.cohort.engine]
-    blocks = [number[start : start + size] for start in range(0, number.size, size)]
-    threads = min(threads or os.cpu_count() or 1, len(blocks))
 
-    def run(block: npt.NDArray[np.int64]) -> PeopleResult:
-        return _run_block(prepared, of_case, block, size, traces=traces)
+    def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
+        return _run_block(prepared, of_case, block, n, traces=traces)
 
-    if threads == 1:
-        return _joined([run(block) for block in blocks])
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            return _joined(list(pool.map(run, blocks)))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    return _joined(in_blocks(run, number, block_size(of_case.cohort.engine), threads))
 
 
 def _run_block(
-    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], size: int, *, traces: bool
+    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], n: int, *, traces: bool
 ) -> PeopleResult:
+    """The first n people of a full block."""
     trial, grid = prepared.trial, prepared.grid
-    n = person.size
-    filled = np.resize(person, size)
-    people = virtual_people(trial.population, trial.seed, filled, setpoint_mg_dl=prepared.setpoint_mg_dl)
-    first_meal: Array | float = 0.0
-    t_min = carbs_g = None
-    if trial.plan.meals:
-        t_min, carbs_g = draw_meals(trial.plan, trial.seed, filled)
-        first_meal = np.floor(t_min.min(axis=0) / grid.sample_time_min)[:n] * grid.sample_time_min
-    run = of_case.cohort.run(
-        People(
-            patient=people.patient,
-            x=people.rest,
-            insulin_mU_min=people.basal_insulin_mU_min,
-            key=keys_of_people(trial.seed, filled),
-            controller=None if of_case.own is None else of_case.own(people),
-            meal_t_min=t_min if trial.plan.varies else None,
-            carbs_g=carbs_g if trial.plan.varies else None,
+    with one_at_a_time:
+        people, drawn, first_meal_min = _drawn(prepared, of_case, person)
+    run = of_case.cohort.run(people)
+    with one_at_a_time:
+        metrics: Metrics = prepared.fold.finish(
+            run.fold,
+            samples=grid.samples,
+            sample_time_min=grid.sample_time_min,
+            meal_t_min=first_meal_min,
+            precision=of_case.cohort.precision,
         )
-    )
-    able = people.able[:n]
-    metrics: Metrics = prepared.fold.finish(
-        _first(run.fold, n),
-        samples=grid.samples,
-        sample_time_min=grid.sample_time_min,
-        meal_t_min=first_meal,
-        rounding_mU_min=_ROUNDING_MU_MIN[of_case.cohort.precision],
-    )
+    able = drawn.able[:n]
     glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
     known = able & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
     return PeopleResult(
-        person=person,
+        person=person[:n],
         able=able,
-        drawn={name: values[:n] for name, values in people.draw.values.items()},
-        basal_insulin_mU_min=people.basal_insulin_mU_min[:n],
-        metrics={field.name: np.asarray(getattr(metrics, field.name)) for field in dataclasses.fields(metrics)},
+        drawn={name: values[:n] for name, values in drawn.draw.values.items()},
+        basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
+        metrics={field.name: np.asarray(getattr(metrics, field.name))[:n] for field in dataclasses.fields(metrics)},
         glucose_counts=count(glucose[:, known], glucose_edges()),
         insulin_counts=count(insulin[:, known], insulin_edges(trial.max_insulin_mU_min)),
         glucose_mg_dl=glucose.astype(np.float32) if traces else None,
@@ -272,8 +235,27 @@ def _run_block(
     )
 
 
-def _first(fold: Any, n: int) -> Any:
-    return jax.tree.map(lambda values: values[:n], fold)
+def _drawn(
+    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64]
+) -> tuple[People, VirtualPeople, Array | float]:
+    """People as the loop takes them, who they are, and when the sample of each one's first meal is taken."""
+    trial, sample_time_min = prepared.trial, prepared.grid.sample_time_min
+    drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=prepared.setpoint_mg_dl)
+    t_min = carbs_g = None
+    first_meal_min: Array | float = 0.0
+    if trial.plan.meals:
+        t_min, carbs_g = draw_meals(trial.plan, trial.seed, person)
+        first_meal_min = np.floor(t_min.min(axis=0) / sample_time_min) * sample_time_min
+    people = People(
+        patient=drawn.patient,
+        x=drawn.rest,
+        insulin_mU_min=drawn.basal_insulin_mU_min,
+        key=keys_of_people(trial.seed, person),
+        controller=None if of_case.own is None else of_case.own(drawn),
+        meal_t_min=t_min if trial.plan.varies else None,
+        carbs_g=carbs_g if trial.plan.varies else None,
+    )
+    return people, drawn, first_meal_min
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:
