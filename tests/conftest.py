@@ -1,5 +1,7 @@
 """What many tests need: the patient written out by hand, scripted controllers, and the identified model."""
 
+import os
+import tempfile
 from math import exp, tanh
 
 import jax
@@ -15,6 +17,21 @@ from glucoloop.identification import Record, design_csrs, identify_record
 from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.simulation import Adaptive, simulate
+
+CACHE = "GLUCOLOOP_TESTS_COMPILED"
+"""Where what JAX compiled is kept for the workers of one run, most of whose time is compiling."""
+
+
+def pytest_configure(config):
+    if CACHE not in os.environ:
+        folder = tempfile.TemporaryDirectory(prefix="glucoloop-tests-")
+        os.environ[CACHE] = folder.name  # workers are started with it
+        config.add_cleanup(folder.cleanup)
+        config.add_cleanup(lambda: os.environ.pop(CACHE))
+    jax.config.update("jax_compilation_cache_dir", os.environ[CACHE])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
 
 settings.register_profile("glucoloop", deadline=None, derandomize=True)
 settings.load_profile("glucoloop")

@@ -66,6 +66,12 @@ def test_doses_and_statuses(arguments, dose, status):
     assert decided(**arguments) == (dose, status)
 
 
+def test_rounding_at_a_limit_is_no_saturation():
+    for wanted, delivered in ((0.1 + 0.2 + 9.7, 0.3 - 0.3), (35.0 + 4e-15, 25.0), (60.0 + 1e-12, 55.0)):
+        _, status = decided(wanted, delivered + 0.0)
+        assert status is Status.OK
+
+
 @given(st.floats(), st.floats(5.0, 60.0), st.booleans(), st.booleans())
 def test_whatever_is_wanted_the_dose_keeps_the_limits(wanted, delivered, known, converged):
     dose, status = decided(wanted, delivered, known, converged)

@@ -49,6 +49,21 @@ def observe(glucose, delivered, setpoint=GLUCOSE, valid=True):
     )
 
 
+def test_told_of_another_basal_rate_it_doses_as_much_above_that():
+    controller = design_mpc_se(MODEL, np.ones(3), TUNING, WIDE)
+    other = controller.with_basal(jnp.asarray(INSULIN + 12.0))
+    readings = [GLUCOSE, 97.0, 110.0, 104.0]
+    doses = []
+    for one, basal in ((controller, INSULIN), (other, INSULIN + 12.0)):
+        state, rate = one.init(observe(GLUCOSE, basal)), basal
+        for reading in readings:
+            state, decision = step(one, state, observe(reading, rate))
+            rate = float(decision.insulin_mU_min)
+            doses.append(rate - basal)
+    np.testing.assert_allclose(doses[:4], doses[4:], rtol=1e-9, atol=1e-9)
+    assert abs(doses[3]) > 0.1
+
+
 # ------------------------------------------------------------------------------------------- the paper
 
 

@@ -58,6 +58,18 @@ def test_table_i(point, undershoot, settling, patient_81, patient_22, undershoot
     assert found[1] == pytest.approx(settling, abs=12)
 
 
+def test_told_of_another_basal_rate_it_doses_as_much_above_that(controller):
+    doses = []
+    for one, basal in ((controller, BASAL), (controller.with_basal(jnp.asarray(BASAL + 6.0)), BASAL + 6.0)):
+        state, rate = one.init(observe(81.1, basal)), basal
+        for reading in (84.0, 90.0):
+            state, decision = step(one, state, observe(reading, rate))
+            rate = float(decision.insulin_mU_min)
+            doses.append(rate - basal)
+    np.testing.assert_allclose(doses[:2], doses[2:], rtol=1e-6, atol=1e-6)
+    assert abs(doses[1]) > 0.1
+
+
 # ------------------------------------------------------------------------------------------- one sample
 
 

@@ -65,6 +65,22 @@ def test_state_is_split_and_joined_without_loss():
     np.testing.assert_array_equal(sorensen.join(y, insulin), x)
 
 
+def test_glucose_is_carried_linearly_and_the_rest_is_linear_in_the_meal():
+    rng = np.random.default_rng(1)
+    y, w, effects = rng.uniform(0.5, 200.0, 12), rng.uniform(0.5, 200.0, 12), rng.uniform(0.2, 2.0, 4)
+
+    def carried(y):
+        return np.asarray(sorensen.glucose_transport(PARKER_1999, y))
+
+    def rest(meal):
+        return np.asarray(sorensen.glucose_kinetics(PARKER_1999, y, effects, meal))
+
+    np.testing.assert_allclose(carried(2.0 * y - w), 2.0 * carried(y) - carried(w), rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(rest(300.0) - rest(0.0), 3.0 * (rest(100.0) - rest(0.0)), atol=1e-12)
+    both = sorensen.glucose_balances(PARKER_1999, y, effects, 100.0)
+    np.testing.assert_allclose(carried(y) + rest(100.0), both, rtol=1e-12, atol=1e-12)
+
+
 def test_insulin_equations_are_linear():
     def f(z, u):
         return np.asarray(sorensen.insulin_balances(PARKER_1999, z, u))

@@ -27,6 +27,25 @@ def test_a_command_is_limited_in_rate_and_then_in_magnitude(previous, command):
     assert float(delivered) == pytest.approx(allowed(command, previous), abs=1e-12)
 
 
+@given(RATES, RATES)
+def test_what_is_allowed_is_what_clipping_leaves_alone(previous, wanted):
+    limits = dose_limits()
+    clipped = float(limits.clip(wanted, previous))
+    if abs(abs(wanted - previous) - 16.7) > 1e-9:
+        assert bool(limits.allow(wanted, previous)) == (abs(clipped - wanted) < 1e-12)
+    assert bool(limits.allow(clipped, previous, 1e-9))
+
+
+@pytest.mark.parametrize(
+    ("rate", "previous", "slack", "allowed"),
+    [(16.7, 0.0, 0.0, True), (16.8, 0.0, 0.0, False), (16.8, 0.0, 0.2, True), (67.0, 60.0, 0.0, False),
+     (67.0, 60.0, 0.2, True), (-0.1, 5.0, 0.0, False), (-0.1, 5.0, 0.2, True), (np.nan, 5.0, 1.0, False),
+     (np.inf, 5.0, 1.0, False)],
+)  # fmt: skip
+def test_what_is_allowed_and_by_how_much(rate, previous, slack, allowed):
+    assert bool(dose_limits().allow(jnp.asarray(rate), jnp.asarray(previous), slack)) is allowed
+
+
 def test_limits_of_ones_own():
     pump = LimitedPump(limits=dose_limits(max_change_mU_min=2.0, min_mU_min=5.0, max_mU_min=9.0))
     np.testing.assert_allclose(run(pump, 8.0, np.array([100.0, 0.0, 0.0, 0.0, 6.0])), [9.0, 7.0, 5.0, 5.0, 6.0])

@@ -1,0 +1,124 @@
+"""Elementary functions against those of NumPy in a higher precision, in units in the last place."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+PRECISIONS = ["float64", "float32"]
+NAMES = ("exp", "expm1", "log", "tanh", "power")
+MOST_ULPS = {"exp": 2.0, "expm1": 4.0, "tanh": 6.0, "log": 6.0}
+LARGEST = {"float64": 708.0, "float32": 87.0}
+
+
+def all_of_them(x, y):
+    return jnp.exp(x), jnp.expm1(x), jnp.log(x), jnp.tanh(x), x**y
+
+
+@pytest.fixture(scope="module")
+def functions(native):
+    """All functions of x (power of y too) by name, in a precision."""
+    compiled = {p: native(all_of_them, np.zeros(1), np.zeros(1), precision=p) for p in PRECISIONS}
+
+    def evaluate(precision, x, y=1.0):
+        x, y = np.broadcast_arrays(np.atleast_1d(np.asarray(x, precision)), np.asarray(y, precision))
+        return dict(zip(NAMES, compiled[precision](x, y), strict=True))
+
+    return evaluate
+
+
+def ulps(found, truth):
+    """Distance from the truth, in units in the last place of what was found."""
+    nearest = truth.astype(found.dtype)
+    exact = (found == nearest) | (np.isnan(found) & np.isnan(nearest))
+    with np.errstate(invalid="ignore"):
+        return np.where(exact, 0.0, np.abs(found.astype(truth.dtype) - truth) / np.spacing(np.abs(nearest)))
+
+
+def wider(x):
+    return x.astype(np.longdouble if x.dtype == np.float64 else np.float64)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_functions_are_exact_to_a_few_units_in_the_last_place(functions, precision):
+    rng = np.random.default_rng(0)
+    n, largest = 20_000, LARGEST[precision]
+    wide = rng.uniform(-largest, largest, n)
+    tiny = np.concatenate([10.0 ** rng.uniform(-30, 0, n // 2), -(10.0 ** rng.uniform(-30, 0, n // 2))])
+    near = np.concatenate([rng.uniform(-3.0, 3.0, n), np.log(2.0) * np.arange(-40.5, 41.0, 0.5), tiny])
+    for x in (wide, near):
+        x = x.astype(precision)
+        found = functions(precision, x)
+        for name in ("exp", "expm1", "tanh"):
+            assert ulps(found[name], getattr(np, name)(wider(x))).max() < MOST_ULPS[name]
+    positive = np.concatenate([10.0 ** rng.uniform(-30, 30, n), 1.0 + rng.uniform(-0.4, 0.6, n), 1.0 + tiny * 1e-3])
+    positive = positive.astype(precision)
+    assert ulps(functions(precision, positive)["log"], np.log(wider(positive))).max() < MOST_ULPS["log"]
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_powers_lose_what_their_logarithm_loses(functions, precision):
+    rng = np.random.default_rng(1)
+    x, y = (rng.uniform(*bounds, 20_000).astype(precision) for bounds in ((1e-3, 700.0), (-3.0, 3.0)))
+    truth = wider(x) ** wider(y)
+    scale = 4.0 + 4.0 * np.abs(y * np.log(x))
+    assert np.all(ulps(functions(precision, x, y)["power"], truth) < scale)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_extremes(functions, precision):
+    largest, least = LARGEST[precision], np.finfo(precision).tiny
+    x = np.array([np.nan, np.inf, -np.inf, 1e30, -1e30, 0.0, -0.0])
+    found = functions(precision, x, 2.5)
+    for name in NAMES:
+        assert np.isnan(found[name][0])
+    most = np.exp(largest)
+    np.testing.assert_allclose(found["exp"], [np.nan, most, 1 / most, most, 1 / most, 1.0, 1.0], rtol=1e-4)
+    assert np.all(found["exp"][1:] > 0.0)
+    np.testing.assert_allclose(found["expm1"], [np.nan, most, -1.0, most, -1.0, 0.0, 0.0], rtol=1e-4)
+    np.testing.assert_allclose(
+        found["tanh"], [np.nan, 1.0, -1.0, 1.0, -1.0, 0.0, 0.0], rtol=2.0 * np.finfo(precision).eps
+    )
+    assert np.isnan(found["log"][[2, 4]]).all()
+    np.testing.assert_array_equal(found["log"][5:], -np.inf)
+    assert functions(precision, least)["log"][0] == pytest.approx(np.log(float(least)), rel=1e-6)
+    assert np.isnan(found["power"][[2, 4]]).all()
+    np.testing.assert_allclose(found["power"][5:], 0.0, atol=1e-37)
+
+
+def test_powers_of_anything_by_a_small_whole_number_are_products(native):
+    x = np.array([-3.0, -0.5, 0.0, 2.0, np.nan])
+    power = native(lambda x: (x**2.0, jnp.power(x, 3.0), x**-2, x**0), x)
+    for found, exponent in zip(power(x), (2, 3, -2, 0), strict=True):
+        with np.errstate(divide="ignore"):
+            np.testing.assert_array_equal(found, x**exponent if exponent else np.ones(5))
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_functions_of_constants_are_carried_out_beforehand(native, precision):
+    x = np.array([1.0, 2.0])
+
+    def of_constants(x):
+        a = jnp.asarray(-0.7)
+        return x * jnp.exp(a), x * jnp.expm1(a), x * jnp.log(-a), x * jnp.tanh(a), x * (-a) ** jnp.asarray(1.3)
+
+    of = native(of_constants, x, precision=precision)
+    truth = [np.exp(-0.7), np.expm1(-0.7), np.log(0.7), np.tanh(-0.7), 0.7**1.3]
+    for found, value in zip(of(x), truth, strict=True):
+        np.testing.assert_allclose(found, x * value, rtol=4.0 * np.finfo(precision).eps)
+    assert "call" not in of.kernel.text
+
+
+@settings(max_examples=60)
+@given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=20))
+def test_functions_grow_and_keep_their_bounds(functions, numbers):
+    x = np.sort(np.array(numbers))
+    found = functions("float64", x)
+    for name in ("exp", "expm1", "tanh"):
+        slack = 4.0 * np.spacing(np.abs(found[name]))[1:]
+        assert np.all(np.diff(found[name]) >= -slack)
+    assert np.all(np.abs(found["tanh"]) <= 1.0 + 1e-15)
+    assert np.all(found["exp"] > 0.0)
+    assert np.all(found["expm1"] >= -1.0)
+    np.testing.assert_allclose(functions("float64", -x)["tanh"], -found["tanh"], rtol=2e-15)
