@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from jax.extend import core
 
+from glucoloop.native.drawing import Chance, Drawing
 from glucoloop.native.functions import Functions
 from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
 
@@ -92,37 +92,6 @@ class UnsupportedError(ValueError):
     """The function does something that a scalar program cannot."""
 
 
-class Chance:
-    """An array that rests on random keys alone, so that it can be computed before the loop; see `Flattener.chance`."""
-
-    def __init__(self, place: Any) -> None:
-        self.place = place
-
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """What is computed of random keys before the loop, equation by equation."""
-
-    keys: Sequence[Chance]
-    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Chance]]]
-    """Equation, what goes in (`Chance` or numbers), what comes out."""
-    wanted: Sequence[Chance]
-    """What the loop asks for."""
-
-    def __call__(self, *keys: Any) -> list[jax.Array]:
-        """The wanted arrays, of one person at one sample; JAX can trace it."""
-        found: dict[int, Any] = {id(of): key for of, key in zip(self.keys, keys, strict=True)}
-
-        def read(given: Any) -> Any:
-            return found[id(given)] if isinstance(given, Chance) else given
-
-        for equation, inputs, outputs in self.equations:
-            results = equation.primitive.bind(*map(read, inputs), **equation.params)
-            several = results if equation.primitive.multiple_results else [results]
-            found.update((id(of), result) for of, result in zip(outputs, several, strict=True))
-        return [found[id(of)] for of in self.wanted]
-
-
 def inner_jaxpr(equation: Any) -> Any:
     """The function that a call calls, or None if the equation is no call."""
     if equation.primitive.name not in _CALLS:
@@ -165,7 +134,7 @@ class Flattener:
             values: Values = given
             return values
         if id(given) not in self._wanted:
-            aval, position = given.place, len(self._wanted)
+            aval, position = given.aval, len(self._wanted)
             if not (jnp.issubdtype(aval.dtype, jnp.floating) or aval.dtype == bool):
                 raise UnsupportedError(f"random numbers of type {aval.dtype}")
             flat = [

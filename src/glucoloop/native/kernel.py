@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from glucoloop.native.chunks import Layout
 from glucoloop.native.divisions import share_divisions
+from glucoloop.native.drawing import Drawing
 from glucoloop.native.emit import Emitter
-from glucoloop.native.flatten import Drawing, Flattener, Values, kind_of
+from glucoloop.native.flatten import Flattener, Values, kind_of
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.program import PERSON, SAMPLE, Program
 

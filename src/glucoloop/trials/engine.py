@@ -193,8 +193,15 @@ def run_people(
         Whether to keep glucose and insulin over time.
     threads : int, optional
         One for each core by default. It makes no difference to the result.
+
+    Raises
+    ------
+    ValueError
+        If nobody is asked for.
     """
     number = np.asarray(person, np.int64)
+    if not number.size:
+        raise ValueError("nobody was asked for; give the number of at least one person")
     of_case = prepared.cases[label]
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:

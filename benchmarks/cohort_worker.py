@@ -1,0 +1,272 @@
+"""What `cohort.py` measures, in a process of its own: on one core if it was started on one.
+
+It reads requests from its standard input, one JSON object a line, and answers each by a line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "src"))
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from ceiling import asked_for, ceilings, most_gflops
+from closed_loop import MEALS
+
+from glucoloop._pytree import pytree
+from glucoloop.config.trial import read_trial
+from glucoloop.meals import Meal, Scenario
+from glucoloop.simulation import Adaptive, cohort, driven_block
+from glucoloop.simulation.cohort import CohortRun, People
+from glucoloop.trials import engine
+from glucoloop.trials.blocks import block_size
+
+CASES = ("basal", "mpc", "mpc-se", "nlqdmc-se")
+SITUATIONS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
+    "plain": (CASES, {}),
+    "noise": (("mpc",), {"noise_variance": 1.45}),
+    "own meals": (("mpc",), {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}),
+}
+COMPARED = ("undershoot", "peak", "mean")
+KEYS = {"people": 1000, "seed": 1, "meals": [f"{grams:g}g@{minutes:g}min" for grams, minutes in MEALS]}
+
+
+@functools.lru_cache
+def trial(situation: str, precision: str) -> engine.PreparedTrial:
+    """A trial made ready: designed and compiled."""
+    cases, keys = SITUATIONS[situation]
+    tables = [{"label": name, "controller": name} for name in cases]
+    return engine.prepare(read_trial({**KEYS, **keys, "precision": precision}, tables))
+
+
+def about(situation: str, precision: str, case: str) -> dict[str, Any]:
+    """By which engine, and how many people at a time."""
+    made = trial(situation, precision).cases[case].cohort
+    return {"engine": made.engine, "block": block_size(made.engine)}
+
+
+@functools.lru_cache
+def blocks_of(situation: str, precision: str, case: str, people: int) -> tuple[Any, list[People]]:
+    """The people of a trial as its loop is given them, block by block."""
+    prepared = trial(situation, precision)
+    made, caught = prepared.cases[case].cohort, []
+    run = made.run
+
+    def catch(given: People, **options: Any) -> CohortRun:
+        caught.append(given)
+        return run(given, **options)
+
+    made.run = catch  # type: ignore[method-assign]
+    try:
+        engine.run_people(prepared, case, np.arange(people), threads=1)
+    finally:
+        del made.run
+    return made, caught
+
+
+def speed(situation: str, precision: str, case: str, people: int, threads: int) -> dict[str, float]:
+    """Patient-days a second: of the whole path of a trial, and of its loop alone."""
+    prepared = trial(situation, precision)
+    made, blocks = blocks_of(situation, precision, case, people)
+    start = time.perf_counter()
+    engine.run_people(prepared, case, np.arange(people), threads=threads)
+    path = time.perf_counter() - start
+    with ThreadPoolExecutor(threads) as pool:
+        start = time.perf_counter()
+        list(pool.map(made.run, blocks))
+        loop = time.perf_counter() - start
+    return {"trial": people / path, "loop": people / loop}
+
+
+@contextlib.contextmanager
+def timed(seconds: dict[str, float], name: str, of: Any, function: str) -> Iterator[None]:
+    """Add the time spent in a function that is an attribute of something."""
+    inner: Callable[..., Any] = getattr(of, function)
+
+    def outer(*given: Any, **options: Any) -> Any:
+        start = time.perf_counter()
+        result = jax.block_until_ready(inner(*given, **options))
+        seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - start
+        return result
+
+    setattr(of, function, outer)
+    try:
+        yield
+    finally:
+        setattr(of, function, inner)
+
+
+def parts(situation: str, precision: str, people: int) -> dict[str, float]:
+    """Where the time of a trial with linear MPC goes, microseconds a person."""
+    prepared = trial(situation, precision)
+    made, seconds = prepared.cases["mpc"].cohort, dict[str, float]()
+    watched = [
+        ("drawing people, basal rates", engine, "virtual_people"),
+        ("drawing meals", engine, "draw_meals"),
+        ("keys of chance", engine, "keys_of_people"),
+        ("kernel", made._engine._kernel, "run"),
+        ("matrices of insulin", driven_block, "driven_matrices"),
+        ("histograms", engine, "count"),
+        ("loop", made, "run"),
+    ]
+    if made._engine._draw is not None:
+        watched.append(("random numbers", made._engine, "_draw"))
+    start = time.perf_counter()
+    with contextlib.ExitStack() as stack:
+        for watch in watched:
+            stack.enter_context(timed(seconds, *watch))
+        engine.run_people(prepared, "mpc", np.arange(people), threads=1)
+    total = time.perf_counter() - start
+    inside = sum(seconds.get(name, 0.0) for name in ("kernel", "matrices of insulin", "random numbers"))
+    seconds["rest of the loop"] = seconds.pop("loop") - inside
+    seconds["metrics, and the rest"] = total - sum(seconds.values())
+    return {name: 1e6 * value / people for name, value in seconds.items()}
+
+
+@pytree
+class Nothing:
+    """Keeps nothing of a loop."""
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
+        del glucose_mg_dl, insulin_mU_min
+        return ()
+
+    def step(self, state: Any, happened: Any, t_min: jax.Array) -> Any:
+        del happened, t_min
+        return state
+
+
+@functools.lru_cache
+def without_metrics(precision: str) -> cohort.Cohort:
+    """The loop of linear MPC that keeps nothing."""
+    prepared = trial("plain", precision)
+    given = prepared.trial
+    nominal = engine.patient(given.operating_point)
+    example = engine.virtual_people(given.population, given.seed, [0], setpoint_mg_dl=prepared.setpoint_mg_dl)
+    limits = prepared.fold.limits
+    meals = np.array([meal.t_min for meal in given.plan.meals]), np.array([meal.carbs_g for meal in given.plan.meals])
+    return cohort.Cohort(
+        nominal,
+        example.patient,
+        prepared.cases["mpc"].controller,
+        engine.sensor_of(0.0, given.noise_bound_mg_dl, 0),
+        engine.pump_of(limits, None),
+        prepared.grid,
+        Nothing(),
+        setpoint_mg_dl=prepared.setpoint_mg_dl,
+        meals=meals,
+        precision=precision,
+    )
+
+
+def kernels(precision: str, repeats: int) -> dict[str, Any]:
+    """What each loop asks of the processor, and the ceiling that follows."""
+    gflops = most_gflops(precision, repeats)
+    prepared = trial("plain", precision)
+    loops = {name: of.cohort for name, of in prepared.cases.items() if of.cohort.engine == "native"}
+    loops["mpc, no metrics"] = without_metrics(precision)
+    asked = {name: asked_for(loop._engine._kernel) for name, loop in loops.items()}
+    reach = {name: ceilings(numbers, gflops) for name, numbers in asked.items()}
+    return {"gflops": gflops, "asked": asked, "ceilings": reach}
+
+
+def kernel_speed(precision: str, case: str, people: int) -> dict[str, float]:
+    """Patient-days a second of the vector code alone."""
+    made, blocks = blocks_of("plain", precision, case if case in CASES else "mpc", people)
+    made = made if case in CASES else without_metrics(precision)
+    seconds: dict[str, float] = {}
+    with timed(seconds, "kernel", made._engine._kernel, "run"):
+        for block in blocks:
+            made.run(block)
+    return {"kernel": sum(block.insulin_mU_min.size for block in blocks) / seconds["kernel"]}
+
+
+def accuracy(people: int, tolerance: float) -> dict[str, float]:
+    """Glucose of the batch against the adaptive integrator under the same insulin, mg/dl at all samples."""
+    prepared = trial("plain", "float64")
+    made, blocks = blocks_of("plain", "float64", "mpc", people)
+    runs = [made.run(block) for block in blocks]
+    glucose = np.concatenate([run.glucose_mg_dl for run in runs], axis=1)[:, :people]
+    insulin = np.concatenate([run.insulin_mU_min for run in runs], axis=1)[:, :people]
+    x = np.concatenate([np.asarray(block.x) for block in blocks], axis=1)[:, :people]
+    day = Scenario([Meal(*meal) for meal in MEALS], 1440.0).emptying()
+
+    @jax.jit
+    def replay(patient: Any, x: jax.Array, insulin: jax.Array) -> jax.Array:
+        plant, times = Adaptive(tolerance).prepare(patient, day, prepared.grid)
+
+        def sample(x: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
+            x, _ = plant.advance(x, *entry)
+            return x, patient.glucose_mg_dl(x)
+
+        return jax.lax.scan(sample, x, (insulin, times))[1]
+
+    nominal = engine.patient(prepared.trial.operating_point)
+    patients = [block.patient for block in blocks]
+
+    def error(person: int) -> float:
+        block, place = divmod(person, blocks[0].insulin_mU_min.size)
+        one = jax.tree.map(
+            lambda many, single: many[..., place] if jnp.ndim(many) > jnp.ndim(single) else many,
+            patients[block],
+            nominal,
+        )
+        return float(np.abs(replay(one, x[:, person], insulin[:, person]) - glucose[1:, person]).max())
+
+    errors = []
+    for number in range(people):
+        errors.append(error(number))
+        if (number + 1) % 50 == 0:
+            print(f"    {number + 1} people of {people} by the adaptive integrator", file=sys.stderr)
+    return {
+        "people": people,
+        "largest": float(np.max(errors)),
+        "p95": float(np.percentile(errors, 95)),
+        "median": float(np.median(errors)),
+    }
+
+
+def single_against_double(people: int) -> dict[str, dict[str, float]]:
+    """Differences between the metrics of the two precisions, mg/dl, and for how many people one is above 0.1."""
+    found = {}
+    for case in ("basal", "mpc", "mpc-se"):
+        double, single = (
+            engine.run_people(trial("plain", precision), case, np.arange(people)).metrics
+            for precision in ("float64", "float32")
+        )
+        apart = {name: np.abs(double[f"{name}_mg_dl"] - single[f"{name}_mg_dl"]) for name in COMPARED}
+        worst = np.max(list(apart.values()), axis=0)
+        found[case] = {
+            **{name: float(np.nanmax(of)) for name, of in apart.items()},
+            "median": float(np.nanmedian(worst)),
+            "beyond": int((worst > 0.1).sum()),
+            "people": people,
+        }
+    return found
+
+
+ANSWERS: dict[str, Callable[..., Any]] = {
+    function.__name__: function
+    for function in (about, speed, parts, kernels, kernel_speed, accuracy, single_against_double)
+}
+
+
+def main() -> None:
+    for line in sys.stdin:
+        request = json.loads(line)
+        answer = ANSWERS[request.pop("do")](**request)
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()

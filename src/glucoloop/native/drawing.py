@@ -1,0 +1,43 @@
+"""What rests on random keys alone, put off when a function is taken apart and computed before its loop.
+
+So the numbers are exactly those that JAX draws for one person, and native code needs no generator of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+
+
+class Chance:
+    """An array that rests on random keys alone, so that it can be computed before the loop: its shape and type."""
+
+    def __init__(self, aval: Any) -> None:
+        self.aval = aval
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What is computed of random keys before the loop, equation by equation."""
+
+    keys: Sequence[Chance]
+    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Chance]]]
+    """Equation, what goes in (`Chance` or numbers), what comes out."""
+    wanted: Sequence[Chance]
+    """What the loop asks for."""
+
+    def __call__(self, *keys: Any) -> list[jax.Array]:
+        """The wanted arrays, of one person at one sample; JAX can trace it."""
+        found: dict[int, Any] = {id(of): key for of, key in zip(self.keys, keys, strict=True)}
+
+        def read(given: Any) -> Any:
+            return found[id(given)] if isinstance(given, Chance) else given
+
+        for equation, inputs, outputs in self.equations:
+            results = equation.primitive.bind(*map(read, inputs), **equation.params)
+            several = results if equation.primitive.multiple_results else [results]
+            found.update((id(of), result) for of, result in zip(outputs, several, strict=True))
+        return [found[id(of)] for of in self.wanted]
