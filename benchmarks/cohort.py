@@ -176,13 +176,13 @@ def measure(quick: bool, python: str) -> dict[str, Any]:
             one = Worker()
         every = Worker()
         results: dict[str, Any] = {"cores": len(cores()), "quick": quick}
-        results |= speeds(one, every, 2 if quick else 9, python)
+        results |= speeds(one, every, 2 if quick else 5, python)
         say("the ceiling of a core")
         results["ceilings"] = {p: one("kernels", precision=p, repeats=5 if quick else 25) for p in PRECISIONS}
         say("where the time goes")
         results["parts"] = {
             f"{situation}|{precision}": min(
-                (one("parts", situation=situation, precision=precision, people=4096) for _ in range(2 if quick else 7)),
+                (one("parts", situation=situation, precision=precision, people=4096) for _ in range(2 if quick else 4)),
                 key=lambda parts: sum(parts.values()),
             )
             for situation in ("plain", "noise", "own meals")

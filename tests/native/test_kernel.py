@@ -121,6 +121,7 @@ def test_how_the_work_is_cut_makes_no_difference(compiled, numbers, monkeypatch,
 @pytest.mark.parametrize("vectors", [1, 3])
 def test_nor_how_many_vectors_go_together(compiled, numbers, monkeypatch, vectors):
     monkeypatch.setattr(emit, "VECTORS_A_BLOCK", vectors)
+    monkeypatch.setattr(emit, "FITS_THE_CACHE", 0)
     other, _ = compile_kernel(step, *EXAMPLE, REACHING, TOLD)
     for a, b in zip(run(other, numbers), run(compiled["float64"], numbers), strict=True):
         np.testing.assert_array_equal(a, b)

@@ -1,8 +1,10 @@
 """The order of the work: a long program in chunks that a processor's instruction cache holds.
 
-A sample of a patient and a controller is several thousand instructions. Were they carried out for one vector of people
-after the other, fetching them would take most of the time. So they are cut into chunks, and several vectors go through
+A sample of a patient and a controller is several thousand instructions. Where the cache cannot hold them, fetching them
+anew for every vector of people would take most of the time. So they are cut into chunks, and several vectors go through
 each chunk in turn; what a later chunk needs waits in a slot of memory, which is given to another value afterwards.
+A program that fits goes through its chunks one vector at a time; the cuts then spare the compiler blocks that are too
+long for it.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import Final
 
 from glucoloop.native.program import SAMPLE, Program, Value
 
-OPERATIONS_A_CHUNK: Final = 500
+OPERATIONS_A_CHUNK: Final = 2000
 
 
 @dataclass(frozen=True)

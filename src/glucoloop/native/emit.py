@@ -19,8 +19,10 @@ from glucoloop.native.program import BOOL, PERSON, SAMPLE, Program, Value
 
 _LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "round": "nearbyint", "abs": "fabs"}
 _ORDERED: Final = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
+FITS_THE_CACHE: Final = 6000
+"""Operations whose instructions the processor's first cache holds, about."""
 VECTORS_A_BLOCK: Final = 4
-"""Vectors that go through a chunk one after the other, while its instructions are at hand."""
+"""Vectors that go through a chunk of a longer program one after the other, while its instructions are at hand."""
 
 _BITS: Final = {"and": "and", "or": "or", "xor": "xor"}
 
@@ -72,8 +74,9 @@ class Emitter:
         """What is computed once and needed at every sample -> its place."""
         arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
         self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
-        self._group = VECTORS_A_BLOCK
-        self._plan = plan_chunks(program, layout, [v for v in varying if v not in self._sources], self._taken)
+        values = [v for v in varying if v not in self._sources]
+        self._group = 1 if len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
+        self._plan = plan_chunks(program, layout, values, self._taken)
 
     def text(self) -> str:
         """A module with one function, ``kernel``."""

@@ -228,18 +228,26 @@ def _run_block(
         )
     able = drawn.able[:n]
     glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
-    known = able & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
+    # the metrics are not numbers where anything in the run was not
+    known = (
+        able & np.isfinite(np.asarray(metrics.mean_mg_dl)[:n]) & np.isfinite(np.asarray(metrics.insulin_total_mU)[:n])
+    )
     return PeopleResult(
         person=person[:n],
         able=able,
         drawn={name: values[:n] for name, values in drawn.draw.values.items()},
         basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
         metrics={field.name: np.asarray(getattr(metrics, field.name))[:n] for field in dataclasses.fields(metrics)},
-        glucose_counts=count(glucose[:, known], glucose_edges()),
-        insulin_counts=count(insulin[:, known], insulin_edges(trial.max_insulin_mU_min)),
+        glucose_counts=count(_of(glucose, known), glucose_edges()),
+        insulin_counts=count(_of(insulin, known), insulin_edges(trial.max_insulin_mU_min)),
         glucose_mg_dl=glucose.astype(np.float32) if traces else None,
         insulin_mU_min=insulin.astype(np.float32) if traces else None,
     )
+
+
+def _of(values: Array, people: Array) -> Array:
+    """Columns of some people; without a copy if all are wanted."""
+    return values if people.all() else values[:, people]
 
 
 def _drawn(
