@@ -127,7 +127,9 @@ def plans_of_people(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLim
     hessian = tuning.output_weight**2 * np.einsum("ij...,ik...->jk...", A, A) + tuning.move_weight**2 * identity
     gradient = -(tuning.output_weight**2) * A.swapaxes(0, 1)
     people_first = hessian.transpose(2, 0, 1)
-    determined = np.linalg.det(people_first) != 0.0
+    with np.errstate(invalid="ignore"):
+        determinant = np.linalg.det(people_first)
+    determined = np.isfinite(determinant) & (determinant != 0.0)
     solvable = np.where(determined[:, None, None], people_first, np.eye(m))
     gain = -np.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
     return MovePlan(

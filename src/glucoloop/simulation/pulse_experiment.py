@@ -17,8 +17,8 @@ from glucoloop.simulation.plant import SampleGrid
 
 Floats = npt.NDArray[np.float64]
 
-SUBSTEPS: Final = 4
-"""Pulses jump far: smaller steps than the loop's."""
+SUBSTEPS: Final = 8
+"""As in `excite`: pulses jump far."""
 
 
 class PulseExperiment:
