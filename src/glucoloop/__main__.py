@@ -1,5 +1,5 @@
 """``python -m glucoloop``."""
 
-from glucoloop.cli import main
+from glucoloop.cli import program
 
-main()
+program()

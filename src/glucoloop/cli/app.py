@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Final
@@ -70,6 +71,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if code == 130:
         interrupted()
     sys.exit(code or 0)
+
+
+def program() -> None:
+    """The command as a process: `main`, but an interrupted one ends at once.
+
+    The interpreter would take itself apart first, while threads of JAX still compute in it, and now and then crash.
+    """
+    try:
+        main()
+    except SystemExit as leaving:
+        if leaving.code != 130:
+            raise
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(130)
 
 
 def _leave_usage(error: Exception, arguments: Sequence[str]) -> None:
