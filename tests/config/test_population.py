@@ -108,3 +108,11 @@ def test_what_is_no_population_is_refused(tmp_path):
         file.write_bytes(content)
         with pytest.raises(ValueError, match=told):
             named_population(str(file))
+
+
+@pytest.mark.parametrize("text", ["", "name = 'everybody'\n", "vary = []\n"])
+def test_a_file_in_which_nobody_varies_is_refused(tmp_path, text):
+    path = tmp_path / "people.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"has no \[\[vary\]\] table"):
+        named_population(str(path))

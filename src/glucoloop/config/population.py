@@ -110,6 +110,10 @@ def named_population(text: str) -> Population:
     except UnicodeDecodeError:
         raise ValueError(f"{text} is not TOML: it is not text in UTF-8") from None
     try:
-        return read_population(keys, path.stem)
+        people = read_population(keys, path.stem)
     except ValueError as error:
         raise ValueError(f"{text}: {error}") from None
+    if not people.variations:
+        # a file that was cut short must not pass for the nominal patient
+        raise ValueError(f"{text} has no [[vary]] table, so nobody would differ; add one, or name the preset nominal")
+    return people
