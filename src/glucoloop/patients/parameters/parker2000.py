@@ -7,7 +7,7 @@ would turn negative. The inflection is D.
 
 The printed inflection of the effect on hepatic uptake is 0, of which 40 % is nothing. Here it is moved by up to 0.4 of
 the healthy basal concentration, by which these effects are normalised. That is a reading, as is the uniform
-distribution: the paper gives bounds only.
+distribution: the abstract gives bounds only.
 """
 
 from __future__ import annotations
