@@ -127,6 +127,7 @@ def warm() -> dict[str, float]:
     from glucoloop.pumps import LimitedPump
     from glucoloop.sensors import IdealSensor
     from glucoloop.simulation import Exponential, closed_loop, simulate
+    from glucoloop.simulation.loop import Loop
     from glucoloop.simulation.plant import SampleGrid
 
     person, controller, scenario = prepare()
@@ -136,17 +137,14 @@ def warm() -> dict[str, float]:
     day = median_of(run)
 
     plant, meals = integrator.prepare(person, scenario.emptying(), grid)
-    arguments = (
-        closed_loop._start(person, scenario),
-        meals,
-        closed_loop._eaten(scenario, grid),
-        jax.random.key(0),
+    start, key = closed_loop._start(person, scenario), jax.random.key(0)
+    loop = Loop(
+        plant=plant, controller=controller, sensor=IdealSensor(), pump=pump, setpoint_mg_dl=start.setpoint_mg_dl
     )
-    scan = lambda: jax.block_until_ready(  # noqa: E731
-        closed_loop._run(plant, controller, IdealSensor(), pump, *arguments)
-    )
+    arguments = (loop, start, meals, closed_loop._eaten(scenario, grid), key)
+    scan = lambda: jax.block_until_ready(closed_loop._run(*arguments))  # noqa: E731
     scan()
-    loop = median_of(scan)
+    looping = median_of(scan)
     ready = median_of(lambda: jax.block_until_ready(integrator.prepare(person, scenario.emptying(), grid)[1]))
 
     @jax.jit
@@ -159,9 +157,9 @@ def warm() -> dict[str, float]:
             announced_carbs_g=jnp.zeros(()),
         )
         state, decision = controller.step(state, observation)
-        in_pump, delivered = pump.deliver(in_pump, decision.insulin_mU_min)
-        x, inside = plant.advance(x, delivered, meal)
-        return x, state, in_pump, delivered, decision.status, inside
+        in_pump, delivery = pump.deliver(in_pump, decision.insulin_mU_min, key)
+        x, inside = plant.advance(x, delivery.insulin_mU_min, meal)
+        return x, state, in_pump, delivery.reported_mU_min, decision.status, inside
 
     def first() -> tuple[Any, Any, Any, Any]:
         delivered = person.basal_insulin_mU_min
@@ -173,7 +171,7 @@ def warm() -> dict[str, float]:
             delivered_mU_min=delivered,
             announced_carbs_g=jnp.zeros(()),
         )
-        return x, controller.init(observation), pump.init(delivered), delivered
+        return x, controller.init(observation), pump.init(delivered, key), delivered
 
     each = [meals[k] for k in range(288)]
     durations = []
@@ -185,7 +183,7 @@ def warm() -> dict[str, float]:
             *carry, _, inside = step(plant, controller, *carry, meal)
             jax.block_until_ready((carry, inside))
             durations.append(time.perf_counter() - start)
-    return {"day_s": day, "loop_s": loop, "prepare_s": ready, "step_s": statistics.median(durations)}
+    return {"day_s": day, "loop_s": looping, "prepare_s": ready, "step_s": statistics.median(durations)}
 
 
 def simglucose(python: str) -> dict[str, Any]:

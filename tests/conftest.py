@@ -16,6 +16,7 @@ from glucoloop.control import Decision, Status
 from glucoloop.identification import Record, design_csrs, identify_record
 from glucoloop.meals import Scenario
 from glucoloop.patients import patient
+from glucoloop.pumps import Delivery
 from glucoloop.simulation import Adaptive, simulate
 
 CACHE = "GLUCOLOOP_TESTS_COMPILED"
@@ -108,12 +109,13 @@ class Script:
 class OpenPump:
     """A pump without limits."""
 
-    def init(self, insulin_mU_min):
-        del insulin_mU_min
+    def init(self, insulin_mU_min, key):
+        del insulin_mU_min, key
         return ()
 
-    def deliver(self, state, command_mU_min):
-        return state, command_mU_min
+    def deliver(self, state, command_mU_min, key):
+        del key
+        return state, Delivery(insulin_mU_min=command_mU_min, reported_mU_min=command_mU_min)
 
 
 @pytest.fixture(scope="session", name="sorensen_by_hand")

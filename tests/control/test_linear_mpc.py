@@ -39,7 +39,7 @@ def follow(controller, readings, valid, start):
     def sample(carry, entry):
         state, delivered = carry
         state, decision = controller.step(state, observe(entry[0], delivered, valid=entry[1]))
-        _, delivered = pump.deliver(delivered, decision.insulin_mU_min)
+        delivered, _ = pump.deliver(delivered, decision.insulin_mU_min, jax.random.key(0))
         return (state, delivered), (delivered, decision, state)
 
     first = (controller.init(observe(readings[0], start, valid=valid[0])), jnp.asarray(start))

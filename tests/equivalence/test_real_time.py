@@ -21,10 +21,10 @@ def test_stepping_in_real_time_is_the_simulation(patient_81, identified_81):
     grid = SampleGrid(sample_time_min=5.0, samples=60)
     plant, exogenous = Exponential().prepare(patient_81, SCENARIO.emptying(), grid)
     decide = jax.jit(lambda state, observation: controller.step(state, observation))
-    deliver, advance = jax.jit(pump.deliver), jax.jit(lambda x, u, meal: plant.advance(x, u, meal))
+    key, deliver, advance = jax.random.key(0), jax.jit(pump.deliver), jax.jit(lambda x, u, meal: plant.advance(x, u, meal))
 
     x, delivered = patient_81.steady_state(patient_81.basal_insulin_mU_min), patient_81.basal_insulin_mU_min
-    in_pump, state, glucose, insulin, fine = pump.init(delivered), None, [], [], []
+    in_pump, state, glucose, insulin, fine = pump.init(delivered, key), None, [], [], []
     for k in range(grid.samples):
         observation = Observation(
             glucose_mg_dl=patient_81.glucose_mg_dl(x),
@@ -35,7 +35,8 @@ def test_stepping_in_real_time_is_the_simulation(patient_81, identified_81):
         )
         state = controller.init(observation) if state is None else state
         state, decision = decide(state, observation)
-        in_pump, delivered = deliver(in_pump, decision.insulin_mU_min)
+        in_pump, delivery = deliver(in_pump, decision.insulin_mU_min, key)
+        delivered = delivery.reported_mU_min
         glucose.append(observation.glucose_mg_dl)
         insulin.append(delivered)
         x, inside = advance(x, delivered, exogenous[k])

@@ -197,7 +197,8 @@ def test_stepping_in_real_time_is_the_simulation(controller, alone):
         seen = observe(reading, True, delivered)
         state = controller.init(seen) if state is None else state
         state, decision = step(controller, state, seen)
-        in_pump, delivered = pump.deliver(in_pump, decision.insulin_mU_min)
+        in_pump, delivery = pump.deliver(in_pump, decision.insulin_mU_min, keys[0])
+        delivered = delivery.reported_mU_min
         np.testing.assert_allclose(delivered, trace.insulin_mU_min[k], rtol=1e-12, atol=1e-12)
         assert int(decision.status) == int(trace.status[k])
         x, _ = advance(x, delivered, appearance_mg_min(5.0 * k, meal))
@@ -236,7 +237,7 @@ def follow(controller, readings, valid, start):
     def sample(carry, entry):
         state, delivered = carry
         state, decision = controller.step(state, observe(*entry, delivered))
-        delivered = LimitedPump().deliver(delivered, decision.insulin_mU_min)[1]
+        delivered, _ = LimitedPump().deliver(delivered, decision.insulin_mU_min, keys[0])
         return (state, delivered), (delivered, decision, state)
 
     first = controller.init(observe(readings[0], valid[0], start))

@@ -14,6 +14,7 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import first_meal_min
+from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.sensors import Reading, white_noise
 from glucoloop.simulation import simulate
@@ -46,7 +47,7 @@ def _tallied(fold, trace):
         glucose_mg_dl=trace.glucose_mg_dl,
         reading=Reading(glucose_mg_dl=trace.reading_mg_dl, valid=trace.reading_valid),
         decision=Decision(insulin_mU_min=trace.command_mU_min, status=trace.status),
-        delivered_mU_min=trace.insulin_mU_min,
+        delivery=Delivery(insulin_mU_min=trace.insulin_mU_min, reported_mU_min=trace.reported_mU_min),
         inside_mg_dl=fine[1:].reshape(trace.t_min.shape[0], len(INSIDE), *fine.shape[1:]),
     )
     start = fold.init(fine[0], trace.basal_insulin_mU_min)

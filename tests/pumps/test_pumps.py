@@ -1,3 +1,5 @@
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +12,18 @@ from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
 RATES = st.floats(0.0, 66.9)
 COMMANDS = st.one_of(st.floats(-100.0, 200.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e300, 0.0, 66.9]))
 
-deliver = jax.jit(lambda pump, state, command: pump.deliver(state, command))
-run = jax.jit(lambda pump, start, commands: jax.lax.scan(pump.deliver, pump.init(start), commands)[1])
+KEY = jax.random.key(0)
+
+
+@jax.jit
+def deliver(pump, state, command):
+    state, delivery = pump.deliver(state, command, KEY)
+    return state, delivery.insulin_mU_min
+
+
+@jax.jit
+def run(pump, start, commands):
+    return jax.lax.scan(functools.partial(deliver, pump), pump.init(start, KEY), commands)[1]
 
 
 def allowed(command, previous, change=16.7, least=0.0, most=66.9):
@@ -49,7 +61,7 @@ def test_what_is_allowed_and_by_how_much(rate, previous, slack, allowed):
 def test_limits_of_ones_own():
     pump = LimitedPump(limits=dose_limits(max_change_mU_min=2.0, min_mU_min=5.0, max_mU_min=9.0))
     np.testing.assert_allclose(run(pump, 8.0, np.array([100.0, 0.0, 0.0, 0.0, 6.0])), [9.0, 7.0, 5.0, 5.0, 6.0])
-    assert float(pump.init(jnp.asarray(1.0))) == 5.0
+    assert float(pump.init(jnp.asarray(1.0), KEY)) == 5.0
 
 
 def test_full_range_takes_four_moves_with_the_limits_of_the_paper():

@@ -53,6 +53,7 @@ def _trace(fine_glucose, insulin=None, *, setpoint=80.0, basal=20.0, meal_sample
         "reading_valid": np.ones((samples, *people), bool),
         "command_mU_min": insulin,
         "insulin_mU_min": insulin,
+        "reported_mU_min": insulin,
         "status": np.zeros((samples, *people), int),
         "carbs_g": carbs_g,
         "states": np.zeros((samples + 1, 1, *people)),

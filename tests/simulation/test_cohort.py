@@ -131,7 +131,7 @@ def plain_scan(loop, x, insulin, key, moments, told):
 
     def on(state, entry):
         state, happened = sample(loop, state, *entry[:2], reading_key, entry[2])
-        return state, (happened.glucose_mg_dl, happened.delivered_mU_min, happened.inside_mg_dl)
+        return state, (happened.glucose_mg_dl, happened.delivery.insulin_mU_min, happened.inside_mg_dl)
 
     last, (glucose, insulin, inside) = jax.lax.scan(on, state, (moments, told, jnp.arange(told.shape[0])))
     return jnp.append(glucose, loop.plant.patient.glucose_mg_dl(last.x)), insulin, inside.min()

@@ -36,6 +36,12 @@ class Status(enum.IntEnum):
     READING_MISSING = 2
     NOT_CONVERGED = 3
     NON_FINITE = 4
+    READING_REJECTED = 5
+    FALLBACK_BASAL = 6
+    FALLBACK_REDUCED = 7
+    SUSPENDED = 8
+    DOSE_LIMITED = 9
+    RESTARTED = 10
 
     @property
     def text(self) -> str:
@@ -49,6 +55,12 @@ _STATUS_TEXTS = {
     Status.READING_MISSING: "There was no valid reading; the dose rests on the model's prediction. Check the sensor.",
     Status.NOT_CONVERGED: "The optimisation did not converge; the best allowed dose found was taken. Check the tuning.",
     Status.NON_FINITE: "The computation gave no finite number; the last dose was kept. Check the model.",
+    Status.READING_REJECTED: "The guard did not believe the reading; the dose rests on the model. Check the sensor.",
+    Status.FALLBACK_BASAL: "No believable reading for long: the guard gives the basal rate. Check the sensor.",
+    Status.FALLBACK_REDUCED: "None for very long: the guard gives a part of the basal rate. Measure glucose by hand.",
+    Status.SUSPENDED: "Glucose is low or about to be; the guard suspends insulin. Be ready to eat.",
+    Status.DOSE_LIMITED: "The guard cut the dose to what may be given per hour or be on board. Check the sensor.",
+    Status.RESTARTED: "The controller's memory was no longer finite; the guard restarted it. Check the model.",
 }
 
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import constraints, glycemic
+from glucoloop.metrics.low_events import LEVEL_1_MG_DL, LEVEL_2_MG_DL, LowEvents, samples_in_a_row
 from glucoloop.metrics.summary import Metrics
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.loop import Sampled
@@ -57,6 +58,12 @@ class Tally:
     missing: jax.Array
     not_converged: jax.Array
     non_finite: jax.Array
+    rejected: jax.Array
+    fallback: jax.Array
+    suspended: jax.Array
+    dose_limited: jax.Array
+    low: LowEvents
+    very_low: LowEvents
 
 
 @pytree
@@ -79,6 +86,7 @@ class RunningMetrics:
             peak_t_min=zero,
             **{name: zero + _NEVER for name in ("outside_2pct_t_min", "outside_5pct_t_min")},
             **{name: zero for name in _SUMS},
+            **{name: LowEvents.none(zero) for name in ("low", "very_low")},
             previous_mU_min=insulin_mU_min,
             lowest_mU_min=zero + jnp.inf,
             highest_mU_min=zero - jnp.inf,
@@ -88,9 +96,10 @@ class RunningMetrics:
     def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
         """Take in a sample and the grid until the next."""
         error = happened.glucose_mg_dl - self.setpoint_mg_dl
-        insulin, status = happened.delivered_mU_min, happened.decision.status
+        insulin, status = happened.delivery.insulin_mU_min, happened.decision.status
         known = happened.reading.valid & jnp.isfinite(happened.reading.glucose_mg_dl)
         change = jnp.abs(insulin - tally.previous_mU_min)
+        in_a_row = samples_in_a_row(self.inside_min[-1])
 
         def count(condition: jax.Array) -> jax.Array:
             return condition.astype(insulin.dtype)
@@ -107,7 +116,13 @@ class RunningMetrics:
             saturated=tally.saturated + count(status == Status.SATURATED),
             missing=tally.missing + count(~known),
             not_converged=tally.not_converged + count(status == Status.NOT_CONVERGED),
-            non_finite=tally.non_finite + count(status == Status.NON_FINITE),
+            non_finite=tally.non_finite + count((status == Status.NON_FINITE) | (status == Status.RESTARTED)),
+            rejected=tally.rejected + count(status == Status.READING_REJECTED),
+            fallback=tally.fallback + count((status == Status.FALLBACK_BASAL) | (status == Status.FALLBACK_REDUCED)),
+            suspended=tally.suspended + count(status == Status.SUSPENDED),
+            dose_limited=tally.dose_limited + count(status == Status.DOSE_LIMITED),
+            low=tally.low.step(happened.glucose_mg_dl, LEVEL_1_MG_DL, in_a_row),
+            very_low=tally.very_low.step(happened.glucose_mg_dl, LEVEL_2_MG_DL, in_a_row),
         )
         for place, after in enumerate(self.inside_min):
             tally = self._point(tally, happened.inside_mg_dl[place], t_min + after)
@@ -218,6 +233,8 @@ class RunningMetrics:
             time_below_54_pct=very_low,
             time_below_60_pct=pct(t.below_60),
             time_below_70_pct=pct(t.below_70),
+            low_events=of(t.low.events),
+            very_low_events=of(t.very_low.events),
             time_70_180_pct=pct(points - t.below_70 - t.above_180),
             time_above_180_pct=pct(t.above_180),
             time_above_250_pct=very_high,
@@ -238,12 +255,16 @@ class RunningMetrics:
             samples_missing=t.missing.astype(np.int64),
             samples_not_converged=t.not_converged.astype(np.int64),
             samples_non_finite=t.non_finite.astype(np.int64),
+            samples_rejected=t.rejected.astype(np.int64),
+            samples_fallback=t.fallback.astype(np.int64),
+            samples_suspended=t.suspended.astype(np.int64),
+            samples_dose_limited=t.dose_limited.astype(np.int64),
         )
 
 
 _SUMS: Final = (
     *("sse", "below_54", "below_60", "below_70", "above_180", "above_250", "deviation", "squared_deviation"),
     *("low_risk", "high_risk", "insulin", "variation", "largest_change"),
-    *("saturated", "missing", "not_converged", "non_finite"),
+    *("saturated", "missing", "not_converged", "non_finite", "rejected", "fallback", "suspended", "dose_limited"),
 )
 """Fields of a tally that begin at zero."""

@@ -13,6 +13,7 @@ from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import constraints, glycemic, regulation
 from glucoloop.metrics._finite import all_or_nan
+from glucoloop.metrics.low_events import LASTING_MIN, LEVEL_1_MG_DL, LEVEL_2_MG_DL, low_events
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.closed_loop import Trace
 
@@ -54,6 +55,10 @@ class Metrics:
     """The same below 60 mg/dl."""
     time_below_70_pct: jax.Array
     """The same below 70 mg/dl."""
+    low_events: jax.Array
+    """Times that glucose fell below 70 mg/dl for 15 min or longer, on the controller's samples."""
+    very_low_events: jax.Array
+    """The same below 54 mg/dl."""
     time_70_180_pct: jax.Array
     """From 70 to 180 mg/dl, both included; with the times below 70 and above 180 it makes 100."""
     time_above_180_pct: jax.Array
@@ -93,7 +98,15 @@ class Metrics:
     samples_not_converged: jax.Array
     """Samples at which an optimisation did not converge."""
     samples_non_finite: jax.Array
-    """Samples at which the controller computed no finite dose."""
+    """Samples at which the controller computed no finite dose, or was restarted by its guard because of that."""
+    samples_rejected: jax.Array
+    """Samples at which the guard did not believe a reading; 0, like the next three, without a guard."""
+    samples_fallback: jax.Array
+    """Samples at which the guard gave the basal rate, or a part of it, for want of readings."""
+    samples_suspended: jax.Array
+    """Samples at which it suspended insulin."""
+    samples_dose_limited: jax.Array
+    """Samples at which it cut the dose to its limit per hour or of insulin on board."""
 
     def as_dict(self) -> dict[str, float | int | bool | None]:
         """Plain numbers by name, ready for JSON, which knows no NaN: it becomes None.
@@ -161,6 +174,7 @@ def summarise(
     mean = glucose.mean(axis=0)
     risk = glycemic.risk_indices(glucose)
     sample_time_min = t_min[-1] / trace.t_min.shape[0]
+    in_a_row = jnp.maximum(1.0, jnp.round(LASTING_MIN / sample_time_min))
     changes = jnp.abs(constraints.insulin_changes(insulin, trace.basal_insulin_mU_min))
     rate = constraints.rate_satisfied(insulin, trace.basal_insulin_mU_min, limits)
     magnitude = constraints.magnitude_satisfied(insulin, limits)
@@ -168,6 +182,10 @@ def summarise(
 
     def samples_with(status: Status) -> jax.Array:
         return (trace.status == status).sum(axis=0)
+
+    def events_below(bound_mg_dl: float) -> jax.Array:
+        events = low_events(trace.glucose_mg_dl, bound_mg_dl, in_a_row)
+        return jnp.where(jnp.isfinite(minimum.value), events, jnp.nan)
 
     return Metrics(
         undershoot_mg_dl=setpoint - minimum.value,
@@ -184,6 +202,8 @@ def summarise(
         time_below_54_pct=glycemic.time_below_pct(glucose, 54.0),
         time_below_60_pct=glycemic.time_below_pct(glucose, 60.0),
         time_below_70_pct=glycemic.time_below_pct(glucose, 70.0),
+        low_events=events_below(LEVEL_1_MG_DL),
+        very_low_events=events_below(LEVEL_2_MG_DL),
         time_70_180_pct=glycemic.time_between_pct(glucose, 70.0, 180.0),
         time_above_180_pct=glycemic.time_above_pct(glucose, 180.0),
         time_above_250_pct=glycemic.time_above_pct(glucose, 250.0),
@@ -203,5 +223,9 @@ def summarise(
         samples_saturated=samples_with(Status.SATURATED),
         samples_missing=(~(trace.reading_valid & jnp.isfinite(trace.reading_mg_dl))).sum(axis=0),
         samples_not_converged=samples_with(Status.NOT_CONVERGED),
-        samples_non_finite=samples_with(Status.NON_FINITE),
+        samples_non_finite=samples_with(Status.NON_FINITE) + samples_with(Status.RESTARTED),
+        samples_rejected=samples_with(Status.READING_REJECTED),
+        samples_fallback=samples_with(Status.FALLBACK_BASAL) + samples_with(Status.FALLBACK_REDUCED),
+        samples_suspended=samples_with(Status.SUSPENDED),
+        samples_dose_limited=samples_with(Status.DOSE_LIMITED),
     )

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.pumps.limited import LimitedPump
+from glucoloop.pumps.protocol import Delivery
 
 
 @pytree
@@ -29,18 +30,20 @@ class Resolution:
     inner: LimitedPump
     step_mU_min: float
 
-    def init(self, insulin_mU_min: jax.Array) -> _Carry:
+    def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _Carry:
         """Nothing is owed at the start."""
-        return _Carry(inner=self.inner.init(insulin_mU_min), owed_mU_min=jnp.zeros_like(insulin_mU_min))
+        return _Carry(inner=self.inner.init(insulin_mU_min, key), owed_mU_min=jnp.zeros_like(insulin_mU_min))
 
-    def deliver(self, state: _Carry, command_mU_min: jax.Array) -> tuple[_Carry, jax.Array]:
+    def deliver(self, state: _Carry, command_mU_min: jax.Array, key: jax.Array) -> tuple[_Carry, Delivery]:
         """Deliver whole steps."""
-        inner, wanted = self.inner.deliver(state.inner, command_mU_min)
-        due = wanted + state.owed_mU_min
+        inner, wanted = self.inner.deliver(state.inner, command_mU_min, key)
+        due = wanted.insulin_mU_min + state.owed_mU_min
         # A hair is added because a whole number of steps may come out just below itself.
         most = jnp.minimum(due, self.inner.limits.max_mU_min)
         delivered = jnp.floor(most / self.step_mU_min + 1e-9) * self.step_mU_min
-        return _Carry(inner=inner, owed_mU_min=jnp.minimum(due - delivered, self.step_mU_min)), delivered
+        return _Carry(inner=inner, owed_mU_min=jnp.minimum(due - delivered, self.step_mU_min)), Delivery(
+            insulin_mU_min=delivered, reported_mU_min=delivered
+        )
 
 
 def with_resolution(step_mU_min: float, inner: LimitedPump | None = None) -> Resolution:

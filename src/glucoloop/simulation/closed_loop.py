@@ -37,6 +37,8 @@ class Trace:
     """(samples, ...) what the controller asked for."""
     insulin_mU_min: jax.Array
     """(samples, ...) what the pump delivered from this sample to the next."""
+    reported_mU_min: jax.Array
+    """(samples, ...) what the pump said it delivered; the same unless it errs."""
     status: jax.Array
     """(samples, ...) `control.protocol.Status` of each decision."""
     carbs_g: jax.Array
@@ -101,7 +103,8 @@ def _run(loop: Loop, start: _Start, exogenous: Any, eaten: _Eaten, key: jax.Arra
         reading_mg_dl=happened.reading.glucose_mg_dl,
         reading_valid=happened.reading.valid,
         command_mU_min=happened.decision.insulin_mU_min,
-        insulin_mU_min=happened.delivered_mU_min,
+        insulin_mU_min=happened.delivery.insulin_mU_min,
+        reported_mU_min=happened.delivery.reported_mU_min,
         status=happened.decision.status,
         carbs_g=jnp.asarray(eaten.carbs_g),
         states=jnp.concatenate([happened.x, last.x[None]]),

@@ -58,6 +58,9 @@ class People:
     """(people,) from which each one's sensor draws."""
     controller: Controller | None = None
     """Controllers of their own, numbers trailing; None: the cohort's."""
+    sensor: Sensor | None = None
+    """Sensors of their own, likewise."""
+    pump: Pump | None = None
     meal_t_min: Array | None = None
     """(meals, people) meals of their own; None: the cohort's."""
     carbs_g: Array | None = None
@@ -89,6 +92,8 @@ class _Own:
 
     plant: list[jax.Array]
     controller: list[jax.Array]
+    sensor: list[jax.Array]
+    pump: list[jax.Array]
 
 
 class Cohort:
@@ -110,8 +115,8 @@ class Cohort:
         Meals of all, ``(meals,)`` each; None: everybody brings his own.
     announced : bool
         Whether the controller is told of meals when they begin.
-    varied_controller : Controller, optional
-        Controllers of some people, where each brings his own; what varies is told as for `varied`.
+    varied_controller, varied_sensor, varied_pump : optional
+        Those of some people, where each brings his own; what varies is told as for `varied`.
     engine : {"native", "xla"}, optional
         By default native code where the controller allows it.
     precision : {"float64", "float32"}
@@ -139,6 +144,8 @@ class Cohort:
         meals: tuple[Array, Array] | None,
         announced: bool = False,
         varied_controller: Controller | None = None,
+        varied_sensor: Sensor | None = None,
+        varied_pump: Pump | None = None,
         engine: str | None = None,
         precision: str = "float64",
         substeps: int = SUBSTEPS,
@@ -153,7 +160,11 @@ class Cohort:
             pump=pump,
             setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
         )
-        self._controller_varies = varying(controller if varied_controller is None else varied_controller, controller)
+        self._varies = {
+            "controller": varying(controller if varied_controller is None else varied_controller, controller),
+            "sensor": varying(sensor if varied_sensor is None else varied_sensor, sensor),
+            "pump": varying(pump if varied_pump is None else varied_pump, pump),
+        }
         moments, told = self._meals_of_all(meals)
         self._shared = {"moments": moments, "t_min": grid.t_min, "told": told}
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
@@ -198,11 +209,8 @@ class Cohort:
 
     def _loop(self, own: _Own) -> Loop:
         """The loop with a person's own numbers in their places."""
-        return dataclasses.replace(
-            self._single,
-            plant=self._plants.of(own.plant),
-            controller=replaced(self._single.controller, self._controller_varies, own.controller),
-        )
+        parts = {name: replaced(getattr(self._single, name), v, getattr(own, name)) for name, v in self._varies.items()}
+        return dataclasses.replace(self._single, plant=self._plants.of(own.plant), **parts)
 
     def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
         """Before the first sample, and the key of his readings."""
@@ -224,11 +232,12 @@ class Cohort:
         told = (reaching if self._own_meals else shared)["told"] if self._announced else jnp.zeros(())
         state, happened = sample(self._loop(own), carry.loop, moments, told, *chance)
         fold = self._fold.step(carry.fold, happened, shared["t_min"])
-        return _Carry(loop=state, digestion=digestion, fold=fold), (happened.glucose_mg_dl, happened.delivered_mU_min)
+        outputs = happened.glucose_mg_dl, happened.delivery.insulin_mU_min
+        return _Carry(loop=state, digestion=digestion, fold=fold), outputs
 
     def _make_engine(self, name: str | None, precision: str) -> Engine:
-        controller = chosen(self._single.controller, self._controller_varies)
-        own = _Own(plant=self._plants.own_of_nominal(), controller=controller)
+        parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
+        own = _Own(plant=self._plants.own_of_nominal(), **parts)
         insulin = self._nominal.basal_insulin_mU_min
         carry, key = self._begin(own, self._nominal.steady_state(insulin), insulin, jnp.zeros(()), jax.random.key(0))
         kinks = {"kinks": np.zeros((self._substeps, ENTRIES)), "told": np.zeros(())}
@@ -240,8 +249,17 @@ class Cohort:
 
     def _own(self, people: People) -> _Own:
         """What differs between people."""
-        controller = self._single.controller if people.controller is None else people.controller
-        return _Own(plant=self._plants.own(people.patient), controller=chosen(controller, self._controller_varies))
+
+        def part(name: str) -> list[jax.Array]:
+            brought = getattr(people, name)
+            return chosen(getattr(self._single, name) if brought is None else brought, self._varies[name])
+
+        return _Own(
+            plant=self._plants.own(people.patient),
+            controller=part("controller"),
+            sensor=part("sensor"),
+            pump=part("pump"),
+        )
 
     def _meals_of_all(self, meals: tuple[Array, Array] | None) -> tuple[Array, Array]:
         """Moments ``(samples, substeps, 3)`` and what is announced ``(samples,)`` of meals that all eat."""

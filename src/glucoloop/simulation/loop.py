@@ -5,16 +5,20 @@ Whether one person is followed or a million, in real time or not, it is these tw
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Controller, Decision, Observation
-from glucoloop.pumps import Pump
+from glucoloop.pumps import Delivery, Pump
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.plant import Plant
+
+
+# Far from the numbers of samples, by which readings get their keys, so that the pump's chance is not the sensor's.
+_PUMP: Final = 0x50554D50
 
 
 @pytree
@@ -34,7 +38,8 @@ class LoopState:
 
     x: jax.Array
     """State of the patient."""
-    delivered_mU_min: jax.Array
+    reported_mU_min: jax.Array
+    """Rate that the pump says it delivered."""
     in_sensor: Any
     in_controller: Any
     in_pump: Any
@@ -50,19 +55,24 @@ class Sampled:
     """The patient's own then, free of noise."""
     reading: Reading
     decision: Decision
-    delivered_mU_min: jax.Array
+    delivery: Delivery
     inside_mg_dl: jax.Array
     """(points, ...) glucose on the fine grid from there to the next sample, its end included."""
 
 
-def _observe(loop: Loop, reading: Reading, delivered: jax.Array, announced_g: jax.Array) -> Observation:
+def _observe(loop: Loop, reading: Reading, reported: jax.Array, announced_g: jax.Array) -> Observation:
     return Observation(
         glucose_mg_dl=reading.glucose_mg_dl,
         valid=reading.valid,
         setpoint_mg_dl=loop.setpoint_mg_dl,
-        delivered_mU_min=delivered,
+        delivered_mU_min=reported,
         announced_carbs_g=jnp.broadcast_to(announced_g, reading.glucose_mg_dl.shape),
     )
+
+
+def _for_pump(reading_key: jax.Array) -> jax.Array:
+    key: jax.Array = jax.random.fold_in(reading_key, _PUMP)
+    return key
 
 
 def begin(
@@ -76,10 +86,10 @@ def begin(
     _, first = loop.sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, 0))
     state = LoopState(
         x=x,
-        delivered_mU_min=insulin_mU_min,
+        reported_mU_min=insulin_mU_min,
         in_sensor=in_sensor,
         in_controller=loop.controller.init(_observe(loop, first, insulin_mU_min, announced_g)),
-        in_pump=loop.pump.init(insulin_mU_min),
+        in_pump=loop.pump.init(insulin_mU_min, _for_pump(reading_key)),
     )
     return state, reading_key
 
@@ -90,19 +100,26 @@ def sample(
     """The sample with a number: what the integrator needs from outside and what is announced are its own."""
     glucose = loop.plant.patient.glucose_mg_dl(state.x)
     in_sensor, reading = loop.sensor.read(state.in_sensor, glucose, jax.random.fold_in(reading_key, index))
-    observation = _observe(loop, reading, state.delivered_mU_min, announced_g)
+    observation = _observe(loop, reading, state.reported_mU_min, announced_g)
     in_controller, decision = loop.controller.step(state.in_controller, observation)
-    in_pump, delivered = loop.pump.deliver(state.in_pump, decision.insulin_mU_min)
-    x, inside = loop.plant.advance(state.x, delivered, exogenous)
+    pump_key = jax.random.fold_in(_for_pump(reading_key), index)
+    in_pump, delivery = loop.pump.deliver(state.in_pump, decision.insulin_mU_min, pump_key)
+    x, inside = loop.plant.advance(state.x, delivery.insulin_mU_min, exogenous)
     happened = Sampled(
         x=state.x,
         glucose_mg_dl=glucose,
         reading=reading,
         decision=decision,
-        delivered_mU_min=delivered,
+        delivery=delivery,
         inside_mg_dl=inside,
     )
     return (
-        LoopState(x=x, delivered_mU_min=delivered, in_sensor=in_sensor, in_controller=in_controller, in_pump=in_pump),
+        LoopState(
+            x=x,
+            reported_mU_min=delivery.reported_mU_min,
+            in_sensor=in_sensor,
+            in_controller=in_controller,
+            in_pump=in_pump,
+        ),
         happened,
     )
