@@ -1,5 +1,6 @@
-"""Insulin pumps: limits of rate and magnitude, and delivery resolution."""
+"""Insulin pumps: limits of rate and magnitude, delivery resolution, and faults."""
 
+from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits, dose_limits
 from glucoloop.pumps.protocol import Delivery, Pump
@@ -12,6 +13,9 @@ __all__ = [
     "LimitedPump",
     "Pump",
     "Resolution",
+    "battery_gap",
     "dose_limits",
+    "missed_pulses",
+    "occlusion",
     "with_resolution",
 ]

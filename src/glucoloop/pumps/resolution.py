@@ -1,20 +1,24 @@
-"""A pump that can only deliver multiples of a smallest rate."""
+"""A pump that can only deliver multiples of a smallest rate, from a least rate on."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.pumps.limited import LimitedPump
-from glucoloop.pumps.protocol import Delivery
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.pumps.protocol import Delivery, Pump
+
+_HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
 
 
 @pytree
 class _Carry:
-    inner: jax.Array
+    inner: Any
     owed_mU_min: jax.Array
 
 
@@ -22,13 +26,18 @@ class _Carry:
 class Resolution:
     """Rounds what the pump inside delivers down to whole steps, and owes the rest to the next sample.
 
-    What is owed, at most one step, is carried over, so that the mean dose is right to one step unless the upper limit
-    is in the way. The dose stays at or below that limit, while a change may exceed the rate limit by less than two
-    steps.
+    A rate below the least one is not delivered but owed as well. What is owed, at most one step or the least rate, is
+    carried over, so that the mean dose is right to that much unless the upper limit is in the way. The dose stays at or
+    below that limit, while a change may exceed the rate limit by less than two steps, or two least rates.
+
+    It reports what it delivers, unless the pump inside reports other than it delivers: that report is passed on.
     """
 
-    inner: LimitedPump
-    step_mU_min: float
+    inner: Pump
+    limits: DoseLimits
+    step_mU_min: jax.Array | float
+    least_mU_min: jax.Array | float
+    """A multiple of the step."""
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _Carry:
         """Nothing is owed at the start."""
@@ -38,24 +47,49 @@ class Resolution:
         """Deliver whole steps."""
         inner, wanted = self.inner.deliver(state.inner, command_mU_min, key)
         due = wanted.insulin_mU_min + state.owed_mU_min
-        # A hair is added because a whole number of steps may come out just below itself.
-        most = jnp.minimum(due, self.inner.limits.max_mU_min)
-        delivered = jnp.floor(most / self.step_mU_min + 1e-9) * self.step_mU_min
-        return _Carry(inner=inner, owed_mU_min=jnp.minimum(due - delivered, self.step_mU_min)), Delivery(
-            insulin_mU_min=delivered, reported_mU_min=delivered
-        )
+        most = jnp.minimum(due, self.limits.max_mU_min)
+        whole = jnp.floor(most / self.step_mU_min + _HAIR) * self.step_mU_min
+        # both are whole steps, but for rounding
+        enough = whole > self.least_mU_min - 0.5 * self.step_mU_min
+        delivered = jnp.where(enough, whole, 0.0)
+        owed = jnp.minimum(due - delivered, jnp.maximum(self.step_mU_min, self.least_mU_min))
+        honest = wanted.reported_mU_min == wanted.insulin_mU_min
+        reported = jnp.where(honest, delivered, wanted.reported_mU_min)
+        return _Carry(inner=inner, owed_mU_min=owed), Delivery(insulin_mU_min=delivered, reported_mU_min=reported)
 
 
-def with_resolution(step_mU_min: float, inner: LimitedPump | None = None) -> Resolution:
-    """Pump with a delivery resolution.
+def with_resolution(
+    step_mU_min: float, inner: Pump | None = None, *, least_mU_min: float = 0.0, limits: DoseLimits | None = None
+) -> Resolution:
+    """Pump with a delivery resolution and a least dose.
+
+    Parameters
+    ----------
+    step_mU_min : float
+        Doses are multiples of it.
+    inner : Pump, optional
+        What is rounded; a pump with the limits of the paper by default.
+    least_mU_min : float
+        Smallest dose that is delivered at all, rounded up to whole steps.
+    limits : DoseLimits, optional
+        Whose maximum is kept when what is owed is delivered; by default those of the pump inside if it has any, else
+        those of the paper.
 
     Raises
     ------
     ValueError
-        Unless the step is positive and finite.
+        Unless the step is positive and finite, and the least dose from 0 to the largest dose of the limits.
     """
     if not 0.0 < step_mU_min < math.inf:
         raise ValueError(
             f"a delivery resolution of {step_mU_min:g} mU/min is not possible; give a finite value above 0"
         )
-    return Resolution(inner=inner if inner is not None else LimitedPump(), step_mU_min=float(step_mU_min))
+    pump = LimitedPump() if inner is None else inner
+    kept = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
+    least = math.ceil(least_mU_min / step_mU_min - _HAIR) * step_mU_min if math.isfinite(least_mU_min) else math.nan
+    if not (least_mU_min >= 0.0 and jnp.all(least <= kept.max_mU_min)):
+        raise ValueError(
+            f"a least dose of {least_mU_min:g} mU/min is not possible; "
+            "give 0 or more, and whole steps that stay within the largest dose"
+        )
+    return Resolution(inner=pump, limits=kept, step_mU_min=float(step_mU_min), least_mU_min=float(least))

@@ -1,8 +1,40 @@
-"""Glucose sensors: small objects around one another."""
+"""Glucose sensors and their faults: small objects around one another."""
 
 from glucoloop.sensors.dead_time import DeadTime, dead_time
+from glucoloop.sensors.faults import (
+    calibration,
+    compression,
+    drift,
+    late,
+    missing,
+    nonsense,
+    out_of_order,
+    repeated,
+    saturation,
+    spikes,
+    stuck,
+)
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 from glucoloop.sensors.white_noise import WhiteNoise, white_noise
 
-__all__ = ["DeadTime", "IdealSensor", "Reading", "Sensor", "WhiteNoise", "dead_time", "white_noise"]
+__all__ = [
+    "DeadTime",
+    "IdealSensor",
+    "Reading",
+    "Sensor",
+    "WhiteNoise",
+    "calibration",
+    "compression",
+    "dead_time",
+    "drift",
+    "late",
+    "missing",
+    "nonsense",
+    "out_of_order",
+    "repeated",
+    "saturation",
+    "spikes",
+    "stuck",
+    "white_noise",
+]

@@ -1,0 +1,167 @@
+"""When a fault of a sensor or a pump is there.
+
+Time is counted in samples: the first reading or command is number 0. All counting is done with floats, which are exact
+up to 2**24 samples even in single precision.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+
+LARGEST_KEY: Final = 65535
+
+# Far from the small numbers by which keys are split elsewhere: `jax.random.split` gives the very keys that folding in
+# 0 and 1 gives, so that without it a fault of key 0 would draw the numbers of the noise that it is put around.
+_FAULTS: Final = 0x4641554C
+
+
+@pytree
+class Episode:
+    """Where a fault stands."""
+
+    until: jax.Array
+    """Samples until the planned onset; below zero once it is over."""
+    age: jax.Array
+    """Samples since the fault began, 0 at its first sample; -1 while there is none."""
+
+
+@pytree
+class Episodes:
+    """Planned or random times of a fault; make them with `once`, `recurring`, `always` or `never`.
+
+    All numbers are data: people may differ in them, people trailing.
+    """
+
+    earliest: jax.Array | float
+    """Number of the first sample at which the planned episode may begin; inf: none is planned."""
+    latest: jax.Array | float
+    """Its onset is drawn evenly from the whole numbers from `earliest` to `latest`, once."""
+    length: jax.Array | float
+    """Samples that an episode lasts, 1 or more; inf: to the end."""
+    probability: jax.Array | float = 0.0
+    """That an episode begins at a sample at which there is none; heeded where `by_chance` is set."""
+    by_chance: bool = static(default=False)
+    key: int = static(default=0)
+    """Sets the chance of this fault apart from that of others about the same sensor or pump."""
+
+    def own(self, key: jax.Array) -> jax.Array:
+        """The key from which a fault draws numbers of its own; the given one goes on to what is inside."""
+        own: jax.Array = jax.random.fold_in(key, _FAULTS + self.key)
+        return own
+
+    def init(self, like: jax.Array, key: jax.Array) -> Episode:
+        """Before the first sample.
+
+        Parameters
+        ----------
+        like : array
+            As many people as it has, and its kind of numbers.
+        key : jax.Array
+            From which the onset is drawn.
+        """
+        drawn = jax.random.uniform(self.own(key), jnp.shape(like), jnp.result_type(float, like))
+        span = jnp.where(self.latest > self.earliest, self.latest - self.earliest, 0.0)
+        later = jnp.minimum(jnp.floor(drawn * (span + 1.0)), span)
+        return Episode(until=self.earliest + later, age=-jnp.ones_like(drawn))
+
+    def step(self, state: Episode, key: jax.Array) -> tuple[Episode, jax.Array]:
+        """Go on to the next sample, and tell the age of the fault there: -1 if there is none."""
+        goes_on = (state.age >= 0.0) & (state.age + 1.0 < self.length)
+        begins = state.until == 0.0
+        if self.by_chance:
+            drawn = jax.random.uniform(self.own(key), state.age.shape, state.age.dtype)
+            begins = begins | (drawn < self.probability)
+        age = jnp.where(goes_on, state.age + 1.0, jnp.where(begins, 0.0, -1.0))
+        return Episode(until=state.until - 1.0, age=age), age
+
+
+def once(start_sample: int, samples: float = math.inf, *, latest_sample: int | None = None, key: int = 0) -> Episodes:
+    """One episode.
+
+    Parameters
+    ----------
+    start_sample : int
+        Number of the sample at which it begins; the first one is 0.
+    samples : int or inf
+        That it lasts; by default to the end.
+    latest_sample : int, optional
+        With it the onset is drawn evenly from `start_sample` to there, for each person.
+    key : int
+        Sets the chance of this fault apart from that of others about the same sensor or pump; 0 to 65535.
+
+    Raises
+    ------
+    ValueError
+        For a number out of its range.
+    """
+    start = _whole("an onset at sample", start_sample, least=0)
+    latest = start if latest_sample is None else _whole("a latest onset at sample", latest_sample, least=start_sample)
+    return Episodes(earliest=start, latest=latest, length=_length(samples), key=_checked_key(key))
+
+
+def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episodes:
+    """Episodes that begin by chance, again and again.
+
+    Parameters
+    ----------
+    probability : float
+        That one begins at a sample at which there is none. With episodes of n samples and a probability p, the fault
+        is there in a share ``n p / (n p + 1 - p)`` of the samples.
+    samples : int or inf
+        That each lasts.
+    key : int
+        Sets the chance of this fault apart from that of others about the same sensor or pump; 0 to 65535.
+
+    Raises
+    ------
+    ValueError
+        For a number out of its range.
+    """
+    if isinstance(probability, bool) or not 0.0 <= probability <= 1.0:
+        raise ValueError(f"a probability of {probability} per sample is not possible; give a value from 0 to 1")
+    return Episodes(
+        earliest=math.inf,
+        latest=math.inf,
+        length=_length(samples),
+        probability=float(probability),
+        by_chance=True,
+        key=_checked_key(key),
+    )
+
+
+def always(*, key: int = 0) -> Episodes:
+    """A fault that is there from the first sample to the last."""
+    return Episodes(earliest=0.0, latest=0.0, length=math.inf, key=_checked_key(key))
+
+
+def never(*, key: int = 0) -> Episodes:
+    """A fault that is never there: what it is put around stays as it is, bit for bit."""
+    return Episodes(earliest=math.inf, latest=math.inf, length=math.inf, key=_checked_key(key))
+
+
+def _whole(what: str, value: float, *, least: int) -> float:
+    if isinstance(value, bool) or not math.isfinite(value) or value != math.floor(value) or value < least:
+        raise ValueError(f"{what} {value} is not possible; give a whole number of {least} or more")
+    return float(value)
+
+
+def _length(samples: float) -> float:
+    if samples == math.inf:
+        return math.inf
+    if isinstance(samples, bool) or not math.isfinite(samples) or samples != math.floor(samples) or samples < 1:
+        raise ValueError(
+            f"an episode of {samples} samples is not possible; give a whole number of 1 or more, or infinity"
+        )
+    return float(samples)
+
+
+def _checked_key(key: int) -> int:
+    if isinstance(key, bool) or not isinstance(key, int) or not 0 <= key <= LARGEST_KEY:
+        raise ValueError(f"a key of {key!r} is not possible; give a whole number from 0 to {LARGEST_KEY}")
+    return key

@@ -1,0 +1,6 @@
+"""Faults of a pump: small objects around any pump, and around one another."""
+
+from glucoloop.pumps.faults.battery_gap import BatteryGap, battery_gap
+from glucoloop.pumps.faults.occlusion import Occlusion, missed_pulses, occlusion
+
+__all__ = ["BatteryGap", "Occlusion", "battery_gap", "missed_pulses", "occlusion"]

@@ -1,0 +1,85 @@
+"""A line that lets through less than the pump pushes, or nothing."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.episodes import Episodes, recurring
+from glucoloop.pumps.faults.wrapping import Within, begin, deliver_within, or_limited
+from glucoloop.pumps.protocol import Delivery, Pump
+
+
+@pytree
+class Occlusion:
+    """Lets a fraction through of what the pump inside delivers."""
+
+    inner: Pump
+    episodes: Episodes
+    open_fraction: jax.Array | float
+    noticed: bool = static(default=False)
+    """Whether the pump reports what went through, or what it believes."""
+
+    def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Within:
+        """See `Pump`."""
+        return begin(self, insulin_mU_min, key)
+
+    def deliver(self, state: Within, command_mU_min: jax.Array, key: jax.Array) -> tuple[Within, Delivery]:
+        """Deliver what is inside, or its fraction while the fault is there."""
+        state, age, delivery = deliver_within(self, state, command_mU_min, key)
+        there, pushed = age >= 0.0, delivery.insulin_mU_min
+        through = jnp.where(there, self.open_fraction * pushed, pushed)
+        reported = delivery.reported_mU_min
+        if self.noticed:
+            reported = jnp.where(there, through, reported)
+        return state, Delivery(insulin_mU_min=through, reported_mU_min=reported)
+
+
+def occlusion(
+    episodes: Episodes, inner: Pump | None = None, *, open_fraction: float = 0.0, noticed: bool = False
+) -> Occlusion:
+    """Pump whose line is blocked during the episodes. What did not go through is lost, not delivered later.
+
+    Parameters
+    ----------
+    episodes : Episodes
+    inner : Pump, optional
+        What delivers; a pump with the limits of the paper by default.
+    open_fraction : float
+        Of the insulin that still goes through.
+    noticed : bool
+        Whether the pump reports what went through; without it, it reports what it believes.
+
+    Raises
+    ------
+    ValueError
+        Unless ``0 <= open_fraction < 1``.
+    """
+    if not 0.0 <= open_fraction < 1.0:
+        raise ValueError(f"an open fraction of {open_fraction:g} is not possible; give 0 or more and less than 1")
+    return Occlusion(
+        inner=or_limited(inner), episodes=episodes, open_fraction=float(open_fraction), noticed=bool(noticed)
+    )
+
+
+def missed_pulses(probability: float, inner: Pump | None = None, *, noticed: bool = False, key: int = 0) -> Occlusion:
+    """Pump that delivers nothing for a sample now and then.
+
+    Parameters
+    ----------
+    probability : float
+        That the insulin of a sample does not reach the person; samples are independent of one another.
+    inner : Pump, optional
+        What delivers; a pump with the limits of the paper by default.
+    noticed : bool
+        Whether the pump reports that nothing went through.
+    key : int
+        Sets the chance of this fault apart from that of others about the same pump; 0 to 65535.
+
+    Raises
+    ------
+    ValueError
+        For a number out of its range.
+    """
+    return occlusion(recurring(probability, key=key), inner, noticed=noticed)

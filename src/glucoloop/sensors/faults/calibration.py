@@ -1,0 +1,63 @@
+"""A sensor that was calibrated wrongly."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.episodes import Episodes, always
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+@pytree
+class Calibration:
+    """Tells ``gain * reading + offset``."""
+
+    inner: Sensor
+    episodes: Episodes
+    gain: jax.Array | float
+    offset_mg_dl: jax.Array | float
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
+        """See `Sensor`."""
+        return begin(self, glucose_mg_dl, key)
+
+    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
+        """Read what is inside, and tell it wrongly while the fault is there."""
+        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+        glucose = reading.glucose_mg_dl
+        told = jnp.where(age >= 0.0, self.gain * glucose + self.offset_mg_dl, glucose)
+        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+
+
+def calibration(
+    gain: float = 1.0, offset_mg_dl: float = 0.0, episodes: Episodes | None = None, inner: Sensor | None = None
+) -> Calibration:
+    """Sensor with an error of gain and offset.
+
+    Parameters
+    ----------
+    gain : float
+        Of what is told over what is read.
+    offset_mg_dl : float
+        Of either sign.
+    episodes : Episodes, optional
+        By default from the first sample to the last.
+    inner : Sensor, optional
+        What is read; an ideal sensor by default.
+
+    Raises
+    ------
+    ValueError
+        For a gain that is not positive, or a number that is not finite.
+    """
+    if not 0.0 < gain < math.inf:
+        raise ValueError(f"a calibration gain of {gain:g} is not possible; give a finite value above 0")
+    if not math.isfinite(offset_mg_dl):
+        raise ValueError(f"a calibration offset of {offset_mg_dl:g} mg/dl is not possible; give a finite value")
+    when = always() if episodes is None else episodes
+    return Calibration(inner=or_ideal(inner), episodes=when, gain=float(gain), offset_mg_dl=float(offset_mg_dl))

@@ -1,0 +1,60 @@
+"""A sensor that goes off more and more."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.episodes import Episodes
+from glucoloop.sensors.faults.sample_time import checked_sample_time
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.units import MIN_PER_H
+
+
+@pytree
+class Drift:
+    """Adds what grows from nothing at the onset, in proportion to time."""
+
+    inner: Sensor
+    episodes: Episodes
+    mg_dl_sample: jax.Array | float
+    """Growth from one sample to the next."""
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
+        """See `Sensor`."""
+        return begin(self, glucose_mg_dl, key)
+
+    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
+        """Read what is inside, and add to it while the fault is there."""
+        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+        glucose = reading.glucose_mg_dl
+        told = jnp.where(age >= 0.0, glucose + self.mg_dl_sample * age, glucose)
+        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+
+
+def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Drift:
+    """Sensor that drifts during the episodes and is right again after each.
+
+    Parameters
+    ----------
+    mg_dl_h : float
+        Growth of the error in an hour, of either sign.
+    episodes : Episodes
+    inner : Sensor, optional
+        What is read; an ideal sensor by default.
+    sample_time_min : float
+        Of the loop.
+
+    Raises
+    ------
+    ValueError
+        For a growth that is not finite or a sample time that is not positive.
+    """
+    if not math.isfinite(mg_dl_h):
+        raise ValueError(f"a drift of {mg_dl_h:g} mg/dl per hour is not possible; give a finite value")
+    a_sample = mg_dl_h * checked_sample_time(sample_time_min) / MIN_PER_H
+    return Drift(inner=or_ideal(inner), episodes=episodes, mg_dl_sample=a_sample)

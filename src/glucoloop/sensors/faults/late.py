@@ -1,0 +1,53 @@
+"""Readings that arrive late, and do not say so."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.episodes import Episodes
+from glucoloop.sensors.faults.past import LONGEST, filled, joined, one_of, without_oldest
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+@pytree
+class _State:
+    within: Within
+    past: Reading
+
+
+@pytree
+class Late:
+    """Tells what was read some samples ago; before the first such reading, glucose at the start."""
+
+    inner: Sensor
+    episodes: Episodes
+    samples: int = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """See `Sensor`."""
+        return _State(within=begin(self, glucose_mg_dl, key), past=filled(self.samples, glucose_mg_dl))
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read what is inside, and tell an older reading while the fault is there."""
+        within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
+        line = joined(state.past, newest)
+        told: Reading = jax.tree.map(lambda old, new: jnp.where(age >= 0.0, old, new), one_of(line, 0), newest)
+        return _State(within=within, past=without_oldest(line)), told
+
+
+def late(samples: int, episodes: Episodes, inner: Sensor | None = None) -> Late:
+    """Sensor whose readings arrive late by whole samples during the episodes.
+
+    A dead time that is always there is `dead_time`.
+
+    Raises
+    ------
+    ValueError
+        Unless `samples` is a whole number from 1 to 288.
+    """
+    if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= LONGEST:
+        raise ValueError(f"a delay of {samples} samples is not possible; give a whole number from 1 to {LONGEST}")
+    return Late(inner=or_ideal(inner), episodes=episodes, samples=samples)

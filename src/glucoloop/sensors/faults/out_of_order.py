@@ -1,0 +1,62 @@
+"""Readings that overtake one another on their way."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.episodes import Episodes
+from glucoloop.sensors.faults.past import filled, joined, one_of, without_oldest
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+_MOST: Final = 48
+_WHICH: Final = 1  # sets the choice of a reading apart from the chance of an episode
+
+
+@pytree
+class _State:
+    within: Within
+    past: Reading
+
+
+@pytree
+class OutOfOrder:
+    """Tells any one of the latest readings, each as likely as the others and drawn anew at each sample."""
+
+    inner: Sensor
+    episodes: Episodes
+    among: int = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """See `Sensor`."""
+        return _State(within=begin(self, glucose_mg_dl, key), past=filled(self.among - 1, glucose_mg_dl))
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read what is inside, and tell one of the latest readings while the fault is there."""
+        within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
+        line = joined(state.past, newest)
+        own = jax.random.fold_in(self.episodes.own(key), _WHICH)
+        drawn = self.among * jax.random.uniform(own, age.shape, age.dtype)
+        told = newest
+        for place in range(self.among - 1):
+            # a place in an array that chance decides is not for native code, a choice is
+            here = (age >= 0.0) & (drawn >= place) & (drawn < place + 1)
+            told = jax.tree.map(lambda old, so_far, here=here: jnp.where(here, old, so_far), one_of(line, place), told)
+        return _State(within=within, past=without_oldest(line)), told
+
+
+def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) -> OutOfOrder:
+    """Sensor that tells any one of its latest readings during the episodes.
+
+    Raises
+    ------
+    ValueError
+        Unless `among` is a whole number from 2 to 48.
+    """
+    if isinstance(among, bool) or not isinstance(among, int) or not 2 <= among <= _MOST:
+        raise ValueError(f"disorder among {among} readings is not possible; give a whole number from 2 to {_MOST}")
+    return OutOfOrder(inner=or_ideal(inner), episodes=episodes, among=among)

@@ -1,0 +1,55 @@
+"""A sensor that reads less often than it is asked."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.episodes import Episodes
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+@pytree
+class _State:
+    within: Within
+    last: Reading
+    told: jax.Array
+    """How often it has been told."""
+
+
+@pytree
+class Repeated:
+    """Tells each reading several times; the first is that of the onset."""
+
+    inner: Sensor
+    episodes: Episodes
+    times: jax.Array | float
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """Nothing has been told yet."""
+        last = Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.ones(jnp.shape(glucose_mg_dl), bool))
+        return _State(within=begin(self, glucose_mg_dl, key), last=last, told=jnp.zeros_like(glucose_mg_dl))
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read what is inside, and tell the last reading again while the fault is there."""
+        within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
+        again = (age > 0.0) & (state.told < self.times)
+        told: Reading = jax.tree.map(lambda last, new: jnp.where(again, last, new), state.last, newest)
+        return _State(within=within, last=told, told=jnp.where(again, state.told + 1.0, 1.0)), told
+
+
+def repeated(times: int, episodes: Episodes, inner: Sensor | None = None) -> Repeated:
+    """Sensor that tells each reading several times during the episodes.
+
+    Raises
+    ------
+    ValueError
+        Unless `times` is a whole number of 2 or more.
+    """
+    if isinstance(times, bool) or not math.isfinite(times) or times != math.floor(times) or times < 2:
+        raise ValueError(f"to tell a reading {times} times is not possible; give a whole number of 2 or more")
+    return Repeated(inner=or_ideal(inner), episodes=episodes, times=float(times))

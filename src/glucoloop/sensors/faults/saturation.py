@@ -1,0 +1,65 @@
+"""The range of a sensor: what lies beyond is told as its end."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.episodes import Episodes, always
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+@pytree
+class Saturation:
+    """Clips readings to a range; what is not a number stays so."""
+
+    inner: Sensor
+    episodes: Episodes
+    low_mg_dl: jax.Array | float
+    high_mg_dl: jax.Array | float
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
+        """See `Sensor`."""
+        return begin(self, glucose_mg_dl, key)
+
+    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
+        """Read what is inside, and clip it while the fault is there."""
+        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+        glucose = reading.glucose_mg_dl
+        told = jnp.where(age >= 0.0, jnp.clip(glucose, self.low_mg_dl, self.high_mg_dl), glucose)
+        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+
+
+def saturation(
+    low_mg_dl: float = 40.0,
+    high_mg_dl: float = 400.0,
+    episodes: Episodes | None = None,
+    inner: Sensor | None = None,
+) -> Saturation:
+    """Sensor with a range.
+
+    Parameters
+    ----------
+    low_mg_dl, high_mg_dl : float
+        Its ends; the defaults are those within which continuous glucose monitors tell a number.
+    episodes : Episodes, optional
+        By default from the first sample to the last.
+    inner : Sensor, optional
+        What is read; an ideal sensor by default.
+
+    Raises
+    ------
+    ValueError
+        Unless ``0 <= low < high``, both finite.
+    """
+    if not 0.0 <= low_mg_dl < high_mg_dl < math.inf:
+        raise ValueError(
+            f"a sensor range of {low_mg_dl:g} to {high_mg_dl:g} mg/dl is not possible; "
+            "give 0 or more as the lower and a larger finite value as the upper end"
+        )
+    when = always() if episodes is None else episodes
+    return Saturation(inner=or_ideal(inner), episodes=when, low_mg_dl=float(low_mg_dl), high_mg_dl=float(high_mg_dl))

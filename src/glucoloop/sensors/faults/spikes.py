@@ -1,0 +1,46 @@
+"""Readings that are off by a fixed amount, most often for a single sample."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.episodes import Episodes
+from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+@pytree
+class Spikes:
+    """Adds a fixed amount, of either sign."""
+
+    inner: Sensor
+    episodes: Episodes
+    size_mg_dl: jax.Array | float
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
+        """See `Sensor`."""
+        return begin(self, glucose_mg_dl, key)
+
+    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
+        """Read what is inside, and add to it while the fault is there."""
+        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+        glucose = reading.glucose_mg_dl
+        told = jnp.where(age >= 0.0, glucose + self.size_mg_dl, glucose)
+        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+
+
+def spikes(size_mg_dl: float, episodes: Episodes, inner: Sensor | None = None) -> Spikes:
+    """Sensor whose readings are off by a fixed amount during the episodes.
+
+    Raises
+    ------
+    ValueError
+        For a size that is not finite.
+    """
+    if not math.isfinite(size_mg_dl):
+        raise ValueError(f"a spike of {size_mg_dl:g} mg/dl is not possible; give a finite value")
+    return Spikes(inner=or_ideal(inner), episodes=episodes, size_mg_dl=float(size_mg_dl))

@@ -1,0 +1,217 @@
+"""Pump faults against plain-Python accounts, and both kinds of faults in a loop."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glucoloop._pytree import pytree
+from glucoloop.control import design_imc
+from glucoloop.episodes import Episodes, always, never, once, recurring
+from glucoloop.meals import Meal, Scenario
+from glucoloop.pumps import Delivery, LimitedPump, battery_gap, missed_pulses, occlusion, with_resolution
+from glucoloop.sensors import missing, spikes, white_noise
+from glucoloop.simulation import simulate
+from glucoloop.simulation.engines import make_engine
+
+SAMPLES = 20
+START = 30.0
+KEY = jax.random.key(4)
+COMMANDS = st.lists(
+    st.one_of(st.floats(-20.0, 120.0), st.sampled_from([math.nan, math.inf, -math.inf])),
+    min_size=SAMPLES,
+    max_size=SAMPLES,
+)
+TIMES = {"start": st.integers(0, SAMPLES + 1), "length": st.integers(1, SAMPLES + 1)}
+SWING = 30.0 + 25.0 * np.sin(np.arange(SAMPLES) / 2.0)
+
+
+@pytree
+class ShakyPump:
+    """A pump whose dose is a matter of chance, to see whether a fault disturbs it."""
+
+    def init(self, insulin_mU_min, key):
+        return insulin_mU_min + jax.random.uniform(key, jnp.shape(insulin_mU_min))
+
+    def deliver(self, state, command_mU_min, key):
+        drawn = command_mU_min + jax.random.uniform(key, jnp.shape(command_mU_min))
+        return drawn, Delivery(insulin_mU_min=drawn + 0.1 * state, reported_mU_min=drawn)
+
+
+FAULTS = {
+    "occlusion": occlusion,
+    "occlusion that is noticed": lambda when, inner=None: occlusion(when, inner, open_fraction=0.3, noticed=True),
+    "battery gap": battery_gap,
+}
+
+
+@jax.jit
+def scan(pump, commands, key):
+    """What a pump that starts at 30 mU/min delivers and reports, with keys as in the loop."""
+
+    def step(state, entry):
+        number, command = entry
+        return pump.deliver(state, command, jax.random.fold_in(key, number))
+
+    state = pump.init(jnp.full_like(commands[0], START), key)
+    return jax.lax.scan(step, state, (jnp.arange(commands.shape[0]), commands))[1]
+
+
+def delivered(pump, commands, key=KEY):
+    delivery = scan(pump, jnp.asarray(commands), key)
+    return np.asarray(delivery.insulin_mU_min), np.asarray(delivery.reported_mU_min)
+
+
+def there_of(start, length):
+    number = np.arange(SAMPLES)
+    return (number >= start) & (number < start + length)
+
+
+@settings(max_examples=30)
+@given(commands=COMMANDS, open_fraction=st.floats(0.0, 0.99), **TIMES)
+def test_an_occlusion_lets_a_fraction_through(commands, open_fraction, start, length):
+    inside, _ = delivered(LimitedPump(), commands)
+    expected = np.where(there_of(start, length), open_fraction * inside, inside)
+    unnoticed = occlusion(once(start, length), open_fraction=open_fraction)
+    insulin, reported = delivered(unnoticed, commands)
+    np.testing.assert_allclose(insulin, expected, rtol=1e-13, atol=1e-300)
+    np.testing.assert_array_equal(reported, inside)
+    insulin, reported = delivered(occlusion(once(start, length), open_fraction=open_fraction, noticed=True), commands)
+    np.testing.assert_allclose(insulin, expected, rtol=1e-13, atol=1e-300)
+    np.testing.assert_array_equal(reported, insulin)
+
+
+@settings(max_examples=30)
+@given(commands=COMMANDS, **TIMES)
+def test_after_a_battery_gap_the_pump_starts_from_no_insulin(commands, start, length):
+    rate, expected = START, []
+    for command, off in zip(commands, there_of(start, length), strict=True):
+        wanted = 0.0 if math.isnan(command) else command
+        rate = 0.0 if off else min(max(min(max(wanted, rate - 16.7), rate + 16.7), 0.0), 66.9)
+        expected.append(rate)
+    insulin, reported = delivered(battery_gap(once(start, length)), commands)
+    np.testing.assert_allclose(insulin, expected, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(reported, np.where(there_of(start, length), math.nan, insulin))
+
+
+def test_what_a_pump_owes_is_forgotten_when_it_has_no_power():
+    insulin, _ = delivered(battery_gap(once(2, 3), with_resolution(4.0)), np.full(SAMPLES, 6.0))
+    np.testing.assert_array_equal(insulin[2:8], [0.0, 0.0, 0.0, 4.0, 8.0, 4.0])
+
+
+def test_pulses_are_missed_with_their_probability():
+    commands = np.full(4000, START)
+    insulin, reported = delivered(missed_pulses(0.2), commands)
+    assert set(insulin) == {0.0, START}
+    np.testing.assert_array_equal(reported, START)
+    lost = insulin == 0.0
+    assert abs(lost.mean() - 0.2) < 5.0 * np.sqrt(0.2 * 0.8 / lost.size)
+    assert abs(np.corrcoef(lost[:-1], lost[1:])[0, 1]) < 5.0 / np.sqrt(lost.size)
+    insulin, reported = delivered(missed_pulses(0.2, noticed=True), commands)
+    np.testing.assert_array_equal(insulin == 0.0, lost)
+    np.testing.assert_array_equal(reported, insulin)
+    other, _ = delivered(missed_pulses(0.2, key=1), commands)
+    assert abs(np.corrcoef(lost, other == 0.0)[0, 1]) < 5.0 / np.sqrt(lost.size)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_without_an_episode_not_one_bit_changes(name):
+    expected = delivered(ShakyPump(), SWING)
+    np.testing.assert_array_equal(delivered(FAULTS[name](never(), ShakyPump()), SWING), expected)
+    found = np.array(delivered(FAULTS[name](once(6, 3), ShakyPump()), SWING))
+    there = there_of(6, 4 if name == "battery gap" else 3)  # the pump then starts anew
+    np.testing.assert_array_equal(found[:, ~there], np.array(expected)[:, ~there])
+    assert np.all(found[0, there] != expected[0][there])
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_key_gives_one_course(name):
+    pump = FAULTS[name](recurring(0.3, 2), ShakyPump())
+    first = delivered(pump, SWING)
+    np.testing.assert_array_equal(delivered(pump, SWING), first)
+    assert np.any(delivered(pump, SWING, jax.random.key(5))[0] != first[0])
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_many_people_are_each_alone(name):
+    starts, lengths = np.array([0.0, 5.0, 9.0]), np.array([4.0, np.inf, 3.0])
+    commands = SWING[:, None] + np.array([0.0, 20.0, -15.0])
+    people = Episodes(earliest=starts, latest=starts, length=lengths)
+    together = delivered(FAULTS[name](people), commands)
+    for i in range(3):
+        alone = delivered(FAULTS[name](once(int(starts[i]), lengths[i])), commands[:, i])
+        np.testing.assert_array_equal([part[:, i] for part in together], alone)
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.0, math.nan, math.inf])
+def test_an_impossible_open_fraction_is_refused(fraction):
+    with pytest.raises(ValueError, match=r"an open fraction of .* is not possible; give 0 or more and less than 1"):
+        occlusion(always(), open_fraction=fraction)
+
+
+def test_an_impossible_probability_of_a_missed_pulse_is_refused():
+    with pytest.raises(ValueError, match=r"a probability of 1.5 per sample is not possible; give a value from 0 to 1"):
+        missed_pulses(1.5)
+
+
+# with faults of the sensor
+
+SENSOR = missing(recurring(0.1, 2), spikes(25.0, once(2, 3, latest_sample=9, key=1), white_noise()))
+PUMP = missed_pulses(
+    0.1, occlusion(once(15, 6), battery_gap(once(30, 4), with_resolution(0.5, least_mU_min=1.0))), key=1
+)
+WALK = 120.0 + 60.0 * np.sin(np.arange(48) / 4.0)
+
+
+def by_engine(name):
+    """Readings, and what a pump makes of doses in proportion to them, of three people."""
+
+    def step(own, state, reaching, shared, chance):
+        del own, reaching
+        key = jax.random.fold_in(*chance)
+        in_sensor, reading = SENSOR.read(state[0], shared["glucose"], key)
+        in_pump, delivery = PUMP.deliver(state[1], 0.2 * reading.glucose_mg_dl, jax.random.fold_in(key, 7))
+        return (in_sensor, in_pump), (reading, delivery)
+
+    def init(key):
+        return SENSOR.init(jnp.asarray(120.0), key), PUMP.init(jnp.asarray(START), key)
+
+    keys = jax.random.split(KEY, 3)
+    state = jax.jit(jax.vmap(init, out_axes=-1))(keys)
+    example = jax.tree.map(lambda leaf: leaf[..., 0], state)
+    engine = make_engine(step, (), example, {}, {"glucose": WALK[0]}, KEY, name=name, precision="float64")
+    assert engine.name == name
+    return engine.run((), state, {}, {"glucose": WALK}, keys)[1]
+
+
+def test_native_code_takes_every_pump_fault_and_computes_the_same():
+    native, mapped = by_engine("native"), by_engine("xla")
+    for found, expected in zip(jax.tree.leaves(native), jax.tree.leaves(mapped), strict=True):
+        np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0.0, atol=1e-9)
+    reading, delivery = mapped
+    insulin, reported = delivery.insulin_mU_min, delivery.reported_mU_min
+    np.testing.assert_array_equal(insulin[15:21], 0.0)
+    np.testing.assert_array_equal(insulin[30:34], 0.0)
+    assert np.all(np.isnan(reported[30:34]))
+    assert np.all(reported[15:21] > 0.0)
+    assert np.any(~reading.valid)
+    assert np.all(np.isfinite(insulin))
+
+
+def test_an_absent_fault_changes_no_bit_of_a_run(patient_81):
+    controller, scenario = design_imc(-3.0, 80.0, 5.0), Scenario([Meal(50.0, 30.0)], 120.0)
+    plain = simulate(patient_81, controller, white_noise(), LimitedPump(), scenario, 3)
+    quiet = simulate(
+        patient_81,
+        controller,
+        missing(never(), spikes(25.0, recurring(0.0), white_noise())),
+        occlusion(never(), battery_gap(never())),
+        scenario,
+        3,
+    )
+    for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(quiet), strict=True):
+        np.testing.assert_array_equal(one, other)
