@@ -63,6 +63,7 @@ def test_complete_configuration_is_told_whole():
     assert run.situation.eaten() == (Meal(50.0, 50.0),)
     assert run.case.tuning == {
         "move_horizon": 2, "prediction_horizon": 8, "output_weight": 1.0, "move_weight": 0.0, "constraints": "clip",
+        "glucose_floor_mg_dl": 0.0, "floor_weight": 10.0,
     }  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """Controllers designed for many people at once are those designed for each of them alone."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +34,10 @@ def case(name, **more):
     )
 
 
+def with_floor(one):
+    return dataclasses.replace(one, tuning={**one.tuning, "glucose_floor_mg_dl": 65.0, "floor_weight": 4.0})
+
+
 def trial_of(one):
     return Trial(
         population=population("parker2000"),
@@ -57,9 +63,11 @@ def people():
         (case("mpc"), 1e-5),  # another integrator carries the record
         (case("mpc", known_dead_time=True), 1e-5),
         (case("mpc-se"), 1e-7),
+        (with_floor(case("mpc", known_dead_time=True)), 1e-5),
+        (with_floor(case("mpc-se")), 1e-7),
         (case("imc"), 0.0),
     ],
-    ids=["mpc", "mpc, known dead time", "mpc-se", "imc"],
+    ids=["mpc", "mpc, known dead time", "mpc-se", "mpc, floor", "mpc-se, floor", "imc"],
 )
 def test_a_design_for_many_is_that_for_each(people, one, error):
     trial = trial_of(one)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
-from glucoloop.control.planning import MovePlan, plan_moves, plans_of_people
+from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import NOISE_FREE, MPCTuning
 from glucoloop.models.step_response import StepResponseModel
@@ -63,7 +63,8 @@ class LinearMPC:
         disturbance = jnp.where(known, observation.glucose_mg_dl - free[0], state.disturbance_mg_dl)
 
         ahead = free[1 : self.gain.shape[0] + 1]
-        move, converged = self.plan.first_move(observation.setpoint_mg_dl - disturbance - ahead, delivered)
+        error = observation.setpoint_mg_dl - disturbance - ahead
+        move, converged = self.plan.first_move(error, delivered, disturbance + ahead)
         state = LinearMPCState(free_response=free, disturbance_mg_dl=disturbance, insulin_mU_min=delivered)
         return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
 
@@ -80,6 +81,8 @@ def design_linear_mpc(
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
     constraints: str = "clip",
+    glucose_floor_mg_dl: float = 0.0,
+    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> LinearMPC:
     r"""Linear MPC on an identified step response.
 
@@ -109,12 +112,18 @@ def design_linear_mpc(
     constraints : {"clip", "qp"}
         ``"clip"``: the closed form, its rate clipped and then its magnitude, as in the paper. ``"qp"``: the exact
         minimiser within the limits of every planned move.
+    glucose_floor_mg_dl : float
+        The constraint (19) with slack. Above 0, ``w^2 |e|^2`` is added to the objective, where ``e_i >= 0`` is what the
+        predicted glucose lacks of the floor at the sample i ahead, and the moves are the exact minimiser within the
+        pump's limits, whatever `constraints` says. 0: no floor.
+    floor_weight : float
+        w.
 
     Raises
     ------
     ValueError
-        For an unknown way of handling constraints, a model that is not finite, or one that does not answer within the
-        prediction horizon, so that the moves are undetermined.
+        For an unknown way of handling constraints, a floor that is not possible, a model that is not finite, or one
+        that does not answer within the prediction horizon, so that the moves are undetermined.
 
     Examples
     --------
@@ -127,7 +136,7 @@ def design_linear_mpc(
     S = _long_enough(np.asarray(model.step_response, float), tuning)
     return LinearMPC(
         step_response=jnp.asarray(S),
-        plan=plan_moves(S, tuning, limits, constraints),
+        plan=plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight)),
         sample_time_min=model.sample_time_min,
     )
 
@@ -139,20 +148,22 @@ def linear_mpc_of_people(
     *,
     sample_time_min: float,
     constraints: str = "clip",
+    glucose_floor_mg_dl: float = 0.0,
+    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> LinearMPC:
     """The controllers of many people, who trail, each on a step response of his own.
 
     Parameters
     ----------
     step_response : (M, people) array
-    tuning, limits, constraints
+    tuning, limits, constraints, glucose_floor_mg_dl, floor_weight
         As for `design_linear_mpc`.
     sample_time_min : float
     """
     S = _long_enough(step_response, tuning)
     return LinearMPC(
         step_response=jnp.asarray(S),
-        plan=plans_of_people(S, tuning, limits, constraints),
+        plan=plans_of_people(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight)),
         sample_time_min=sample_time_min,
     )
 

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
-from glucoloop.control.planning import MovePlan, plan_moves, plans_of_people
+from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import StateTuning
 from glucoloop.estimation.kalman import steady_state_gain
@@ -90,7 +90,7 @@ class MPCSE:
             + jnp.multiply.outer(self.free_input, rate)
             + jnp.multiply.outer(self.free_innovation, innovation)
         )
-        move, converged = self.plan.first_move(reference - free, delivered)
+        move, converged = self.plan.first_move(reference - free, delivered, self.basal_glucose_mg_dl + free)
 
         # An estimate that is no number would never come back; rest under the present rate is all that is left to go by.
         sound = jnp.all(jnp.isfinite(estimate), axis=0)
@@ -122,6 +122,8 @@ def design_mpc_se(
     disturbance_variance: float = 1.0,
     dead_time_samples: int = 0,
     constraints: str = "clip",
+    glucose_floor_mg_dl: float = 0.0,
+    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> MPCSE:
     """Linear MPC on a state-space model, with a steady Kalman filter and a reference filter.
 
@@ -163,12 +165,14 @@ def design_mpc_se(
         the filter is unchanged, as in the paper.
     constraints : {"clip", "qp"}
         As in `design_linear_mpc`.
+    glucose_floor_mg_dl, floor_weight : float
+        As in `design_linear_mpc`.
 
     Raises
     ------
     ValueError
-        For an unknown option, noise that is not a covariance, a model that cannot be estimated from glucose, or a
-        dead time that is negative.
+        For an unknown option, a floor that is not possible, noise that is not a covariance, a model that cannot be
+        estimated from glucose, or a dead time that is negative.
 
     Examples
     --------
@@ -208,10 +212,13 @@ def design_mpc_se(
         hold_innovation=offset_free == "held-innovation",
         dead_time_samples=dead_time_samples,
         constraints=constraints,
+        glucose_floor_mg_dl=glucose_floor_mg_dl,
+        floor_weight=floor_weight,
     )
     tuned = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     own = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
-    plan = plan_moves(np.append(np.zeros(dead_time_samples), one.free_input[..., 0]), tuned, limits, constraints)
+    S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
+    plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
     return dataclasses.replace(one, plan=plan, **{name: getattr(one, name)[..., 0] for name in own})
 
 
@@ -242,13 +249,15 @@ def mpc_se_of_people(
     hold_innovation: bool = True,
     dead_time_samples: int = 0,
     constraints: str = "clip",
+    glucose_floor_mg_dl: float = 0.0,
+    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> MPCSE:
     """The controllers of many people, who trail, from their models and Kalman gains.
 
     Parameters
     ----------
     models : FilteredModels
-    tuning, limits, dead_time_samples, constraints
+    tuning, limits, dead_time_samples, constraints, glucose_floor_mg_dl, floor_weight
         As for `design_mpc_se`.
     basal_mU_min, basal_glucose_mg_dl : () or (people,) array
         The operating point.
@@ -256,6 +265,7 @@ def mpc_se_of_people(
     hold_innovation : bool
         Whether the correction K e is repeated at each sample ahead.
     """
+    floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     Phi, Gamma, kalman_gain = models.Phi, models.Gamma, models.kalman_gain
     rows = [models.C]
@@ -275,7 +285,7 @@ def mpc_se_of_people(
         free_input=jnp.asarray(free_input),
         free_innovation=jnp.asarray(free_innovation if hold_innovation else np.zeros_like(free_input)),
         reference=jnp.asarray(tuning.reference()),
-        plan=plans_of_people(np.concatenate([late, free_input]), tuning, limits, constraints),
+        plan=plans_of_people(np.concatenate([late, free_input]), tuning, limits, constraints, floor),
         basal_mU_min=basal_mU_min,
         basal_glucose_mg_dl=basal_glucose_mg_dl,
         sample_time_min=sample_time_min,

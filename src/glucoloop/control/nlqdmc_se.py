@@ -16,7 +16,14 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
-from glucoloop.control.planning import dynamic_matrix, minimise_within
+from glucoloop.control.planning import (
+    DEFAULT_FLOOR_WEIGHT,
+    GlucoseFloor,
+    dynamic_matrix,
+    glucose_floor,
+    minimise_above,
+    minimise_within,
+)
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import StateTuning
 from glucoloop.estimation.kalman import filter_gain, steady_state_covariance
@@ -53,6 +60,7 @@ class NLQDMC:
     """(m,) 1 for a move that is planned and 0 for one that is left out; one number counts for all."""
     beyond_model_mU_min: jax.Array | float = 0.0
     """By how much the person's basal rate exceeds the model's; the model is given the rate less this."""
+    floor: GlucoseFloor | None = None
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
@@ -87,11 +95,16 @@ class NLQDMC:
         reference = target + self.reference * (self.model.glucose_mg_dl(x) - target)
         S = jnp.concatenate([jnp.zeros(self.dead_time_samples), step_response(linear, p - self.dead_time_samples)])
         weight = jnp.broadcast_to(jnp.asarray(self.output_weight), (p,))
-        A = weight[:, None] * dynamic_matrix(S, self.move_horizon, p) * self.planned
+        response = dynamic_matrix(S, self.move_horizon, p)
+        A = weight[:, None] * response * self.planned
         # A move that is left out costs something and gains nothing, so that the minimiser does not make it.
         hessian = A.T @ A + (self.move_weight**2 + 1.0 - self.planned) * jnp.eye(self.move_horizon)
         gradient = -A.T @ (weight * (reference - free))
-        move, converged = minimise_within(hessian, gradient, delivered, self.limits)
+        if self.floor is None:
+            move, converged = minimise_within(hessian, gradient, delivered, self.limits)
+        else:
+            response = response * self.planned
+            move, converged = minimise_above(self.floor, hessian, gradient, response, free, delivered, self.limits)
 
         # An estimate that is no number would never come back; the operating point is all that is left to go by.
         sound = jnp.all(jnp.isfinite(x))
@@ -108,6 +121,8 @@ def design_nlqdmc_se(
     *,
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
+    glucose_floor_mg_dl: float = 0.0,
+    floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> NLQDMC:
     """Predictive control on a nonlinear model that is linearised anew at each sample.
 
@@ -140,11 +155,17 @@ def design_nlqdmc_se(
         R, (mg/dl)^2.
     dead_time_samples : int
         Dead time that the controller knows of: as many rows of zeros enter A and the horizon grows by as many.
+    glucose_floor_mg_dl : float
+        The constraint (19) with slack. Above 0, ``w^2 |e|^2`` is added to the objective, where ``e_i >= 0`` is what the
+        predicted glucose lacks of the floor at the sample i ahead. 0: no floor.
+    floor_weight : float
+        w.
 
     Raises
     ------
     ValueError
-        For noise that is not a covariance of the model's size, or a dead time that is negative.
+        For noise that is not a covariance of the model's size, a dead time that is negative, or a floor that is not
+        possible.
 
     Examples
     --------
@@ -174,6 +195,7 @@ def design_nlqdmc_se(
         output_weight=tuning.output_weight,
         move_weight=tuning.move_weight,
         limits=limits,
+        floor=glucose_floor(glucose_floor_mg_dl, floor_weight),
         move_horizon=tuning.move_horizon,
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,

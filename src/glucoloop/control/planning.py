@@ -6,6 +6,7 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, eq. (15), (16), 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Final
 
 import jax
@@ -16,9 +17,11 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree, static
 from glucoloop.control.tuning import MPCTuning
 from glucoloop.optimize.moves_qp import minimise_moves
+from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import DoseLimits
 
 CONSTRAINT_HANDLING: Final = ("clip", "qp")
+DEFAULT_FLOOR_WEIGHT: Final = 10.0
 _WORST_CONDITION: Final = 1e13
 
 
@@ -44,6 +47,69 @@ def minimise_within(
 
 
 @pytree
+class GlucoseFloor:
+    """The constraint (19) with slack: what predicted glucose lacks of a floor is squared, weighted and added."""
+
+    glucose_mg_dl: jax.Array | float
+    weight: jax.Array | float
+    """w; one, or (p,) one for each sample ahead."""
+
+
+def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
+    """A floor under predicted glucose, or None at 0 mg/dl, which asks for nothing.
+
+    Raises
+    ------
+    ValueError
+        For a floor that is negative or not finite, or a weight that is not positive and finite.
+    """
+    if not 0.0 <= glucose_mg_dl < math.inf:
+        raise ValueError(
+            f"a glucose floor of {glucose_mg_dl:g} mg/dl is not possible; give a finite value of 0 or more, 0 for none"
+        )
+    if not 0.0 < weight < math.inf:
+        raise ValueError(f"a floor weight of {weight:g} is not possible; give a finite value above 0")
+    return GlucoseFloor(glucose_mg_dl=glucose_mg_dl, weight=weight) if glucose_mg_dl else None
+
+
+def minimise_above(
+    floor: GlucoseFloor,
+    hessian: jax.Array,
+    gradient: jax.Array,
+    response: jax.Array,
+    predicted_mg_dl: jax.Array,
+    delivered_mU_min: jax.Array,
+    limits: DoseLimits,
+) -> tuple[jax.Array, jax.Array]:
+    """As `minimise_within`, with ``w^2 |e|^2 / 2`` added for what the predicted glucose lacks of the floor.
+
+    Parameters
+    ----------
+    floor : GlucoseFloor
+    hessian : (m, m) array
+    gradient : (m, ...) array
+    response : (p, m) array
+        Dynamic matrix A, without weight.
+    predicted_mg_dl : (p, ...) array
+        Glucose if the rate stays as it is.
+    delivered_mU_min : (...) array
+    limits : DoseLimits
+    """
+    solution = minimise_moves_above_floor(
+        hessian,
+        gradient,
+        response,
+        floor.glucose_mg_dl - predicted_mg_dl,
+        floor.weight,
+        delivered_mU_min,
+        max_move=limits.max_change_mU_min,
+        u_min=limits.min_mU_min,
+        u_max=limits.max_mU_min,
+    )
+    return solution.moves[0], solution.converged
+
+
+@pytree
 class MovePlan:
     """Moves ``du`` that minimise ``Gamma_y^2 |error - A du|^2 + Gamma_u^2 |du|^2``, made ready."""
 
@@ -54,9 +120,14 @@ class MovePlan:
     gradient: jax.Array
     """(m, p) ``-Gamma_y^2 A'``."""
     limits: DoseLimits
+    floor: GlucoseFloor | None = None
+    response: jax.Array | None = None
+    """(p, m) A; only if there is a floor."""
     constraints: str = static()
 
-    def first_move(self, error_mg_dl: jax.Array, delivered_mU_min: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def first_move(
+        self, error_mg_dl: jax.Array, delivered_mU_min: jax.Array, predicted_mg_dl: jax.Array | None = None
+    ) -> tuple[jax.Array, jax.Array]:
         """First planned move, and whether it is the minimiser that was asked for.
 
         Parameters
@@ -65,13 +136,26 @@ class MovePlan:
             Reference less free response over the horizon.
         delivered_mU_min : (...) array
             Rate from which the moves start.
+        predicted_mg_dl : (p, ...) array
+            Free response as glucose itself, for a plan with a floor.
         """
+        if self.floor is not None and self.response is not None and predicted_mg_dl is not None:
+            gradient = self.gradient @ error_mg_dl
+            return minimise_above(
+                self.floor, self.hessian, gradient, self.response, predicted_mg_dl, delivered_mU_min, self.limits
+            )
         if self.constraints == "qp":
             return minimise_within(self.hessian, self.gradient @ error_mg_dl, delivered_mU_min, self.limits)
         return self.gain @ error_mg_dl, jnp.ones(jnp.shape(delivered_mU_min), bool)
 
 
-def plan_moves(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, constraints: str) -> MovePlan:
+def plan_moves(
+    step_response: ArrayLike,
+    tuning: MPCTuning,
+    limits: DoseLimits,
+    constraints: str,
+    floor: GlucoseFloor | None = None,
+) -> MovePlan:
     """Solve once for the moves that any error calls for.
 
     Parameters
@@ -81,6 +165,8 @@ def plan_moves(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, 
     tuning : MPCTuning
     limits : DoseLimits
     constraints : {"clip", "qp"}
+        Without meaning if there is a floor: the quadratic program is then solved within the limits.
+    floor : GlucoseFloor, optional
 
     Raises
     ------
@@ -94,23 +180,30 @@ def plan_moves(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, 
     S = np.asarray(step_response, float)
     if not np.all(np.isfinite(S)):
         raise ValueError("the step response has a value that is not finite; identify the model again")
-    plan = plans_of_people(S[:, None], tuning, limits, constraints)
+    plan = plans_of_people(S[:, None], tuning, limits, constraints, floor)
     if not np.linalg.cond(np.asarray(plan.hessian)[..., 0]) < _WORST_CONDITION:
         raise ValueError(
             f"the model's response over {tuning.prediction_horizon} samples does not determine {tuning.move_horizon} "
             "moves; lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
         )
-    single = {name: getattr(plan, name)[..., 0] for name in ("gain", "hessian", "gradient")}
+    own = ("gain", "hessian", "gradient", *(() if floor is None else ("response",)))
+    single = {name: getattr(plan, name)[..., 0] for name in own}
     return dataclasses.replace(plan, **single)
 
 
-def plans_of_people(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLimits, constraints: str) -> MovePlan:
+def plans_of_people(
+    step_response: ArrayLike,
+    tuning: MPCTuning,
+    limits: DoseLimits,
+    constraints: str,
+    floor: GlucoseFloor | None = None,
+) -> MovePlan:
     """The plan of each of many people, who trail.
 
     Parameters
     ----------
     step_response : (p or more, people) array
-    tuning, limits, constraints
+    tuning, limits, constraints, floor
         As for `plan_moves`.
 
     Returns
@@ -137,5 +230,7 @@ def plans_of_people(step_response: ArrayLike, tuning: MPCTuning, limits: DoseLim
         hessian=jnp.asarray(hessian),
         gradient=jnp.asarray(gradient),
         limits=limits,
+        floor=floor,
+        response=None if floor is None else jnp.asarray(A),
         constraints=constraints,
     )

@@ -1,4 +1,4 @@
-"""Small convex quadratic programs of predictive control: exact for two moves, interior point for more."""
+"""Small convex quadratic programs of predictive control: exact for two moves, interior point for more; soft floors."""
 
 from glucoloop.optimize.moves_qp import (
     MovesSolution,
@@ -8,6 +8,7 @@ from glucoloop.optimize.moves_qp import (
     minimise_moves,
     solve_qp,
 )
+from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.optimize.two_moves import minimise_one_move, minimise_two_moves
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "limit_moves",
     "minimise_many_moves",
     "minimise_moves",
+    "minimise_moves_above_floor",
     "minimise_one_move",
     "minimise_two_moves",
     "solve_qp",

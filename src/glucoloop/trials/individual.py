@@ -94,6 +94,8 @@ def _linear_mpc(
             limits,
             sample_time_min=trial.sample_time_min,
             constraints=str(case.tuning["constraints"]),
+            glucose_floor_mg_dl=float(case.tuning["glucose_floor_mg_dl"]),
+            floor_weight=float(case.tuning["floor_weight"]),
         )
 
     return design
@@ -133,6 +135,8 @@ def _mpc_se(
             hold_innovation=case.tuning["offset_free"] == "held-innovation",
             dead_time_samples=trial.dead_time_samples if case.known_dead_time else 0,
             constraints=str(case.tuning["constraints"]),
+            glucose_floor_mg_dl=float(case.tuning["glucose_floor_mg_dl"]),
+            floor_weight=float(case.tuning["floor_weight"]),
         )
 
     return design

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.control import MPCSE, NLQDMC, Controller, LinearMPC
-from glucoloop.control.planning import MovePlan
+from glucoloop.control.planning import GlucoseFloor, MovePlan
 
 C = TypeVar("C", bound=Controller)
 
@@ -83,6 +83,7 @@ def padded(controller: C, moves: int, horizon: int) -> C:
                 jnp.broadcast_to(jnp.asarray(controller.output_weight, float), (own_horizon,)), (0, more_samples)
             ),
             planned=jnp.pad(jnp.broadcast_to(jnp.asarray(controller.planned, float), (own_moves,)), (0, more_moves)),
+            floor=_padded_floor(controller.floor, own_horizon, horizon),
             move_horizon=moves,
         )
     raise TypeError(f"{type(controller).__name__} cannot be padded")
@@ -98,7 +99,16 @@ def _padded_plan(plan: MovePlan, moves: int, horizon: int) -> MovePlan:
         # An idle move has curvature but no slope and no part in the others' cost: the best it can do is nothing.
         hessian=jnp.pad(plan.hessian, (0, more_moves)) + idle,
         gradient=jnp.pad(plan.gradient, ((0, more_moves), (0, more_samples))),
+        floor=_padded_floor(plan.floor, own_horizon, horizon),
+        response=None if plan.response is None else jnp.pad(plan.response, ((0, more_samples), (0, more_moves))),
     )
+
+
+def _padded_floor(floor: GlucoseFloor | None, own_horizon: int, horizon: int) -> GlucoseFloor | None:
+    if floor is None:
+        return None
+    weight = jnp.broadcast_to(jnp.asarray(floor.weight, float), (own_horizon,))
+    return dataclasses.replace(floor, weight=jnp.pad(weight, (0, horizon - own_horizon)))
 
 
 def stack(controllers: Sequence[C]) -> C:
