@@ -1,5 +1,7 @@
 """Controllers: pure functions from observations to doses, designed once and never handed a patient."""
 
+from glucoloop.control.guard import Guard, guarded
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.imc import IMC, design_imc
 from glucoloop.control.linear_mpc import LinearMPC, design_linear_mpc
 from glucoloop.control.mpc_se import MPCSE, design_mpc_se
@@ -16,6 +18,8 @@ __all__ = [
     "PID",
     "Controller",
     "Decision",
+    "Guard",
+    "GuardSettings",
     "LinearMPC",
     "MPCTuning",
     "Observation",
@@ -29,5 +33,6 @@ __all__ = [
     "design_nlqdmc_se",
     "design_open_loop",
     "design_pid",
+    "guarded",
     "internal_model_tuning",
 ]

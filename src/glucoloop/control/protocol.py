@@ -57,8 +57,8 @@ _STATUS_TEXTS = {
     Status.NON_FINITE: "The computation gave no finite number; the last dose was kept. Check the model.",
     Status.READING_REJECTED: "The guard did not believe the reading; the dose rests on the model. Check the sensor.",
     Status.FALLBACK_BASAL: "No believable reading for long: the guard gives the basal rate. Check the sensor.",
-    Status.FALLBACK_REDUCED: "None for very long: the guard gives a part of the basal rate. Measure glucose by hand.",
-    Status.SUSPENDED: "Glucose is low or about to be; the guard suspends insulin. Be ready to eat.",
+    Status.FALLBACK_REDUCED: "None for very long: the guard gives a part of the basal rate. Check glucose by hand.",
+    Status.SUSPENDED: "Glucose is low or about to be; the guard suspends insulin. Check glucose; be ready to eat.",
     Status.DOSE_LIMITED: "The guard cut the dose to what may be given per hour or be on board. Check the sensor.",
     Status.RESTARTED: "The controller's memory was no longer finite; the guard restarted it. Check the model.",
 }

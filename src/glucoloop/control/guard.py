@@ -1,0 +1,276 @@
+"""A wrapper that keeps any controller within bounds, whatever it is told."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.guard_doses import Given, first_given, most, take_in
+from glucoloop.control.guard_readings import Seen, first_seen, near, possible, see
+from glucoloop.control.guard_settings import GuardSettings
+from glucoloop.control.protocol import Controller, Decision, Observation, Status
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+_ORDINARY_MG_DL: Final = 100.0
+"""Setpoint while none was told that could be one."""
+_MOST_CARBS_G: Final = 1000.0
+"""More than anybody eats at once."""
+
+
+@pytree
+class GuardState:
+    """What a guard remembers."""
+
+    inner: Any
+    """State of the controller inside."""
+    seen: Seen
+    given: Given
+    command_mU_min: jax.Array
+    """The last dose asked for."""
+    setpoint_mg_dl: jax.Array
+    suspended: jax.Array
+    """1 while insulin is suspended, else 0."""
+
+
+@pytree
+class Guard:
+    """A guarded controller; see `guarded`."""
+
+    inner: Controller
+    limits: DoseLimits
+    basal_mU_min: jax.Array | float
+    """Not a number: the rate at which it wakes."""
+    settings: GuardSettings = static()
+
+    @property
+    def sample_time_min(self) -> float:
+        """That of the controller inside."""
+        return self.inner.sample_time_min
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
+        """The same for somebody whose basal rate is the one given; the controller inside is told too, if it asks."""
+        tell = getattr(self.inner, "with_basal", None)
+        inner = self.inner if tell is None else tell(insulin_mU_min)
+        return dataclasses.replace(self, inner=inner, basal_mU_min=insulin_mU_min)
+
+    def init(self, observation: Observation) -> GuardState:
+        """At rest under the basal rate; the controller inside wakes at what can be believed of the observation."""
+        told = observation.delivered_mU_min
+        least, most_rate = self.limits.min_mU_min, self.limits.max_mU_min
+        woken_at = jnp.where(self._is_rate(told), told, least)
+        basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, told.dtype), told.shape)
+        basal = jnp.clip(jnp.where(jnp.isfinite(basal), basal, woken_at), least, most_rate)
+        delivered = jnp.where(self._is_rate(told), told, basal)
+        setpoint = self._setpoint(observation, jnp.full_like(observation.setpoint_mg_dl, _ORDINARY_MG_DL))
+        setpoint = jnp.broadcast_to(setpoint, observation.glucose_mg_dl.shape)
+        believed = possible(observation.glucose_mg_dl, observation.valid, self.settings)
+        believed = believed & near(observation.glucose_mg_dl, setpoint, self.settings, self.sample_time_min)
+        seen = first_seen(observation.glucose_mg_dl, believed, setpoint)
+        clean = _clean(observation, seen, believed, setpoint, delivered)
+        return GuardState(
+            inner=self.inner.init(clean),
+            seen=seen,
+            given=first_given(basal, self.sample_time_min),
+            command_mU_min=delivered,
+            setpoint_mg_dl=setpoint,
+            suspended=jnp.zeros_like(delivered),
+        )
+
+    def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
+        """Believe or reject what is told, let the controller inside decide, and bound its dose."""
+        settings, every = self.settings, self.sample_time_min
+        # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
+        word = observation.delivered_mU_min
+        delivered = jnp.where(self._is_rate(word), word, state.command_mU_min)
+        setpoint = self._setpoint(observation, state.setpoint_mg_dl)
+        pushed = jnp.abs(state.given.on_board) > settings.stuck_on_board
+        seen, believed, jump = see(
+            state.seen, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
+        )
+        clean = _clean(observation, seen, believed, setpoint, delivered)
+        inner, decision = self.inner.step(state.inner, clean)
+        sound = _all_finite((inner, decision.insulin_mU_min), delivered.shape)
+        inner = _where_sound(sound, inner, self.inner.init(clean))
+
+        above = seen.glucose_mg_dl - setpoint
+        given = take_in(state.given, delivered, above, jump, settings, every)
+        wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
+        allowed = most(given, above, settings, every)
+        unseen, long_unseen = seen.unseen_min > settings.gap_min, seen.unseen_min > settings.long_gap_min
+        bound = settings.low_mg_dl + settings.hysteresis_mg_dl * state.suspended
+        suspended = seen.glucose_mg_dl + settings.ahead_min * seen.trend_mg_dl_min < bound
+        dose = jnp.minimum(wanted, allowed)
+        fallback = jnp.where(long_unseen, settings.reduced_fraction * given.basal_mU_min, given.basal_mU_min)
+        dose = jnp.where(unseen, fallback, dose)
+        dose = jnp.where(suspended, self.limits.min_mU_min, dose)
+        keeps = self._keeps(dose, delivered)
+        dose = jnp.where(keeps, dose, self.limits.clip(dose, delivered))
+
+        status = decision.status
+        for holds, of in (
+            (~keeps, Status.SATURATED),
+            (_told(observation) & ~believed, Status.READING_REJECTED),
+            (wanted > allowed, Status.DOSE_LIMITED),
+            (unseen, Status.FALLBACK_BASAL),
+            (long_unseen, Status.FALLBACK_REDUCED),
+            (suspended, Status.SUSPENDED),
+            (~sound, Status.RESTARTED),
+        ):
+            status = jnp.where(holds, int(of), status)
+        state = GuardState(
+            inner=inner,
+            seen=seen,
+            given=given,
+            command_mU_min=dose,
+            setpoint_mg_dl=setpoint,
+            suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
+        )
+        return state, Decision(insulin_mU_min=dose, status=status)
+
+    def _is_rate(self, insulin_mU_min: jax.Array) -> jax.Array:
+        """Whether a pump can mean what it says: it may be some way above limits that are not its own."""
+        return (insulin_mU_min >= 0.0) & (insulin_mU_min <= 2.0 * self.limits.max_mU_min)
+
+    def _setpoint(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
+        told = observation.setpoint_mg_dl
+        within = (told >= self.settings.lowest_reading_mg_dl) & (told <= self.settings.highest_reading_mg_dl)
+        return jnp.where(within, told, otherwise)
+
+    def _keeps(self, dose: jax.Array, delivered: jax.Array) -> jax.Array:
+        """Whether a dose keeps the limits, but for the rounding of who clipped it to the rate limit before."""
+        limits = self.limits
+        rounding = 4.0 * jnp.finfo(dose.dtype).eps * limits.max_mU_min
+        change = jnp.abs(dose - delivered)
+        return (
+            (change <= limits.max_change_mU_min + rounding) & (dose >= limits.min_mU_min) & (dose <= limits.max_mU_min)
+        )
+
+
+def _told(observation: Observation) -> jax.Array:
+    return observation.valid & jnp.isfinite(observation.glucose_mg_dl)
+
+
+def _clean(
+    observation: Observation, seen: Seen, believed: jax.Array, setpoint: jax.Array, delivered: jax.Array
+) -> Observation:
+    """An observation in which every field is what it claims to be."""
+    carbs = observation.announced_carbs_g
+    return Observation(
+        glucose_mg_dl=seen.glucose_mg_dl,
+        valid=believed,
+        setpoint_mg_dl=setpoint,
+        delivered_mU_min=delivered,
+        announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0),
+    )
+
+
+def _floats(tree: Any) -> list[jax.Array]:
+    leaves = map(jnp.asarray, jax.tree.leaves(tree))
+    return [leaf for leaf in leaves if leaf.size and jnp.issubdtype(leaf.dtype, jnp.inexact)]
+
+
+def _of_people(leaf: jax.Array, people: tuple[int, ...]) -> bool:
+    """Whether the last axes of an array are people's."""
+    return leaf.shape[leaf.ndim - len(people) :] == people
+
+
+def _all_finite(tree: Any, people: tuple[int, ...]) -> jax.Array:
+    """Whether all numbers are finite, for each person: a sum is finite only if its parts are."""
+    rows = [
+        leaf.reshape(-1, *people) if _of_people(leaf, people) else jnp.broadcast_to(jnp.sum(leaf), (1, *people))
+        for leaf in _floats(tree)
+    ]
+    return jnp.isfinite(_pairwise_sum(jnp.concatenate(rows)))
+
+
+def _pairwise_sum(rows: jax.Array) -> jax.Array:
+    """Sum over the first axis in halves: additions that need not wait for one another."""
+    while rows.shape[0] > 1:
+        half = rows.shape[0] // 2
+        rows = jnp.concatenate([rows[:half] + rows[half : 2 * half], rows[2 * half :]])
+    return rows[0]
+
+
+def _where_sound(sound: jax.Array, tree: Any, otherwise: Any) -> Any:
+    """A state, or another for those for whom it is not sound."""
+
+    def choose(leaf: jax.Array, fresh: jax.Array) -> jax.Array:
+        return jnp.where(sound if _of_people(jnp.asarray(leaf), sound.shape) else jnp.all(sound), leaf, fresh)
+
+    return jax.tree.map(choose, tree, otherwise)
+
+
+def guarded(
+    controller: Controller,
+    settings: GuardSettings | None = None,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    basal_mU_min: float | None = None,
+) -> Guard:
+    """Guard a controller.
+
+    At each sample, in this order:
+
+    1. Every field of the observation is checked. A reading that is not a number, out of range, too fast or stuck is
+       handed on as not valid, and the controller rides on its model; nonsense in another field is replaced by what was
+       told last.
+    2. The controller decides. If its memory or its dose is no longer finite, it is woken anew and the basal rate given.
+    3. Its dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
+       but not below the basal rate. ``B' = min(B + (y - r - e - d) / F, B_max)`` is what may be on board.
+    4. Without a believed reading for long it is the basal rate, then a part of it.
+    5. It is 0 while ``y + t y'`` is below the bound.
+    6. The dose is clipped to the pump's limits. A dose that was not touched passes bit for bit.
+
+    ============  =========================================================  ====================
+    variable      meaning                                                    setting
+    ============  =========================================================  ====================
+    ``b``         basal rate
+    ``B``         insulin on board, in basal rates beyond the basal rate     ``max_on_board``
+    ``k``         what is left of it after a sample                          ``on_board_tau_min``
+    ``y - r``     the last believed reading less the setpoint
+    ``e, F, A``   error, fall, and what is always allowed                    ``error_mg_dl``, ...
+    ``d``         part of the reading that came by a jump                    ``doubt_tau_min``
+    ``t, y'``     time ahead, and trend                                      ``ahead_min``
+    ============  =========================================================  ====================
+
+    The status is that of the weightiest reason, and the controller's own if there was none.
+
+    Parameters
+    ----------
+    controller : Controller
+    settings : GuardSettings, optional
+    limits : DoseLimits
+        Of the pump.
+    basal_mU_min : float, optional
+        Rate that holds glucose at the setpoint; by default that at which the loop starts.
+
+    Raises
+    ------
+    ValueError
+        For a basal rate outside the limits.
+
+    Examples
+    --------
+    >>> from glucoloop.control import design_open_loop
+    >>> guard = guarded(design_open_loop(), GuardSettings(gap_min=15.0))
+    >>> guard.sample_time_min
+    5.0
+    """
+    if basal_mU_min is not None and not (
+        math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min
+    ):
+        raise ValueError(
+            f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
+            f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
+        )
+    return Guard(
+        inner=controller,
+        limits=limits,
+        basal_mU_min=math.nan if basal_mU_min is None else float(basal_mU_min),
+        settings=GuardSettings() if settings is None else settings,
+    )

@@ -1,0 +1,134 @@
+"""Which readings a guard believes, and what it makes of glucose where there are none."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.control.guard_settings import GuardSettings
+
+_TREND: Final = 0.5
+"""Part of each change of the reading that is taken for a trend: half of the noise of one reading is left."""
+_FALLS: Final = 2.0
+"""A fall is believed up to so many times the rate of a rise: to doubt it costs more than to believe it."""
+_FORGET_MIN: Final = 60.0
+"""Time constant with which glucose unseen is thought to go back to the setpoint, as it does under the basal rate."""
+_NEVER_MG_DL: Final = 1e4
+"""Below zero: farther from every reading than glucose can change."""
+_TREND_MIN: Final = 15.0
+"""Time constant with which a trend is thought to end."""
+
+
+@pytree
+class Seen:
+    """What a guard knows of glucose."""
+
+    glucose_mg_dl: jax.Array
+    """The last reading that was believed, carried on since."""
+    trend_mg_dl_min: jax.Array
+    unseen_min: jax.Array
+    """Time since a reading was believed."""
+    told_mg_dl: jax.Array
+    """The last reading of all, believed or not."""
+    same_min: jax.Array
+    """How long it has been the same while insulin should have moved it."""
+    jumped: jax.Array
+    """1 if the last reading was too fast to be believed, else 0."""
+    awake: jax.Array
+    """1 once a reading was believed, else 0."""
+
+
+def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: jax.Array) -> Seen:
+    """Before the first reading is taken in; if it is not believed, glucose is thought to be where it should be."""
+    zero = jnp.zeros_like(glucose_mg_dl)
+    return Seen(
+        glucose_mg_dl=jnp.where(believed, glucose_mg_dl, setpoint_mg_dl),
+        trend_mg_dl_min=zero,
+        unseen_min=zero,
+        told_mg_dl=zero - _NEVER_MG_DL,
+        same_min=zero,
+        jumped=zero,
+        awake=zero,
+    )
+
+
+def near(
+    glucose_mg_dl: jax.Array, setpoint_mg_dl: jax.Array, settings: GuardSettings, sample_time_min: float
+) -> jax.Array:
+    """Whether a first reading needs no second one: it is where glucose should be, but for what may be an error."""
+    most = max(settings.error_mg_dl, settings.fastest_mg_dl_min * sample_time_min)
+    return jnp.abs(glucose_mg_dl - setpoint_mg_dl) <= most
+
+
+def possible(glucose_mg_dl: jax.Array, valid: jax.Array, settings: GuardSettings) -> jax.Array:
+    """Whether a reading is a number that glucose can have; what is no number compares as false."""
+    within = (glucose_mg_dl >= settings.lowest_reading_mg_dl) & (glucose_mg_dl <= settings.highest_reading_mg_dl)
+    return valid & within
+
+
+def see(
+    seen: Seen,
+    glucose_mg_dl: jax.Array,
+    valid: jax.Array,
+    setpoint_mg_dl: jax.Array,
+    pushed: jax.Array,
+    settings: GuardSettings,
+    sample_time_min: float,
+) -> tuple[Seen, jax.Array, jax.Array]:
+    """Take in a reading or its absence.
+
+    Parameters
+    ----------
+    seen : Seen
+    glucose_mg_dl, valid : (...) array
+        As the sensor tells them.
+    setpoint_mg_dl : (...) array
+    pushed : (...) array
+        Whether so much or so little insulin is on board that glucose must move.
+    settings : GuardSettings
+    sample_time_min : float
+
+    Returns
+    -------
+    Seen, (...) array, (...) array
+        What is known now, whether the reading is believed, and by how much it jumped if it is believed only because
+        it stayed where it jumped to.
+    """
+    told = possible(glucose_mg_dl, valid, settings)
+    change = glucose_mg_dl - seen.glucose_mg_dl
+    since_min = seen.unseen_min + sample_time_min
+    rate = jnp.where(change < 0.0, settings.fastest_mg_dl_min * _FALLS, settings.fastest_mg_dl_min)
+    # There is nothing to hold a first reading to but the setpoint, and the next reading.
+    again = jnp.abs(glucose_mg_dl - seen.told_mg_dl) <= settings.fastest_mg_dl_min * sample_time_min
+    first = again | near(glucose_mg_dl, setpoint_mg_dl, settings, sample_time_min)
+    awake = seen.awake > 0.5
+    slow = jnp.where(awake, jnp.abs(change) <= rate * since_min, first)
+    same = told & (glucose_mg_dl == seen.told_mg_dl)
+    same_min = jnp.where(same, seen.same_min + jnp.where(pushed, sample_time_min, 0.0), 0.0)
+    # A low reading is believed even if it does not move: to give insulin on a guess would be worse.
+    moving = (same_min < settings.stuck_min) | (glucose_mg_dl < settings.low_mg_dl)
+    believed = told & slow & moving
+
+    # After a gap the change is not that of one sample; no trend is made of it.
+    slope = jnp.where(seen.unseen_min == 0.0, change * (1.0 / sample_time_min), 0.0)
+    trend = seen.trend_mg_dl_min + _TREND * (slope - seen.trend_mg_dl_min)
+    back = 1.0 - math.exp(-sample_time_min / _FORGET_MIN)
+    ahead = seen.glucose_mg_dl + back * (setpoint_mg_dl - seen.glucose_mg_dl) + sample_time_min * seen.trend_mg_dl_min
+    fading = math.exp(-sample_time_min / _TREND_MIN) * seen.trend_mg_dl_min
+    return (
+        Seen(
+            glucose_mg_dl=jnp.where(believed, glucose_mg_dl, ahead),
+            trend_mg_dl_min=jnp.where(believed, trend, fading),
+            unseen_min=jnp.where(believed, 0.0, since_min),
+            told_mg_dl=jnp.where(told, glucose_mg_dl, seen.told_mg_dl),
+            same_min=jnp.where(told, same_min, seen.same_min),
+            jumped=jnp.where(told & awake, jnp.where(slow, 0.0, 1.0), seen.jumped),
+            awake=jnp.where(believed, 1.0, seen.awake),
+        ),
+        believed,
+        jnp.where(believed, seen.jumped * change, 0.0),
+    )

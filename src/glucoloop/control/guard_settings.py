@@ -1,0 +1,114 @@
+"""What a guard believes, waits for and allows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Final
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """Limits of a guard; see `guarded`. What has no source was chosen by the experiments of the guide's page.
+
+    Raises
+    ------
+    ValueError
+        For a value outside its bounds.
+    """
+
+    lowest_reading_mg_dl: float = 20.0
+    """A lower reading is not believed. Sensors tell 40 to 400 mg/dl, meters 20 to 600."""
+    highest_reading_mg_dl: float = 600.0
+    """Nor a higher one."""
+    fastest_mg_dl_min: float = 3.0
+    """Fastest rise that is believed, of a reading against the last that was; a fall may be twice as fast. Healthy
+    people pass 2 mg/dl/min in about 1 % of the time (doi:10.1177/15209156251390822)."""
+    stuck_min: float = 20.0
+    """Time after which a reading that stays the same to its last digit, though insulin on board is far from that of
+    the basal rate, is not believed."""
+    stuck_on_board: float = 0.25
+    """How far, as a part of the basal rate."""
+    gap_min: float = 20.0
+    """Time without a believed reading after which the basal rate is given: 20 min in Control-IQ (Tandem)."""
+    long_gap_min: float = 90.0
+    """Time after which a part of the basal rate is given: as long as the MiniMed 670G (Medtronic) stays in its own
+    fallback."""
+    reduced_fraction: float = 0.5
+    """That part."""
+    low_mg_dl: float = 65.0
+    """Insulin is suspended if glucose is predicted to be lower. Basal-IQ (Tandem) takes 80 mg/dl, too near to a
+    setpoint of 81, and 70 for glucose now."""
+    ahead_min: float = 40.0
+    """How far ahead, along the trend. Basal-IQ looks 30 min ahead; with 40 fewer people went low after an occlusion."""
+    hysteresis_mg_dl: float = 5.0
+    """Insulin is given again if glucose is predicted to be higher than the bound by this."""
+    max_hour: float = 2.4
+    """Largest dose in an hour, in basal hours. OpenAPS allows 3 times the largest basal rate of the day; the paper's
+    pump gives at most 2.6 times the nominal one."""
+    max_on_board: float = 1.3
+    """Largest insulin on board beyond the basal rate, as a multiple of it."""
+    on_board_tau_min: float = 90.0
+    """Time constant with which insulin on board is forgotten: that of glucose after a step of insulin, 89 min."""
+    fall_mg_dl: float = 240.0
+    """Fall of glucose, in the end, under twice the basal rate, as it is thought of: three times that of the nominal
+    person, whose glucose would fall by 77 mg/dl."""
+    error_mg_dl: float = 20.0
+    """Error of the sensor: insulin is added for what a reading exceeds the setpoint by more than this. Of the readings
+    below 70 mg/dl of an integrated sensor more than 85 % must be right to 15 mg/dl (21 CFR 862.1355)."""
+    always_basal: float = 1.2
+    """Multiple of the basal rate that is allowed whatever is read, but for a predicted low."""
+    doubt_tau_min: float = 480.0
+    """Time constant with which it is forgotten that a reading jumped, which is put down to the sensor."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"a guard's {field.name} of {value!r} is not possible; give a finite number")
+        for name, least, above in _LEAST:
+            value = getattr(self, name)
+            if value < least or (above and value == least):
+                kind = f"a number above {least:g}" if above else f"{least:g} or more"
+                raise ValueError(f"a guard's {name} of {value:g} is not possible; give {kind}")
+            if value > _MOST:
+                raise ValueError(f"a guard's {name} of {value:g} is not possible; give {_MOST:g} or less")
+        if not self.lowest_reading_mg_dl < self.highest_reading_mg_dl:
+            raise ValueError(
+                f"readings from {self.lowest_reading_mg_dl:g} to {self.highest_reading_mg_dl:g} mg/dl are no range; "
+                "give a highest_reading_mg_dl above lowest_reading_mg_dl"
+            )
+        if not self.gap_min <= self.long_gap_min:
+            raise ValueError(
+                f"a guard's long_gap_min of {self.long_gap_min:g} is less than its gap_min of {self.gap_min:g}; "
+                "give as much or more"
+            )
+        if self.reduced_fraction > 1.0:
+            raise ValueError(
+                f"a guard's reduced_fraction of {self.reduced_fraction:g} is not possible; give a part from 0 to 1"
+            )
+
+
+_MOST: Final = 10_000.0
+"""Of any setting, so that nothing that is computed of them overflows."""
+_LEAST: Final = (
+    ("highest_reading_mg_dl", 0.0, True),
+    ("long_gap_min", 0.0, False),
+    ("lowest_reading_mg_dl", 0.0, False),
+    ("fastest_mg_dl_min", 0.0, True),
+    ("stuck_min", 0.0, True),
+    ("stuck_on_board", 0.0, False),
+    ("gap_min", 0.0, False),
+    ("reduced_fraction", 0.0, False),
+    ("low_mg_dl", 0.0, False),
+    ("ahead_min", 0.0, False),
+    ("hysteresis_mg_dl", 0.0, False),
+    ("max_hour", 1.0, False),
+    ("max_on_board", 0.0, False),
+    ("on_board_tau_min", 1.0, False),
+    ("fall_mg_dl", 1.0, False),
+    ("error_mg_dl", 0.0, False),
+    ("always_basal", 1.0, False),
+    ("doubt_tau_min", 0.0, True),
+)
+"""Field, its least value, and whether that itself is out of bounds."""

@@ -1,0 +1,97 @@
+"""What comes over a wire, as an observation: a total reader for the door of a real-time loop."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.control.protocol import Observation
+
+_SCALARS: Final = (int, float, np.integer, np.floating)
+_ARRAYS: Final = (np.ndarray, jax.Array)
+_TRUTHS: Final = (bool, np.bool_)
+
+
+def observation(
+    glucose_mg_dl: object,
+    *,
+    setpoint_mg_dl: object,
+    delivered_mU_min: object,
+    announced_carbs_g: object = 0.0,
+    valid: object = True,
+) -> Observation:
+    """Observation of one person from whatever was received; never raises.
+
+    A number is an int, a float, or a scalar or array of shape () of NumPy or JAX, finite in the arithmetic in use. It
+    is taken as it is: whether it is plausible is for a guard to say. A truth value is no number, nor is a text of
+    digits, since whoever sends one has changed the format.
+
+    Parameters
+    ----------
+    glucose_mg_dl : object
+        The reading [mg/dl].
+    setpoint_mg_dl : object
+        The target [mg/dl].
+    delivered_mU_min : object
+        Rate that the pump says it delivered since the last sample [mU/min].
+    announced_carbs_g : object
+        Carbohydrate of a meal that begins during the coming sample [g].
+    valid : object
+        Whether the sensor stands by its reading; what is neither true nor false counts as false.
+
+    Returns
+    -------
+    Observation
+        With scalars. A reading that is no number is NaN and not valid; a setpoint or a rate that is none is NaN, and
+        an announcement that is none, or below 0, is 0 g.
+
+    Examples
+    --------
+    >>> seen = observation("104", setpoint_mg_dl=100.0, delivered_mU_min=None)
+    >>> bool(seen.valid), float(seen.glucose_mg_dl), float(seen.delivered_mU_min)
+    (False, nan, nan)
+    >>> seen = observation(104, setpoint_mg_dl=100.0, delivered_mU_min=22.3)
+    >>> bool(seen.valid), float(seen.glucose_mg_dl)
+    (True, 104.0)
+    """
+    glucose, carbs = _number(glucose_mg_dl), _number(announced_carbs_g)
+    return Observation(
+        glucose_mg_dl=jnp.asarray(glucose),
+        valid=jnp.asarray(not math.isnan(glucose) and _is_true(valid)),
+        setpoint_mg_dl=jnp.asarray(_number(setpoint_mg_dl)),
+        delivered_mU_min=jnp.asarray(_number(delivered_mU_min)),
+        announced_carbs_g=jnp.asarray(carbs if carbs > 0.0 else 0.0),
+    )
+
+
+def _number(value: object) -> float:
+    """A finite number, or NaN."""
+    kind = type(value)  # and not isinstance, which believes what an object says of itself
+    # Whatever goes wrong in somebody else's conversion, the answer is that this is no number.
+    with contextlib.suppress(Exception):
+        if issubclass(kind, _ARRAYS):
+            array = np.asarray(value)
+            if array.shape != () or not (
+                jnp.issubdtype(array.dtype, jnp.integer) or jnp.issubdtype(array.dtype, jnp.floating)
+            ):
+                return math.nan
+        elif not issubclass(kind, _SCALARS) or issubclass(kind, _TRUTHS):
+            return math.nan
+        number = float(value)  # type: ignore[arg-type]
+        largest = float(jnp.finfo(jnp.result_type(float)).max)
+        return number if abs(number) <= largest else math.nan
+    return math.nan
+
+
+def _is_true(value: object) -> bool:
+    with contextlib.suppress(Exception):
+        if issubclass(type(value), _ARRAYS):
+            array = np.asarray(value)
+            return array.shape == () and array.dtype == np.bool_ and bool(array)
+        return issubclass(type(value), _TRUTHS) and bool(value)
+    return False

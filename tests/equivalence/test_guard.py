@@ -1,0 +1,38 @@
+"""Native code: a guard that has nothing to do changes no bit of what becomes of people."""
+
+import numpy as np
+
+from glucoloop.config.trial import read_trial
+from glucoloop.control import Guard, GuardSettings, guarded
+from glucoloop.trials import engine
+
+PEOPLE = np.arange(7)
+KEYS = {"people": PEOPLE.size, "seed": 211, "duration_min": 240.0, "meals": ["50g@30min"], "noise_variance": 1.45}
+OPEN = GuardSettings(
+    error_mg_dl=0.0,
+    always_basal=100.0,
+    max_hour=100.0,
+    max_on_board=100.0,
+    low_mg_dl=0.0,
+    ahead_min=0.0,
+    fastest_mg_dl_min=100.0,
+)
+
+
+def test_of_people_in_native_code(monkeypatch):
+    trial = read_trial(KEYS, [{"label": "mpc", "controller": "mpc"}])
+
+    def run():
+        prepared = engine._prepare(trial)
+        assert prepared.cases["mpc"].cohort.engine == "native"
+        return prepared, engine.run_people(prepared, "mpc", PEOPLE, traces=True)
+
+    _, plain = run()
+    design = engine.controller_of
+    monkeypatch.setattr(engine, "controller_of", lambda *given: guarded(design(*given), OPEN, given[-1]))
+    prepared, behind_guard = run()
+    assert isinstance(prepared.cases["mpc"].controller, Guard)
+    np.testing.assert_array_equal(behind_guard.insulin_mU_min, plain.insulin_mU_min)
+    for metric in ("minimum_mg_dl", "mean_mg_dl", "insulin_total_mU", "samples_saturated"):
+        np.testing.assert_array_equal(behind_guard.metrics[metric], plain.metrics[metric])
+    assert np.ptp(plain.insulin_mU_min) > 30.0

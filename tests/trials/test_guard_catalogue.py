@@ -1,0 +1,35 @@
+"""What can be set about a guard is what a guard has."""
+
+import dataclasses
+
+import pytest
+
+from glucoloop.control import Guard, GuardSettings, design_open_loop
+from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.trials.designs import with_guard
+from glucoloop.trials.guard_catalogue import GUARD, complete_guard
+
+
+def test_every_limit_can_be_set_and_has_the_guards_default():
+    defaults = {f"guard_{field.name}": field.default for field in dataclasses.fields(GuardSettings)}
+    assert {name: setting.default.noise_free for name, setting in GUARD.items()} == defaults
+
+
+def test_a_limit_reaches_the_guard():
+    guard = with_guard(design_open_loop(), complete_guard({"guard_gap_min": 35}), PARKER_1999_LIMITS)
+    assert isinstance(guard, Guard)
+    assert guard.settings == GuardSettings(gap_min=35.0)
+    assert with_guard(guard, None, PARKER_1999_LIMITS) is guard
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"guard_gap": 35}, "a guard has no limit 'guard_gap'"),
+        ({"guard_gap_min": "long"}, "guard_gap_min is 'long'; give a number"),
+    ],
+)
+def test_what_is_no_limit_is_refused(given, sentence):
+    with pytest.raises(ValueError, match="guard") as refused:
+        complete_guard(given)
+    assert sentence in str(refused.value)
