@@ -23,6 +23,7 @@ from glucoloop.cli.app import app
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.trials.catalogue import CONTROLLERS
+from glucoloop.trials.faults import FAULTS
 
 # The everyday interface stands on the page "api"; what the command line is made of is no interface.
 LEFT_OUT = ("cli", "config")
@@ -221,6 +222,19 @@ def first_sentence(thing: object) -> str:
     return text.replace("``", "`")
 
 
+def faults() -> str:
+    rows = [
+        [
+            f"`{entry.name}`",
+            entry.part,
+            entry.summary,
+            "; ".join(f"`{s.name}={s.default.text}`: {s.summary[0].lower()}{s.summary[1:]}" for s in entry.settings),
+        ]
+        for entry in FAULTS.values()
+    ]
+    return table(["Fault", "Of the", "What happens", "Settings with their defaults"], rows)
+
+
 def commands() -> str:
     program = typer.main.get_command(app)
     rows = [
@@ -317,6 +331,7 @@ def write_all(docs: Path) -> None:
         made / "operating-points.md": operating_points(),
         made / "steady-states.md": steady_states(),
         made / "controllers.md": controllers(),
+        made / "faults.md": faults(),
         made / "metrics.md": metrics(),
         made / "readings.md": readings(),
         made / "printed.md": printed(),

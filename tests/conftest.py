@@ -24,6 +24,8 @@ CACHE = "GLUCOLOOP_TESTS_COMPILED"
 
 
 def pytest_configure(config):
+    # Optimising takes longer than what it saves in programs that run once. JAX reads this when it first computes.
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
     if CACHE not in os.environ:
         folder = tempfile.TemporaryDirectory(prefix="glucoloop-tests-")
         os.environ[CACHE] = folder.name  # workers are started with it

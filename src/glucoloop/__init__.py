@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from glucoloop.control import (
+        GuardSettings,
         MPCTuning,
         PIDTuning,
         StateTuning,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         design_nlqdmc_se,
         design_open_loop,
         design_pid,
+        guarded,
     )
     from glucoloop.identification import identify_record, record_from_samples
     from glucoloop.meals import Meal, Scenario
@@ -53,6 +55,7 @@ if "jax" in sys.modules:
 _HOME = {
     "Adaptive": "simulation",
     "Exponential": "simulation",
+    "GuardSettings": "control",
     "LimitedPump": "pumps",
     "MPCTuning": "control",
     "Meal": "meals",
@@ -71,6 +74,7 @@ _HOME = {
     "dose_limits": "pumps",
     "excite": "simulation",
     "fit_step": "simulation",
+    "guarded": "control",
     "identify": "simulation",
     "identify_record": "identification",
     "linear_model": "simulation",
@@ -90,6 +94,7 @@ _HOME = {
 __all__ = [
     "Adaptive",
     "Exponential",
+    "GuardSettings",
     "LimitedPump",
     "MPCTuning",
     "Meal",
@@ -108,6 +113,7 @@ __all__ = [
     "dose_limits",
     "excite",
     "fit_step",
+    "guarded",
     "identify",
     "identify_record",
     "linear_model",

@@ -60,7 +60,7 @@ def test_cases_of_a_file_are_checked(refused, tmp_path, content, told):
         ("a: mpc", {"label": "a", "controller": "mpc"}),
         ("a: controller=mpc, move_weight=1", {"label": "a", "controller": "mpc", "move_weight": 1}),
         ("m=1", {"label": "m=1", "m": 1}),
-        ("a: w=.5", {"label": "a", "w": ".5"}),
+        ("a: w=.5", {"label": "a", "w": 0.5}),
         ("a: w=0.5, on=true", {"label": "a", "w": 0.5, "on": True}),
         ("model=C:/m.json", {"label": "model=C:/m.json", "model": "C:/m.json"}),
     ],

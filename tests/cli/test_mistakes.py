@@ -28,7 +28,7 @@ MISTAKES = {
     "run --duration 0": ["--duration is 0", "above 0"],
     "run --duration inf": ["--duration is inf", "finite"],
     "run --duration 603": ["603 min", "605 min"],
-    "run --sample-time 0": ["--sample-time is 0", "above 0"],
+    "run --sample-time 0": ["--sample-time is 0", "at least 0.1"],
     "run --seed -1": ["--seed is -1", "at least 0"],
     "run --seed 1.5": ["--seed is '1.5'", "a whole number"],
     "run --move-horizon 0": ["move horizon of 0", "from 1 to"],

@@ -99,7 +99,8 @@ def test_tables_hold_the_run(glucoloop, tmp_path):
     assert set(report["files"]) == FILES - {"SHA256SUMS"}
     table = pl.read_parquet(tmp_path / "run/trace.parquet")
     assert table.columns == [
-        "t_min", "glucose_mg_dl", "reading_mg_dl", "insulin_mU_min", "command_mU_min", "reported_mU_min", "status", "carbs_g",
+        "t_min", "glucose_mg_dl", "reading_mg_dl", "insulin_mU_min", "command_mU_min", "reported_mU_min", "status",
+        "carbs_g",
     ]  # fmt: skip
     assert table["t_min"].to_list() == [5.0 * k for k in range(120)]
     assert table.filter(pl.col("carbs_g") > 0).select("t_min", "carbs_g").rows() == [(50.0, 50.0)]

@@ -21,7 +21,8 @@ def test_stepping_in_real_time_is_the_simulation(patient_81, identified_81):
     grid = SampleGrid(sample_time_min=5.0, samples=60)
     plant, exogenous = Exponential().prepare(patient_81, SCENARIO.emptying(), grid)
     decide = jax.jit(lambda state, observation: controller.step(state, observation))
-    key, deliver, advance = jax.random.key(0), jax.jit(pump.deliver), jax.jit(lambda x, u, meal: plant.advance(x, u, meal))
+    key, deliver = jax.random.key(0), jax.jit(pump.deliver)
+    advance = jax.jit(lambda x, u, meal: plant.advance(x, u, meal))
 
     x, delivered = patient_81.steady_state(patient_81.basal_insulin_mU_min), patient_81.basal_insulin_mU_min
     in_pump, state, glucose, insulin, fine = pump.init(delivered, key), None, [], [], []

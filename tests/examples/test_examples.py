@@ -23,6 +23,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
         ("close_the_loop", "undershoot 10.2 mg/dl, settled in 345 min"),
         ("your_own_controller", "glucose from"),
         ("your_own_data", "1 of 576 samples were missing"),
+        ("a_guarded_controller", "alone: glucose down to 59.9 mg/dl"),
         ("a_population", "1000 people; undershoot: median 10.0, worst 22.2 mg/dl"),
     ],
 )
@@ -33,7 +34,7 @@ def test_example(capsys, name, told):
 
 def test_every_example_has_its_test():
     names = {path.stem for path in EXAMPLES.glob("*.py")}
-    assert names == {"close_the_loop", "your_own_controller", "your_own_data", "a_population"}
+    assert names == {"close_the_loop", "your_own_controller", "your_own_data", "a_population", "a_guarded_controller"}
 
 
 def test_configuration(capsys):

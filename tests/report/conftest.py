@@ -9,8 +9,9 @@ import pytest
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.report.trial_report import QUANTILES, CaseReport, Distribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.simulation import Trace
+from glucoloop.trials.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
 
-VOID = {"meta", "br", "img", "link", "input", "hr"}
+VOID = {"meta", "br", "img", "link", "input", "hr", "col"}
 
 
 class Reader(HTMLParser):
@@ -173,5 +174,69 @@ def make_report(make_case):
             "cases": cases,
         }
         return TrialReport(**(values | fields))
+
+    return make
+
+
+def _stress_row(controller, guarded, fault, *, below=0.0, worse=(), **fields):
+    """A cell in which the one who was longest below 60 mg/dl was there for so much of the time."""
+    values = {
+        "people": 40,
+        "below_60_mean_pct": below / 8.0,
+        "below_60_worst_pct": below,
+        "below_54_mean_pct": below / 16.0,
+        "below_54_worst_pct": below / 2.0,
+        "ever_below_60_pct": below / 3.0,
+        "ever_below_54_pct": below / 5.0,
+        "lowest_mg_dl": 75.4 - below,
+        "lowest_person": 17,
+        "highest_mg_dl": 151.0 + 2.0 * guarded,
+        "low_events": round(2.0 * below),
+        "very_low_events": round(below),
+        "saturated_pct": 12.5,
+        "missing_pct": 0.0,
+        "rejected_pct": 1.0 * guarded,
+        "fallback_pct": 6.66 * guarded,
+        "suspended_pct": 0.004 * guarded,
+        "dose_limited_pct": 0.25 * guarded,
+        "worse": tuple(worse),
+        "worst_more_pct": below if worse else 0.0,
+    }
+    return StressRow(tried=Tried(controller=controller, guarded=guarded, fault=fault), **(values | fields))
+
+
+@pytest.fixture(scope="session")
+def make_stress_row():
+    """A cell of a stress test, written down by hand."""
+    return _stress_row
+
+
+@pytest.fixture(scope="session")
+def make_stress(make_stress_row):
+    """A stress test from the time below 60 mg/dl [%] and the people worse off, by controller, guard and fault.
+
+    Cells that are not given stand; each that does not stand with the guard has its reason.
+    """
+
+    def make(controllers, faults, bad=(), *, guards=(False, True), **fields):
+        bad = dict(bad)
+        rows = []
+        for controller in controllers:
+            for guarded in guards:
+                for fault in (NO_FAULT, *faults):
+                    below, worse = bad.get((controller, guarded, fault), (0.0, ()))
+                    rows.append(make_stress_row(controller, guarded, fault, below=below, worse=worse))
+        reasons = tuple(
+            Reason(tried=row.tried, person=row.worse[0], more_pct=row.worst_more_pct, text="He ate <nothing> & fell.")
+            for row in rows
+            if row.tried.guarded and row.worse
+        )
+        values = {
+            "rows": tuple(rows),
+            "reasons": reasons,
+            "facts": {"Population": "parker2000", "Seed": "1"},
+            "repeat": "glucoloop stress --config stress.toml --out again",
+        }
+        return StressResult(**(values | fields))
 
     return make

@@ -38,7 +38,7 @@ def dask(*arguments, log):
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
-    trial = make_trial(controllers=["basal"], people=24, shard_people=1, traces=2)
+    trial = make_trial(controllers=["basal"], people=12, shard_people=1, traces=2)
     place = tmp_path / "scheduler.json"
     to_scheduler = ("--scheduler-file", place, "--no-dashboard")
     worker = ("worker", *to_scheduler, "--nworkers", 1, "--nthreads", 1, "--no-nanny", "--local-directory", tmp_path)
@@ -64,7 +64,7 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
             assert folder.missing() == []
         assert first.wait(PATIENCE_S) == -signal.SIGKILL
         assert len(client.nthreads()) == 1
-    assert done == [1] * 24
+    assert done == [1] * 12
     prepared = engine.prepare(trial)
     with trial_folder(tmp_path / "here", trial) as folder:
         run_here(folder, lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces), print)

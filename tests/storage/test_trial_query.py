@@ -45,7 +45,7 @@ QUESTIONS = {
     "select count(distinct person) from traces": [(3,)],
     "select sum(count) from counts where quantity = 'glucose' and t_min = 5 and controller = 'mpc'": [(297,)],
     "with a as (select 1 as one) select one from a;": [(1,)],
-    "select count(*) from (describe people)": [(46,)],
+    "select count(*) from (describe people)": [(52,)],
     "select count(*) / 2 from people where not able": [(3.0,)],
 }
 

@@ -3,6 +3,7 @@
 import pytest
 
 import glucoloop as gl
+from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.trials.catalogue import (
@@ -31,6 +32,26 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
     )
     settings = complete(name, {}, operating_point=operating_point, noisy=noisy)
     assert controller_entry(name).designer()(case, **settings).sample_time_min == 5.0
+
+
+@pytest.mark.parametrize("name", ["mpc", "mpc-se", "nlqdmc-se"])
+def test_the_floor_reaches_the_design_and_is_none_by_default(name):
+    case = DesignCase(
+        patient=gl.patient(),
+        model=StepResponseModel.from_impulse_response([-0.1, -0.3, -0.2, -0.1, -0.05] + [0.0] * 10, 5.0),
+        limits=PARKER_1999_LIMITS,
+        sample_time_min=5.0,
+        noise_variance=0.0,
+        dead_time_samples=0,
+    )
+    for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
+        settings = complete(name, given, operating_point="setpoint-81", noisy=False)
+        controller = controller_entry(name).designer()(case, **settings)
+        floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
+        if given:
+            assert (floor.glucose_mg_dl, floor.weight) == (65.0, given.get("floor_weight", DEFAULT_FLOOR_WEIGHT))
+        else:
+            assert floor is None
 
 
 def test_a_name_has_one_type_in_all_controllers():

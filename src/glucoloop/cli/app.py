@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from typing import Annotated, Final
 import typer
 
 import glucoloop
-from glucoloop.cli import compare, identify, query, reproduce, run, trial, tune
+from glucoloop.cli import compare, identify, query, reproduce, run, stress, trial, tune, verify
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 
@@ -33,6 +34,8 @@ app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
 app.command("tune", help=tune.HELP)(tune.command)
 app.command("trial", help=trial.HELP)(trial.command)
+app.command("stress", help=stress.HELP)(stress.command)
+app.command("verify", help=verify.HELP)(verify.command)
 app.command("query", help=query.HELP)(query.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
 
@@ -55,6 +58,11 @@ def _program(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and leave: 0 done, 2 the user's mistake, in one sentence, 130 interrupted; a bug is a traceback."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # What the terminal or the pipe has no character for is told as its escape, as on standard error.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    if any("\0" in argument for argument in arguments):
+        mistake("an argument holds a NUL character, which no name or number does; leave it out")
     try:
         with heeded():
             code = app(args=arguments, prog_name="glucoloop", standalone_mode=False)

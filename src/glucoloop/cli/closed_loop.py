@@ -17,7 +17,9 @@ from glucoloop.pumps import DoseLimits, dose_limits
 from glucoloop.simulation import Adaptive, Exponential, Trace, identify, simulate
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.trials.catalogue import controller_entry
-from glucoloop.trials.designs import DesignCase
+from glucoloop.trials.designs import DesignCase, with_guard
+from glucoloop.trials.fault_text import parse_fault
+from glucoloop.trials.faulty import faulty_pump, faulty_sensor
 from glucoloop.trials.situation import pump_of, record_key, sensor_of
 
 
@@ -68,11 +70,13 @@ def close_the_loop(run: Run) -> Outcome:
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
     model = model_for(run, person)
     controller = controller_for(run, person, model, limits, known_samples)
+    faults = [parse_fault(text) for text in situation.faults]
+    sensor = sensor_of(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples)
     trace = simulate(
         person,
         controller,
-        sensor_of(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples),
-        pump_of(limits, situation.pump_resolution_mU_min),
+        faulty_sensor(sensor, faults, situation.sample_time_min),
+        faulty_pump(pump_of(limits, situation.pump_resolution_mU_min), faults, situation.sample_time_min, limits),
         scenario,
         situation.seed,
         integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
@@ -159,8 +163,7 @@ def controller_for(
         noise_variance=run.situation.noise_variance,
         dead_time_samples=known_samples,
     )
-    controller: Controller = design(case, **run.case.tuning)
-    return controller
+    return with_guard(design(case, **run.case.tuning), run.case.guard_limits if run.case.guard else None, limits)
 
 
 def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, Option, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_meals
+from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage
 from glucoloop.cli.telling import mmol_lines, print_json, where_written, with_version
 
@@ -41,7 +41,7 @@ _OPTIONS: Final = (_CASES, *SITUATION, *CASE, *OUTPUT, MMOL)
 def command(given: Given) -> None:
     """Check what was asked for, run all cases, write and tell them."""
     keys, output, file = split_off_output(given)
-    asked = _read(with_meals(keys), file_keys(file))
+    asked = _read(with_lists(keys), file_keys(file))
     outcomes: dict[str, Outcome] = {}
     files: dict[str, str] = {}
     with output.folder() as folder:

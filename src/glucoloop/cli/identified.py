@@ -29,6 +29,7 @@ from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import read_record_columns
+from glucoloop.trials.printable import printable
 from glucoloop.trials.situation import record_key, sensor_of
 
 VALIDATION_SAMPLES: Final = 100
@@ -170,7 +171,8 @@ def _from_data(config: IdentificationConfig, path: Path) -> Identified:
     except ValueError as error:
         raise ValueError(_in_options(str(error))) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
-    source = f"identified from {path.name}, {record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
+    samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
+    source = f"identified from {printable(path.name)}, {samples}"
     notes = (why, *notes)
     if not config.starts_at_rest:
         notes = (

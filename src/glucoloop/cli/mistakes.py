@@ -7,7 +7,10 @@ import traceback
 from pathlib import Path
 from typing import Final, NoReturn
 
+from glucoloop.trials.printable import printable
+
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
+_LONGEST: Final = 2000
 
 
 def sentence(error: Exception) -> str | None:
@@ -23,6 +26,9 @@ def sentence(error: Exception) -> str | None:
 
 def mistake(told: str) -> NoReturn:
     """Say a sentence and leave."""
+    told = printable(told)
+    if len(told) > _LONGEST:  # somebody's value; what is to be done about it stands at the end
+        told = f"{told[: _LONGEST // 2]} ... {told[-_LONGEST // 2 :]}"
     end = "" if told.endswith(("?", ".")) else "."
     print(f"glucoloop: {told}{end}", file=sys.stderr)
     sys.exit(2)

@@ -14,6 +14,8 @@ from typing import Any, Final
 import typer
 
 from glucoloop.trials.catalogue import CONTROLLERS, all_settings
+from glucoloop.trials.faults import FAULTS as KNOWN_FAULTS
+from glucoloop.trials.guard_catalogue import GUARD
 
 Given = dict[str, Any]
 """Key -> value of the options that were given."""
@@ -92,8 +94,10 @@ def with_options(options: Iterable[Option]) -> Callable[[Callable[[Given], None]
 _PATIENT: Final = "Patient and meals"
 _SENSOR: Final = "Sensor"
 _PUMP: Final = "Pump"
+_FAULTS: Final = "Faults"
 _RUN: Final = "Run"
 _CONTROLLER: Final = "Controller"
+_GUARD: Final = "Guard"
 _MODEL: Final = "Model"
 _OUTPUT: Final = "Files and output"
 
@@ -166,6 +170,18 @@ LAGUERRE_FUNCTIONS: Final = Option(
 )
 MEALS: Final = "meals"
 NO_MEAL: Final = "no_meal"
+FAULTS: Final = "faults"
+NO_FAULT: Final = "no_fault"
+
+
+def _of_part(part: str) -> str:
+    """Faults with their settings, for help."""
+    return "; ".join(
+        " ".join([entry.name, *(f"{setting.name}={setting.default.text}" for setting in entry.settings)])
+        for entry in KNOWN_FAULTS.values()
+        if entry.part == part
+    )
+
 
 SITUATION: Final = (
     OPERATING_POINT,
@@ -217,6 +233,17 @@ SITUATION: Final = (
         _PUMP,
         metavar="MU_MIN",
     ),
+    Option(
+        FAULTS,
+        "--fault",
+        list[str],
+        "A fault, like 'missing, start_min=120, duration_min=30' or 'spikes, per_day=8, size_mg_dl=-40'; repeat it for "
+        f"more, each around those before. Sensor: {_of_part('sensor')}. Pump: {_of_part('pump')}. All that come and go "
+        "take start_min, latest_min, duration_min and per_day.",
+        _FAULTS,
+        metavar="FAULT",
+    ),
+    Option(NO_FAULT, "--no-fault", bool, "No fault, whatever the file says.", _FAULTS),
     Option("duration_min", "--duration", float, "Length of the run.", _RUN, metavar="MIN", default="600"),
     SAMPLE_TIME,
     SEED,
@@ -252,6 +279,14 @@ def _setting_options() -> Iterable[Option]:
         )
 
 
+def _guard_options() -> Iterable[Option]:
+    for setting in GUARD.values():
+        flag = f"--{setting.name.replace('_', '-')}"
+        yield Option(
+            setting.name, flag, setting.type, setting.summary, _GUARD, metavar="X", default=setting.default.text
+        )
+
+
 CASE: Final = (
     Option(
         "controller",
@@ -271,6 +306,16 @@ CASE: Final = (
         _CONTROLLER,
         default="unknown",
     ),
+    Option(
+        "guard",
+        "--guard/--no-guard",
+        bool,
+        "Put a guard around the controller: it believes no impossible reading, falls back to the basal rate, suspends "
+        "on a predicted low, and bounds insulin.",
+        _GUARD,
+        default="no guard",
+    ),
+    *_guard_options(),
     Option(
         "model",
         "--model",

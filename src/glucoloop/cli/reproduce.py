@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 PAPERS: Final = ("parker1999",)
 _OPERATING_POINTS: Final = ("setpoint-81", "nominal-22")
+MOST_SEEDS: Final = 1000
 
 HELP: Final = (
     "Carry out a published study again and set each number beside the printed one.\n\n"
@@ -52,7 +53,9 @@ def command(
     for point in points:
         if point not in _OPERATING_POINTS:
             raise ValueError(f"unknown operating point {point!r}; the known ones are: {', '.join(_OPERATING_POINTS)}")
-    first = _whole("--seed", seed, 0)
+    from glucoloop.config.run import LARGEST_SEED
+
+    first = _whole("--seed", seed, 0, LARGEST_SEED - MOST_SEEDS)
     if out == "":
         raise ValueError("--out is empty; give a path")
     output = Output(out=None if out is None else Path(out), overwrite=overwrite, json=json, mmol=False)
@@ -63,7 +66,7 @@ def command(
         from glucoloop.papers.parker1999.reproduce import QUICK_SEEDS, SEEDS, carry_out, write
 
         keep_compiled()
-        runs = _whole("--seeds", seeds, 1) if seeds is not None else QUICK_SEEDS if quick else SEEDS
+        runs = _whole("--seeds", seeds, 1, MOST_SEEDS) if seeds is not None else QUICK_SEEDS if quick else SEEDS
         studies, rows = carry_out(points, seeds=runs, seed=first, quick=quick, progress=progress)
         if folder is not None:
             write(folder.write, studies, rows, first, progress)
@@ -75,13 +78,13 @@ def command(
     print(where_written(output.out, files))
 
 
-def _whole(option: str, text: str, least: int) -> int:
+def _whole(option: str, text: str, least: int, most: int) -> int:
     try:
         value = int(text)
     except ValueError:
         raise ValueError(f"{option} is {text!r}; give a whole number") from None
-    if value < least:
-        raise ValueError(f"{option} is {value}; give {least} or more")
+    if not least <= value <= most:
+        raise ValueError(f"{option} is {text}; give a whole number from {least} to {most}")
     return value
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import MEALS, NO_MEAL, Given
+from glucoloop.cli.options import FAULTS, MEALS, NO_FAULT, NO_MEAL, Given
 from glucoloop.cli.screen import note
 
 if TYPE_CHECKING:
@@ -49,15 +49,18 @@ def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
     return keys, output, None if config is None else Path(config)
 
 
-def with_meals(keys: Given) -> Given:
-    """Keys whose meals are one list; ``--no-meal`` is the empty one."""
+def with_lists(keys: Given) -> Given:
+    """Keys whose meals and faults are one list each; ``--no-meal`` and ``--no-fault`` are the empty ones."""
     keys = dict(keys)
-    fasting = keys.pop(NO_MEAL, False)
-    if not keys.get(MEALS):
-        keys.pop(MEALS, None)
-    if fasting and MEALS in keys:
-        raise ValueError("--meal and --no-meal exclude one another; leave one out")
-    return {**keys, MEALS: []} if fasting else keys
+    for several, none, called in ((MEALS, NO_MEAL, "meal"), (FAULTS, NO_FAULT, "fault")):
+        without = keys.pop(none, False)
+        if not keys.get(several):
+            keys.pop(several, None)
+        if without and several in keys:
+            raise ValueError(f"--{called} and --no-{called} exclude one another; leave one out")
+        if without:
+            keys[several] = []
+    return keys
 
 
 _PATHS: Final = ("model", "data")

@@ -52,4 +52,5 @@ def show(table: object) -> None:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else 200
-    Console(width=width, highlight=False, file=sys.stdout).print(table)
+    # No markup: square brackets and colons in a label or an answer are its own.
+    Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout).print(table)

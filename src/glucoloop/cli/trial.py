@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import Given, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_meals
+from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
 from glucoloop.cli.trial_progress import counted
@@ -50,7 +50,7 @@ def command(given: Given) -> None:
     """Check what was asked for, carry it out or go on with it, and tell it."""
     keys, output, file = split_off_output(given)
     work = _work(keys)
-    texts = with_meals(keys), file_keys(file)
+    texts = with_lists(keys), file_keys(file)
     if output.out is None:
         raise ValueError("--out is missing; a trial is kept in a folder, name one like --out trial")
     with stage("Importing the simulator"):
@@ -74,22 +74,28 @@ def _work(keys: Given) -> _Work:
 
 
 def _read(keys: Given, of_file: Given) -> Trial:
+    from glucoloop.config.trial import overlay_trial, read_trial
+
+    cases = cases_of(keys, of_file)
+    called = names(TRIAL, keys)
+    return read_trial(overlay_trial(of_file, keys, called), cases, called)
+
+
+def cases_of(keys: Given, of_file: Given) -> list[Given]:
+    """Take the cases out of what was given: controllers of the command line join those of the file, as cases do."""
     from glucoloop.config.case_text import parse_case
     from glucoloop.config.comparison import CASES_KEY
-    from glucoloop.config.trial import CONTROLLERS_KEY, overlay_trial, read_trial
+    from glucoloop.config.trial import CONTROLLERS_KEY
 
     of_file_cases = of_file.pop(CASES_KEY, [])
     if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
         raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
-    # Controllers of the command line join those of the file, as cases do.
     named = keys.pop(CONTROLLERS_KEY, None) or []
-    cases = [
+    return [
         *of_file_cases,
         *({"label": name, "controller": name} for name in named),
         *(parse_case(text) for text in keys.pop("cases", None) or ()),
     ]
-    called = names(TRIAL, keys)
-    return read_trial(overlay_trial(of_file, keys, called), cases, called)
 
 
 def _carry_out(trial: Trial, output: Output, out: Path, work: _Work) -> None:

@@ -22,7 +22,7 @@ from glucoloop.storage.trials.shard import Counts, Simulate, add_counts, edges, 
 from glucoloop.trials.counts import BAND_QUANTILES, quantiles_of_counts
 from glucoloop.trials.summary import CaseSummary, TrialSummary, summarise_people
 from glucoloop.trials.trial import Trial
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """By controller and quantity: (quantiles, times)."""
@@ -48,7 +48,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         setpoint_mg_dl=setpoint,
         people=summary.people,
         unable=summary.unable.count,
-        facts=_facts(trial),
+        facts=facts(trial),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)
             for label, of_label in summary.cases.items()
@@ -184,13 +184,18 @@ def _length(trial: Trial) -> str:
     return "a day" if plan.days == 1 else f"{plan.days} days"
 
 
-def _facts(trial: Trial) -> dict[str, str]:
+def _clock(t_min: float) -> str:
+    return f"{t_min:g} min" if t_min % 15.0 else f"{t_min / MIN_PER_H:g} h"
+
+
+def facts(trial: Trial) -> dict[str, str]:
+    """What a trial was made with, for the head of a page."""
     plan = trial.plan
-    meals = ", ".join(f"{meal.carbs_g:g} g at {meal.t_min / 60.0:g} h" for meal in plan.meals) or "none"
+    meals = ", ".join(f"{meal.carbs_g:g} g at {_clock(meal.t_min)}" for meal in plan.meals) or "none"
     if plan.varies:
         meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
     noise = f"variance {trial.noise_variance:g}, at most {trial.noise_bound_mg_dl:g} mg/dl"
-    facts = {
+    told = {
         "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
         "Seed": str(trial.seed),
         "Length": _length(trial),
@@ -201,5 +206,7 @@ def _facts(trial: Trial) -> dict[str, str]:
         "Precision": trial.precision,
     }
     if trial.first_person:
-        facts["First person"] = str(trial.first_person)
-    return facts
+        told["First person"] = str(trial.first_person)
+    if trial.faults:
+        told["Faults"] = "; ".join(trial.faults)
+    return told

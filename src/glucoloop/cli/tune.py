@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_meals
+from glucoloop.cli.options import CASE, FAULTS, NO_FAULT, OUTPUT, SITUATION, Given, Option, names, with_options
+from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage, stages
 from glucoloop.cli.telling import print_json, where_written, with_version
 from glucoloop.trials.catalogue import CONTROLLERS, controller_entry
+from glucoloop.trials.guard_catalogue import GUARD
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,6 +56,10 @@ _SEEDS: Final = Option(
 _TOP: Final = Option("top", "--top", int, "Tunings in the table.", _GRID, metavar="N", default="10")
 
 
+_NOT_TUNED: Final = ("guard", *GUARD)
+"""A search is for the controller itself, in a sound loop."""
+
+
 def _fixed() -> Iterator[Option]:
     """What a case can be given but is not tuned: no settings of controllers that are not tuned here."""
     own = {setting.name for name in TUNED for setting in CONTROLLERS[name].settings}
@@ -63,11 +68,15 @@ def _fixed() -> Iterator[Option]:
         if option.key == "controller":
             told = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNED)
             yield dataclasses.replace(option, help=f"{told}.")
-        elif option.key not in _SUMMARIES and option.key not in foreign:
+        elif option.key not in {*_SUMMARIES, *foreign, *_NOT_TUNED}:
             yield option
 
 
-_OPTIONS: Final = (*_RANGES, _SEEDS, _TOP, *SITUATION, *_fixed(), *OUTPUT)
+def _situation() -> Iterator[Option]:
+    return (option for option in SITUATION if option.key not in (FAULTS, NO_FAULT))
+
+
+_OPTIONS: Final = (*_RANGES, _SEEDS, _TOP, *_situation(), *_fixed(), *OUTPUT)
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,7 @@ class _Found:
 def command(given: Given) -> None:
     """Check what was asked for, search, write and tell."""
     keys, output, file = split_off_output(given)
-    texts = with_meals(keys), file_keys(file)
+    texts = with_lists(keys), file_keys(file)
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+from glucoloop.trials.keyed_values import keyed_values, value_of
 
 
 def parse_case(text: str) -> dict[str, object]:
@@ -21,23 +21,8 @@ def parse_case(text: str) -> dict[str, object]:
     parts = [part.strip() for part in rest.split(",")]
     if not label or parts == [""]:
         raise ValueError(f"{text!r} is not a case; write one like 'mpc' or 'careful: mpc, move_weight=1'")
-    keys: dict[str, object] = {}
-    for position, part in enumerate(parts):
-        key, equals, value = (piece.strip() for piece in part.partition("="))
-        if not equals and position == 0:
-            key, value = "controller", key
-        if not key or not value:
-            raise ValueError(f"{part!r} in the case {text!r} is not a key with a value; write it like move_weight=1")
-        if key in keys:
-            raise ValueError(f"{key} is given twice in the case {text!r}; leave one out")
-        keys[key] = _value(value)
-    return {"label": label, **keys}
-
-
-def _value(text: str) -> object:
-    """A number or a truth value as TOML has them, and else the text itself."""
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-    return value if isinstance(value, bool | int | float | str) else text
+    named = {} if "=" in parts[0] or not parts[0] else {"controller": value_of(parts.pop(0))}
+    keys = keyed_values(parts, f"case {text!r}", "move_weight=1")
+    if named and "controller" in keys:
+        raise ValueError(f"controller is given twice in the case {text!r}; leave one out")
+    return {"label": label, **named, **keys}

@@ -18,6 +18,7 @@ from glucoloop.config.run import (
     refuse_unknown,
 )
 from glucoloop.trials import catalogue
+from glucoloop.trials.printable import is_printable
 
 MOST_CASES: Final = 20
 CASES_KEY: Final = "case"
@@ -69,6 +70,8 @@ def read_comparison(
         label = case.get("label")
         if not isinstance(label, str) or not label.strip():
             raise ValueError(f"the case {dict(case)!r} has no label; give it one, like label = 'careful'")
+        if not is_printable(label):
+            raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
         if label in read:
             raise ValueError(f"two cases are called {label!r}; give each a label of its own")
         own = {key: value for key, value in case.items() if key != "label"}

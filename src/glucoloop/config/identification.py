@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from glucoloop.config.run import (
     LONGEST_SAMPLE_TIME_MIN,
     PAPER_SAMPLE_TIME_MIN,
+    SHORTEST_SAMPLE_TIME_MIN,
     STRICT,
     Functions,
     Infusion,
@@ -101,7 +102,7 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
     sample_time = keys.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
     derived: dict[str, object] = {}
     # A sample time that is wrong is refused by name with the other keys, and nothing follows from it.
-    if isinstance(sample_time, int | float) and 0.0 < sample_time <= LONGEST_SAMPLE_TIME_MIN:
+    if isinstance(sample_time, int | float) and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN:
         derived = {"memory": paper_memory(sample_time), "laguerre_pole": paper_pole(sample_time)}
     return checked(IdentificationConfig, {**derived, **keys}, names)
 

@@ -8,8 +8,11 @@ from typing import Final
 from glucoloop.meals import Meal
 from glucoloop.units import MIN_PER_H
 
-_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_MEAL: Final = re.compile(rf"\s*(?P<carbs>{_NUMBER})\s*g?\s*@\s*(?P<time>{_NUMBER})\s*(?P<unit>min|m|h|)\s*", re.ASCII)
+# No two parts in a row can take the same characters: a long text that is no meal is refused as fast as it is read.
+_NUMBER: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_MEAL: Final = re.compile(
+    rf"\s*(?P<carbs>{_NUMBER})\s*(?:g\s*)?@\s*(?P<time>{_NUMBER})\s*(?:(?P<unit>min|m|h)\s*)?", re.ASCII
+)
 
 
 def parse_meal(text: str) -> Meal:

@@ -9,11 +9,12 @@ from typing import Final, Literal
 from pydantic import BaseModel
 
 from glucoloop.config.run import STRICT, checked
-from glucoloop.config.toml import read_toml
+from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
 from glucoloop.patients.population import PRESETS, Population
 from glucoloop.patients.population import population as preset
 from glucoloop.patients.variation import Variation
 from glucoloop.trials.catalogue import known_names
+from glucoloop.trials.printable import is_printable
 
 VARY_KEY: Final = "vary"
 """Of the tables in a file: ``[[vary]]``."""
@@ -62,6 +63,11 @@ def read_population(keys: Mapping[str, object], name: str = "custom") -> Populat
         if key not in known:
             raise ValueError(f"unknown key {key!r} of a population; {known_names(key, known)}")
     named = checked(_Named, {key: value for key, value in keys.items() if key != VARY_KEY})
+    if not is_printable(named.name or name):
+        raise ValueError(
+            f"the name {named.name or name!r} of the population cannot be printed in a line; "
+            "leave out its control characters"
+        )
     tables = keys.get(VARY_KEY, [])
     if not isinstance(tables, list | tuple) or not all(isinstance(table, Mapping) for table in tables):
         raise ValueError(f"{VARY_KEY} is {tables!r}; give a table for each parameter, under [[{VARY_KEY}]]")
@@ -104,7 +110,7 @@ def named_population(text: str) -> Population:
             )
         return preset(text)
     try:
-        keys, _ = read_toml(path.read_text(encoding="utf-8"), text)
+        keys, _ = read_toml(_text(path), text)
     except OSError as error:
         raise ValueError(f"{text} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
@@ -117,3 +123,11 @@ def named_population(text: str) -> Population:
         # a file that was cut short must not pass for the nominal patient
         raise ValueError(f"{text} has no [[vary]] table, so nobody would differ; add one, or name the preset nominal")
     return people
+
+
+def _text(path: Path) -> str:
+    """Text of a file, but no more than a configuration may have, and so much that its length is told as too large."""
+    if "\0" in str(path):
+        raise ValueError(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(LARGEST_CHARACTERS + 1)

@@ -6,7 +6,7 @@ configuration that was read is complete.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
@@ -16,10 +16,15 @@ from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.sentences import one_sentence
 from glucoloop.meals import Meal
 from glucoloop.trials import catalogue
+from glucoloop.trials.fault_text import fault_text, parse_fault
+from glucoloop.trials.faults import START
+from glucoloop.trials.guard_catalogue import GUARD, complete_guard
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 LONGEST_RUN_MIN: Final = 366 * 1440.0
 LARGEST_SEED: Final = 2**32 - 1
+SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
+"""With it the paper's memory of three hours still has no more samples than a memory may have."""
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 PAPER_SAMPLE_TIME_MIN: Final = 5.0
 PAPER_MEMORY_MIN: Final = 180.0
@@ -31,7 +36,7 @@ Record = TypeVar("Record", bound=BaseModel)
 Glucose = Annotated[float, Field(gt=0.0, le=2000.0)]
 Infusion = Annotated[float, Field(ge=0.0, le=10_000.0)]
 Minutes = Annotated[float, Field(ge=0.0, le=1440.0)]
-SampleTime = Annotated[float, Field(gt=0.0, le=LONGEST_SAMPLE_TIME_MIN)]
+SampleTime = Annotated[float, Field(ge=SHORTEST_SAMPLE_TIME_MIN, le=LONGEST_SAMPLE_TIME_MIN)]
 Variance = Annotated[float, Field(ge=0.0, le=10_000.0)]
 NoiseBound = Annotated[float, Field(gt=0.0, le=1000.0)]
 Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
@@ -62,6 +67,8 @@ class Situation(BaseModel):
     max_insulin_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 66.9
     pump_resolution_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
     """Smallest step of the pump; None: any rate."""
+    faults: tuple[str, ...] = ()
+    """Of sensor and pump, the first innermost; around noise and dead time."""
     integrator: Literal["fast", "adaptive"] = "fast"
     seed: Seed = 0
 
@@ -94,6 +101,9 @@ class Case(BaseModel):
     controller: str = "mpc"
     tuning: Mapping[str, catalogue.Value] = Field(default_factory=dict)
     known_dead_time: bool = False
+    guard: bool = False
+    guard_limits: Mapping[str, catalogue.Value] = Field(default_factory=dict)
+    """Empty without a guard."""
     model: str | None = None
     """Path of a model file; None: a model is identified from the patient."""
     model_noise_variance: Variance | None = None
@@ -123,7 +133,8 @@ class Run:
 def case_keys(case: Case) -> dict[str, Any]:
     """The flat keys of a case: its tuning stands among the others."""
     keys = case.model_dump(mode="json")
-    return {"controller": keys.pop("controller"), **keys.pop("tuning"), **keys}
+    limits = keys.pop("guard_limits")
+    return {"controller": keys.pop("controller"), **keys.pop("tuning"), **keys, **limits}
 
 
 def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Run:
@@ -143,7 +154,9 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     refuse_unknown(keys)
     situation = checked(Situation, _only(keys, Situation), names)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
-    situation = situation.model_copy(update={"meals": tuple(meal_text(meal) for meal in situation.eaten())})
+    faults = faults_told(situation.faults, situation.duration_min)
+    meals = tuple(meal_text(meal) for meal in situation.eaten())
+    situation = situation.model_copy(update={"meals": meals, "faults": faults})
     return Run(situation=situation, case=read_case(keys, situation, names))
 
 
@@ -157,7 +170,40 @@ def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[s
     )
     if catalogue.controller_entry(str(controller)).uses_model and own.get("model") is None:
         own = {**_identification(situation), **own}
-    return checked(Case, {**own, "tuning": tuning}, names)
+    guard = _guard_limits(keys, bool(own.get("guard", False)), names)
+    return checked(Case, {**own, "tuning": tuning, "guard_limits": guard}, names)
+
+
+def _guard_limits(
+    keys: Mapping[str, object], guarded: bool, names: Mapping[str, str] | None
+) -> dict[str, catalogue.Value]:
+    given = {key: value for key, value in keys.items() if key in GUARD}
+    if guarded:
+        return complete_guard(given)
+    for key in given:
+        raise ValueError(
+            f"{(names or {}).get(key, key)} is a limit of the guard, which is off; switch it on, or leave it out"
+        )
+    return {}
+
+
+def faults_told(texts: Iterable[str], duration_min: float) -> tuple[str, ...]:
+    """Faults in full.
+
+    Raises
+    ------
+    ValueError
+        For a text that is no fault, or one that begins after the end of the run.
+    """
+    faults = [parse_fault(text) for text in texts]
+    for told in faults:
+        start_min = float(told.settings.get(START, 0.0))
+        if start_min >= duration_min:
+            raise ValueError(
+                f"the fault {told.name} begins at {start_min:g} min, but the run ends at {duration_min:g} min; "
+                "let it begin earlier, or leave it out"
+            )
+    return tuple(fault_text(told) for told in faults)
 
 
 def _identification(situation: Situation) -> dict[str, object]:
@@ -212,6 +258,8 @@ def overlay(
         own = {setting.name for setting in entry.settings}
         foreign = catalogue.all_settings().keys() - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
+    if upper.get("guard") is False:
+        kept = {key: value for key, value in kept.items() if key not in GUARD}
     return {**kept, **upper}
 
 
@@ -230,7 +278,8 @@ def run_keys() -> list[str]:
 
 def case_key_names() -> list[str]:
     """The flat keys that a case of a comparison may set."""
-    return [*(key for key in Case.model_fields if key != "tuning"), *catalogue.all_settings()]
+    own = [key for key in Case.model_fields if key not in ("tuning", "guard_limits")]
+    return [*own, *catalogue.all_settings(), *GUARD]
 
 
 def whole_samples(minutes: float, sample_time_min: float) -> int:

@@ -19,6 +19,8 @@ _KINDS: Final = {
     "model": "a table",
 }
 _LONGEST_VALUE: Final = 60
+_GROUPS: Final = ("tuning", "guard_limits")
+"""Keys of a record whose own keys stand among the others in a file."""
 
 
 def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping[str, str] | None = None) -> str:
@@ -32,8 +34,10 @@ def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping
     names : mapping, optional
         What a key is called where it was given, such as an option of the command line.
     """
-    first = error.errors(include_url=False)[0]
-    path = first["loc"]
+    errors = error.errors(include_url=False)
+    # Where a value may be of several types, what is wrong with one that is not finite is told by the right one.
+    first = next((one for one in errors if one["type"] == "finite_number"), errors[0])
+    path = first["loc"][1:] if len(first["loc"]) > 1 and first["loc"][0] in _GROUPS else first["loc"]
     key = str(path[0]) if path else ""
     name = (names or {}).get(key, ".".join(str(part) for part in path if not _is_branch(part)))
     if first["type"] == "missing":

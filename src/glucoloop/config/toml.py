@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import tomli_w
 
@@ -13,6 +13,11 @@ import glucoloop
 
 VERSION_KEY = "glucoloop"
 """Key under which a written file tells the version that wrote it."""
+LARGEST_CHARACTERS: Final = 1_000_000
+_MOST_DOTS: Final = 3000
+"""In a line. Memory that the parser takes for a dotted key grows with the square of its length."""
+LARGEST_INTEGER: Final = 2**63 - 1
+"""TOML's own; of a larger one neither the float nor the text need exist."""
 
 
 def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
@@ -21,14 +26,38 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
     Raises
     ------
     ValueError
-        For a text that is not TOML.
+        For a text that is not TOML, or is too long or too deeply nested for a configuration.
     """
+    if len(text) > LARGEST_CHARACTERS:
+        raise ValueError(
+            f"{name} is too large for a configuration: {len(text)} characters, at most {LARGEST_CHARACTERS} will do"
+        )
+    if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
+        raise ValueError(f"{name} has a line with more than {_MOST_DOTS} dots; break it into several")
     try:
         keys = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{name} is not TOML: {str(error).rstrip('.')}") from None
+    except RecursionError:
+        raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat") from None
+    except ValueError:  # Python refuses a number of thousands of digits
+        raise ValueError(_too_large(name)) from None
+    if any(_holds_too_large(value) for value in keys.values()):
+        raise ValueError(_too_large(name))
     version = keys.pop(VERSION_KEY, None)
     return keys, None if version is None else str(version)
+
+
+def _holds_too_large(value: object) -> bool:
+    if isinstance(value, Mapping):
+        return any(map(_holds_too_large, value.values()))
+    if isinstance(value, list):
+        return any(map(_holds_too_large, value))
+    return isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER
+
+
+def _too_large(name: str) -> str:
+    return f"{name} holds a whole number beyond {LARGEST_INTEGER}, which TOML does not have; give a smaller one"
 
 
 def beside(path: str, file: Path) -> str:

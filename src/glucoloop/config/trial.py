@@ -17,6 +17,7 @@ from glucoloop.config.run import (
     Situation,
     case_key_names,
     checked,
+    faults_told,
     overlay,
     read_case,
     whole_samples,
@@ -26,6 +27,7 @@ from glucoloop.patients.population import PRESETS, Population
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials import catalogue
+from glucoloop.trials.printable import is_printable
 from glucoloop.trials.trial import MOST_PEOPLE, Trial, TrialCase, usual_shard_people
 from glucoloop.units import MIN_PER_DAY
 
@@ -45,10 +47,12 @@ SITUATION_KEYS: Final = (
     "min_insulin_mU_min",
     "max_insulin_mU_min",
     "pump_resolution_mU_min",
+    "faults",
     "seed",
 )
 """What a trial has in common with a single run."""
 _LENGTHS: Final = ("days", "duration_min")
+_DIGITS: Final = 20
 
 
 class TrialKeys(BaseModel):
@@ -129,6 +133,7 @@ def read_trial(
         min_insulin_mU_min=situation.min_insulin_mU_min,
         max_insulin_mU_min=situation.max_insulin_mU_min,
         pump_resolution_mU_min=situation.pump_resolution_mU_min,
+        faults=faults_told(situation.faults, plan.horizon_min),
         sample_time_min=situation.sample_time_min,
         precision=own.precision,
         design=own.design,
@@ -174,6 +179,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         "min_insulin_mU_min": trial.min_insulin_mU_min,
         "max_insulin_mU_min": trial.max_insulin_mU_min,
         "pump_resolution_mU_min": trial.pump_resolution_mU_min,
+        "faults": list(trial.faults),
         "sample_time_min": trial.sample_time_min,
         "design": trial.design,
         "precision": trial.precision,
@@ -193,6 +199,9 @@ def _case_keys(case: TrialCase) -> dict[str, Any]:
         "memory": case.memory,
         "laguerre_pole": case.laguerre_pole,
         "laguerre_functions": case.laguerre_functions,
+        "guard": None if case.guard is None else True,
+        **(case.guard or {}),
+        "faults": list(case.faults) or None,
     }
     return {key: value for key, value in keys.items() if value is not None}
 
@@ -220,7 +229,7 @@ def _population(told: object, name: str) -> Population:
 def _traces(told: object, name: str) -> Literal["none", "all"] | int:
     if told == "none" or told == "all":
         return told
-    number = int(told) if isinstance(told, str) and told.isdecimal() else told
+    number = int(told) if isinstance(told, str) and told.isdecimal() and len(told) < _DIGITS else told
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
     raise ValueError(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
@@ -244,6 +253,8 @@ def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situat
     label = table.get("label")
     if not isinstance(label, str) or not label.strip():
         raise ValueError(f"the case {dict(table)!r} has no label; give it one, like label = 'careful'")
+    if not is_printable(label):
+        raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
     own = {key: value for key, value in table.items() if key != "label"}
     try:
         for key in own:
@@ -267,4 +278,5 @@ def _trial_case(label: str, case: Case) -> TrialCase:
         memory=case.memory,
         laguerre_pole=case.laguerre_pole,
         laguerre_functions=case.laguerre_functions,
+        guard=dict(case.guard_limits) if case.guard else None,
     )

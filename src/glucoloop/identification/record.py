@@ -13,6 +13,9 @@ from glucoloop._pytree import pytree, static
 from glucoloop.identification import _check
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0
+HIGHEST_INSULIN_MU_MIN = 10_000.0
+# Two thousand years; beyond it a float no longer tells the parts of a minute apart.
+LATEST_MIN = 1e9
 # No record of a living person has its median below this; one in mmol/l always has.
 LOWEST_MEDIAN_GLUCOSE_MG_DL = 30.0
 # Times within this part of a sample are the same time.
@@ -62,9 +65,9 @@ def record_from_samples(
     Parameters
     ----------
     t_min : array_like, shape (n,)
-        Times, increasing [min].
+        Times, increasing, from -1e9 to 1e9 [min].
     insulin_mU_min : array_like, shape (n,)
-        Rate from this row to the next, not below 0 [mU/min].
+        Rate from this row to the next, from 0 to 10 000 [mU/min].
     glucose_mg_dl : array_like, shape (n,)
         Reading at this row, above 0 and at most 2000, or NaN where it is missing [mg/dl].
     sample_time_min : float
@@ -121,6 +124,13 @@ def _columns(*columns: ArrayLike | Sequence[object]) -> list[Floats]:
         )
     _refuse_rows(~np.isfinite(times), "time", times, "a finite number of minutes", "leave the row out")
     _refuse_rows(
+        np.abs(times) > LATEST_MIN,
+        "time",
+        times,
+        f"from {-LATEST_MIN:g} to {LATEST_MIN:g} min",
+        "count from the first row",
+    )
+    _refuse_rows(
         np.diff(times, prepend=-np.inf) <= 0,
         "time",
         times,
@@ -128,10 +138,10 @@ def _columns(*columns: ArrayLike | Sequence[object]) -> list[Floats]:
         "sort the rows and keep one for each time",
     )
     _refuse_rows(
-        ~(np.isfinite(insulin) & (insulin >= 0)),
+        ~((insulin >= 0) & (insulin <= HIGHEST_INSULIN_MU_MIN)),
         "insulin rate",
         insulin,
-        "a finite number of mU/min, at least 0",
+        f"a finite number of mU/min, at least 0 and at most {HIGHEST_INSULIN_MU_MIN:g}",
         "give the rate that was infused, or leave the row out to hold the one before",
     )
     _refuse_rows(
@@ -156,11 +166,11 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
         if isinstance(column, np.ma.MaskedArray):
             column = np.ma.filled(column.astype(float), np.nan)
         numbers = np.asarray(column, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         for row, value in enumerate(np.asarray(column, dtype=object)):
             try:
                 float(value)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise ValueError(
                     f"The {name} in row {row} is {value!r}: it must be a number; leave the row out, "
                     "or mark a missing reading as NaN."

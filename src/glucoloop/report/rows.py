@@ -51,6 +51,8 @@ class _Entry:
     divisor: float = 1.0
     settled: str = ""
     """Field that tells whether the value is more than a lower bound."""
+    seldom: bool = False
+    """Whether it is left out where it is 0 in all runs."""
 
     def value(self, metrics: Mapping[str, float | int | bool | None]) -> str:
         value = metrics[self.field]
@@ -78,6 +80,8 @@ _SECTIONS: Final[dict[str, tuple[_Entry, ...]]] = {
         _Entry("time_below_54_pct", "Time below 54 mg/dl", "%"),
         _Entry("time_below_60_pct", "Time below 60 mg/dl", "%"),
         _Entry("time_below_70_pct", "Time below 70 mg/dl", "%"),
+        _Entry("low_events", "Events below 70 mg/dl", "", 0),
+        _Entry("very_low_events", "Events below 54 mg/dl", "", 0),
         _Entry("time_70_180_pct", "Time from 70 to 180 mg/dl", "%"),
         _Entry("time_above_180_pct", "Time above 180 mg/dl", "%"),
         _Entry("time_above_250_pct", "Time above 250 mg/dl", "%"),
@@ -104,6 +108,10 @@ _SECTIONS: Final[dict[str, tuple[_Entry, ...]]] = {
         _Entry("samples_missing", "Reading missing", "", 0),
         _Entry("samples_not_converged", "Not converged", "", 0),
         _Entry("samples_non_finite", "Dose not finite", "", 0),
+        _Entry("samples_rejected", "Reading not believed", "", 0, seldom=True),
+        _Entry("samples_fallback", "Fallback to the basal rate", "", 0, seldom=True),
+        _Entry("samples_suspended", "Insulin suspended", "", 0, seldom=True),
+        _Entry("samples_dose_limited", "Dose cut by the guard", "", 0, seldom=True),
     ),
 }
 
@@ -123,6 +131,7 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
         Row(section, entry.name, entry.unit, tuple(entry.value(values) for values in plain))
         for section, entries in _SECTIONS.items()
         for entry in entries
+        if not entry.seldom or any(values[entry.field] for values in plain)
     ]
 
 

@@ -16,7 +16,6 @@ from glucoloop.pumps import Delivery, Pump
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.plant import Plant
 
-
 # Far from the numbers of samples, by which readings get their keys, so that the pump's chance is not the sensor's.
 _PUMP: Final = 0x50554D50
 

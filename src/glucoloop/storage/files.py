@@ -22,15 +22,21 @@ def read_text(path: Path, what: str) -> str:
     ValueError
         If it cannot be read, is empty, far too large, or not text.
     """
+    if "\0" in str(path):
+        raise ValueError(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
     try:
         size = path.stat().st_size
         if path.is_dir():
             raise ValueError(f"{path} is a folder, not {what}; name a file in it")
         if size > LARGEST_TEXT_BYTES:
             raise ValueError(f"{path} is too large for {what}: {size} bytes, at most {LARGEST_TEXT_BYTES} will do")
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            # A device or a pipe tells no size beforehand.
+            data = file.read(LARGEST_TEXT_BYTES + 1)
     except OSError as error:
         raise ValueError(f"{path} cannot be read as {what}: {error.strerror}") from None
+    if len(data) > LARGEST_TEXT_BYTES:
+        raise ValueError(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
     if not data.strip():
         raise ValueError(f"{path} is empty; give the path of {what}")
     try:

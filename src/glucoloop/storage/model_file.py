@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -18,6 +20,8 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
 
 _ROUNDING: Final = 1e-9
+_LARGEST_RESPONSE: Final = 1e6
+"""Of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
 Response = Annotated[list[float], Field(min_length=1, max_length=10_000)]
 
@@ -70,7 +74,14 @@ class ModelFile(BaseModel):
         step, impulse = np.array(self.step_response), np.array(self.impulse_response)
         if step.size != impulse.size:
             raise ValueError(f"{step.size} values of the step response and {impulse.size} of the impulse response")
-        if not np.allclose(np.cumsum(impulse), step, rtol=0.0, atol=_ROUNDING * np.abs(step).max()):
+        if not _is_finite(self.provenance.settings):
+            raise ValueError("a setting in its provenance that is not finite, which JSON does not have")
+        largest = np.abs(step).max()
+        if largest > _LARGEST_RESPONSE:
+            raise ValueError(f"a step response of {largest:g} mg/dl per mU/min, above {_LARGEST_RESPONSE:g}")
+        with np.errstate(over="ignore"):
+            total = np.cumsum(impulse)
+        if not np.allclose(total, step, rtol=0.0, atol=_ROUNDING * largest):
             raise ValueError("a step response that is not the running sum of the impulse response")
         return self
 
@@ -127,6 +138,14 @@ def read_model(path: Path) -> ModelFile:
         return ModelFile.model_validate_json(text)
     except ValidationError as error:
         raise ValueError(f"{path} is not a model that can be used: {_sentence(error)}") from None
+
+
+def _is_finite(value: object) -> bool:
+    if isinstance(value, Mapping):
+        return all(map(_is_finite, value.values()))
+    if isinstance(value, list | tuple):
+        return all(map(_is_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _sentence(error: ValidationError) -> str:

@@ -78,7 +78,9 @@ def csv(table: pl.DataFrame) -> bytes:
 
 
 def read_record_columns(path: Path) -> dict[str, list[object]]:
-    """The columns of a record from a CSV file, numbers where they are numbers; further columns are left out.
+    """The columns of a record from a CSV file, numbers where they are numbers.
+
+    Further columns and empty rows are left out.
 
     Raises
     ------
@@ -90,13 +92,16 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
         table = pl.read_csv(io.BytesIO(text.encode()), infer_schema=False)
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
-        raise ValueError(f"{path} is not a CSV table: {str(error).splitlines()[0]}") from None
+        raise ValueError(f"{path} is not a CSV table: {next(iter(str(error).splitlines()), 'it is damaged')}") from None
     for column in RECORD_COLUMNS:
+        if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one
+            raise ValueError(f"{path} has the column {column!r} twice; leave one out")
         if column not in table.columns:
             raise ValueError(
                 f"{path} has no column {column!r}, only {', '.join(table.columns)}; "
                 f"its first line must name {', '.join(RECORD_COLUMNS)}"
             )
+    table = table.select(RECORD_COLUMNS).filter(~pl.all_horizontal(pl.all().is_null()))
     return {column: [_number(text) for text in table[column].to_list()] for column in RECORD_COLUMNS}
 
 
@@ -105,6 +110,9 @@ def _number(text: str | None) -> object:
     if text is None or not text.strip():
         return float("nan")
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
         return text
+    if "_" in text:  # Python reads 1_0 as ten, but no program writes it so
+        raise ValueError(f"the value {text!r} in the record is not a number; write it without underscores")
+    return number

@@ -6,6 +6,7 @@ settings become options. Nothing here imports a numerical library, so that help 
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import importlib
 from collections.abc import Callable, Iterable, Mapping
@@ -35,8 +36,14 @@ class Default:
     @property
     def text(self) -> str:
         """For help: ``8`` or ``8, with noise 10``."""
-        noisy = "" if self.noisy in (None, self.noise_free) else f", with noise {self.noisy}"
-        return f"{self.noise_free}{noisy}"
+        noisy = "" if self.noisy in (None, self.noise_free) else f", with noise {_told(self.noisy)}"
+        return f"{_told(self.noise_free)}{noisy}"
+
+
+def _told(value: Value | None) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,7 @@ class Setting:
 
     name: str
     """As in a configuration file; the option is the same with dashes."""
-    type: type[int] | type[float] | type[str]
+    type: type[int] | type[float] | type[str] | type[bool]
     summary: str
     """With the paper's symbol, if it has one."""
     default: Default
@@ -65,12 +72,14 @@ class Setting:
         if self.choices and value not in self.choices:
             raise ValueError(f"{self.name} is {value!r}; the known ones are: {', '.join(self.choices)}")
         if isinstance(value, bool):
-            pass
+            if self.type is bool:
+                return value
         elif self.type is float and isinstance(value, int | float):
-            return float(value)
+            with contextlib.suppress(OverflowError):  # of a whole number beyond all floats
+                return float(value)
         elif isinstance(value, self.type):
             return value
-        kinds: dict[type, str] = {int: "a whole number", float: "a number", str: "a text"}
+        kinds: dict[type, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
         raise ValueError(f"{self.name} is {value!r}; give {kinds[self.type]}")
 
 
@@ -149,6 +158,19 @@ def constraints(default: Default) -> Setting:
     )
 
 
+def soft_floor() -> tuple[Setting, ...]:
+    """The constraint (19) on predicted glucose, with slack."""
+    return (
+        Setting(
+            "glucose_floor_mg_dl",
+            float,
+            "Floor under predicted glucose, kept as far as it pays, in mg/dl; 0: none. Implies the moves of qp.",
+            Default(0.0),
+        ),
+        Setting("floor_weight", float, "Weight on what predicted glucose lacks of the floor, w.", Default(10.0)),
+    )
+
+
 def estimation(reference_filter: float) -> tuple[Setting, ...]:
     """Settings of a controller that estimates the state of a model with 19 states."""
     return (
@@ -194,6 +216,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 output_weight(Default(1.0, noisy=3.0)),
                 move_weight(Default(0.0, noisy=1.0)),
                 constraints(Default("clip")),
+                *soft_floor(),
             ),
         ),
         Entry(
@@ -214,6 +237,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                     choices=("held-innovation", "output-disturbance", "input-disturbance", "none"),
                 ),
                 constraints(Default("clip")),
+                *soft_floor(),
             ),
             uses_model=False,
         ),
@@ -227,6 +251,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 output_weight(Default(1.0)),
                 move_weight(Default(0.0, noisy=1.0)),
                 *estimation(0.57),
+                *soft_floor(),
             ),
             uses_model=False,
         ),

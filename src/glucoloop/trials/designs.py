@@ -13,6 +13,8 @@ from glucoloop.control import (
     MPCSE,
     NLQDMC,
     Controller,
+    Guard,
+    GuardSettings,
     MPCTuning,
     PIDTuning,
     StateTuning,
@@ -22,6 +24,7 @@ from glucoloop.control import (
     design_nlqdmc_se,
     design_open_loop,
     design_pid,
+    guarded,
     internal_model_tuning,
 )
 from glucoloop.models.step_response import StepResponseModel
@@ -29,6 +32,7 @@ from glucoloop.patients import Patient, SorensenPatient
 from glucoloop.pumps import DoseLimits
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
 from glucoloop.trials.catalogue import Value, controller_entry
+from glucoloop.trials.guard_catalogue import PREFIX
 from glucoloop.trials.situation import record_key, sensor_of
 from glucoloop.trials.trial import Trial, TrialCase
 
@@ -86,8 +90,21 @@ def controller_of(trial: Trial, case: TrialCase, nominal: SorensenPatient, limit
         noise_variance=trial.noise_variance,
         dead_time_samples=known_samples,
     )
-    controller: Controller = entry.designer()(design, **case.tuning)
-    return controller
+    return with_guard(entry.designer()(design, **case.tuning), case.guard, limits)
+
+
+def with_guard(controller: Controller, guard: Mapping[str, Value] | None, limits: DoseLimits) -> Controller:
+    """A controller with the guard that is asked for, if any: its limits as in `guard_catalogue`.
+
+    Raises
+    ------
+    ValueError
+        For a limit out of its bounds.
+    """
+    if guard is None:
+        return controller
+    given = {key.removeprefix(PREFIX): float(value) for key, value in guard.items()}
+    return guarded(controller, GuardSettings(**given), limits)
 
 
 def told_of_basal(controller: Controller, basal_insulin_mU_min: npt.NDArray[np.float64]) -> Controller:
@@ -96,7 +113,7 @@ def told_of_basal(controller: Controller, basal_insulin_mU_min: npt.NDArray[np.f
     Those that hold the basal rate of the patient they were designed for are given each person's own; the others take
     it from the pump when they wake, and are handed back as they are.
     """
-    if isinstance(controller, MPCSE | NLQDMC):
+    if isinstance(controller, MPCSE | NLQDMC | Guard):
         return controller.with_basal(jnp.asarray(basal_insulin_mU_min))
     return controller
 
@@ -109,6 +126,8 @@ def linear_mpc(
     output_weight: float,
     move_weight: float,
     constraints: str,
+    glucose_floor_mg_dl: float,
+    floor_weight: float,
 ) -> Controller:
     """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
     tuning = MPCTuning(
@@ -117,7 +136,14 @@ def linear_mpc(
         output_weight=output_weight,
         move_weight=move_weight,
     )
-    return design_linear_mpc(case.identified, tuning, case.limits, constraints=constraints)
+    return design_linear_mpc(
+        case.identified,
+        tuning,
+        case.limits,
+        constraints=constraints,
+        glucose_floor_mg_dl=glucose_floor_mg_dl,
+        floor_weight=floor_weight,
+    )
 
 
 def process_noise(tuning: Mapping[str, Value]) -> npt.NDArray[np.float64]:
@@ -144,6 +170,8 @@ def mpc_se(
     measurement_variance: float,
     offset_free: str,
     constraints: str,
+    glucose_floor_mg_dl: float,
+    floor_weight: float,
 ) -> Controller:
     """MPC with state estimation, on the patient linearised at his operating point."""
     return design_mpc_se(
@@ -155,6 +183,8 @@ def mpc_se(
         offset_free=offset_free,
         dead_time_samples=case.dead_time_samples,
         constraints=constraints,
+        glucose_floor_mg_dl=glucose_floor_mg_dl,
+        floor_weight=floor_weight,
     )
 
 
@@ -171,6 +201,8 @@ def nlqdmc_se(
     other_process_noise: float,
     glucagon_process_noise: float,
     measurement_variance: float,
+    glucose_floor_mg_dl: float,
+    floor_weight: float,
 ) -> Controller:
     """NLQDMC with state estimation, on the patient's own equations."""
     return design_nlqdmc_se(
@@ -180,6 +212,8 @@ def nlqdmc_se(
         case.limits,
         measurement_variance=measurement_variance,
         dead_time_samples=case.dead_time_samples,
+        glucose_floor_mg_dl=glucose_floor_mg_dl,
+        floor_weight=floor_weight,
     )
 
 

@@ -24,9 +24,10 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.trials.bins import count, glucose_edges, insulin_edges
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.designs import controller_of, told_of_basal
+from glucoloop.trials.designs import controller_of, told_of_basal, with_guard
 from glucoloop.trials.individual import individual_design
-from glucoloop.trials.situation import keys_of_people, pump_of, sensor_of
+from glucoloop.trials.situation import keys_of_people
+from glucoloop.trials.surroundings import Surroundings, shared_surroundings
 from glucoloop.trials.trial import Trial, TrialCase, fingerprint
 
 Array = npt.NDArray[Any]
@@ -65,6 +66,11 @@ class PreparedCase:
     own: Callable[[VirtualPeople], Controller] | None
     """Controllers of people's own; None where all have the same."""
     cohort: Cohort
+    """Which cases that differ only in a fault share."""
+    surroundings: Surroundings
+    """Sensor and pump of one person."""
+    around: Callable[[int], Surroundings] | None
+    """Sensors and pumps of so many people; None where they are the cohort's."""
 
 
 @dataclass(frozen=True)
@@ -119,43 +125,65 @@ def _prepare(trial: Trial) -> PreparedTrial:
     setpoint = float(nominal.setpoint_mg_dl) if trial.setpoint_mg_dl is None else trial.setpoint_mg_dl
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
     example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
-    prepared = {
-        case.label: _prepare_case(trial, case, nominal, example, grid, limits, fold, setpoint) for case in trial.cases
-    }
+    prepared: dict[str, PreparedCase] = {}
+    for around in shared_surroundings(trial, limits):
+        prepared |= _prepare_cases(trial, around, nominal, example, grid, limits, fold, setpoint)
     return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
 
 
-def _prepare_case(
+def _prepare_cases(
     trial: Trial,
-    case: TrialCase,
+    around: Mapping[str, Surroundings],
     nominal: SorensenPatient,
     example: VirtualPeople,
     grid: SampleGrid,
     limits: DoseLimits,
     fold: RunningMetrics,
     setpoint: float,
-) -> PreparedCase:
+) -> dict[str, PreparedCase]:
+    """Cases that share a loop: they differ in their label and in what is around it."""
+    cases = [case for case in trial.cases if case.label in around]
+    case, own_around = cases[0], around[cases[0].label]
     controller = controller_of(trial, case, nominal, limits)
     own = _own_controllers(trial, case, controller, nominal, example, limits)
     meals = None
     if not trial.plan.varies:
         eaten = trial.plan.nominal()
         meals = np.array([meal.t_min for meal in eaten]), np.array([meal.carbs_g for meal in eaten])
+    of_one = own_around.of_people(around.values(), 1)
     cohort = Cohort(
         nominal,
         example.patient,
         controller,
-        sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, trial.dead_time_samples),
-        pump_of(limits, trial.pump_resolution_mU_min),
+        own_around.sensor,
+        own_around.pump,
         grid,
         fold,
         setpoint_mg_dl=setpoint,
         meals=meals,
         announced=trial.announced,
         varied_controller=None if own is None else own(example),
+        varied_sensor=of_one.sensor,
+        varied_pump=of_one.pump,
         precision=trial.precision,
     )
-    return PreparedCase(case=case, controller=controller, own=own, cohort=cohort)
+
+    def of_people(label: str) -> Callable[[int], Surroundings] | None:
+        if len(cases) == 1:
+            return None
+        return lambda people: around[label].of_people(around.values(), people)
+
+    return {
+        case.label: PreparedCase(
+            case=case,
+            controller=controller,
+            own=own,
+            cohort=cohort,
+            surroundings=around[case.label],
+            around=of_people(case.label),
+        )
+        for case in cases
+    }
 
 
 def _own_controllers(
@@ -168,7 +196,10 @@ def _own_controllers(
 ) -> Callable[[VirtualPeople], Controller] | None:
     """How people get controllers of their own, if they do; otherwise they share one, told of each one's basal rate."""
     if trial.design == "individual":
-        return individual_design(trial, case, nominal, example, limits)
+        own = individual_design(trial, dataclasses.replace(case, guard=None), nominal, example, limits)
+        if own is None or case.guard is None:
+            return own
+        return lambda people: told_of_basal(with_guard(own(people), case.guard, limits), people.basal_insulin_mU_min)
     return lambda people: told_of_basal(controller, people.basal_insulin_mU_min)
 
 
@@ -261,12 +292,15 @@ def _drawn(
     if trial.plan.meals:
         t_min, carbs_g = draw_meals(trial.plan, trial.seed, person)
         first_meal_min = np.floor(t_min.min(axis=0) / sample_time_min) * sample_time_min
+    around = None if of_case.around is None else of_case.around(person.size)
     people = People(
         patient=drawn.patient,
         x=drawn.rest,
         insulin_mU_min=drawn.basal_insulin_mU_min,
         key=keys_of_people(trial.seed, person),
         controller=None if of_case.own is None else of_case.own(drawn),
+        sensor=None if around is None else around.sensor,
+        pump=None if around is None else around.pump,
         meal_t_min=t_min if trial.plan.varies else None,
         carbs_g=carbs_g if trial.plan.varies else None,
     )

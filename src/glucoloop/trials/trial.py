@@ -19,7 +19,7 @@ from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials.catalogue import Value
 from glucoloop.units import MIN_PER_DAY
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Of the files of a trial; another one is not continued."""
 MOST_PEOPLE: Final = 1_000_000_000
 SHARD_PATIENT_DAYS: Final = 16_384
@@ -45,6 +45,10 @@ class TrialCase:
     memory: int | None = None
     laguerre_pole: float | None = None
     laguerre_functions: int | None = None
+    guard: Mapping[str, Value] | None = None
+    """Every limit of its guard; None: it has none."""
+    faults: tuple[str, ...] = ()
+    """Of its own, around those of the trial; see `fault_text`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +84,8 @@ class Trial:
     min_insulin_mU_min: float = 0.0
     max_insulin_mU_min: float = 66.9
     pump_resolution_mU_min: float | None = None
+    faults: tuple[str, ...] = ()
+    """Of everybody's sensor and pump, the first innermost; see `fault_text`."""
     sample_time_min: float = 5.0
     precision: Literal["float32", "float64"] = "float64"
     design: Literal["nominal", "individual"] = "nominal"

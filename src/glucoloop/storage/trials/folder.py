@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,15 +29,40 @@ BANDS: Final = "bands.parquet"
 REPORT: Final = "report.html"
 FINAL: Final = (BANDS, "figure.png", "figure.svg", REPORT, SUMMARY)
 """Written when all shards are done."""
-_TOP: Final = (HEADER, CONFIGURATION, SHARDS, SUMS, LOCK, *FINAL)
+_DIGITS: Final = 20
+"""Of the number of a shard."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a folder holds beside the shards."""
+
+    configuration: str
+    """File from which the same is done again."""
+    text: str
+    """What stands in it."""
+    final: tuple[str, ...]
+    """Files that are written when all shards are done."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All that may be in the folder."""
+        return (HEADER, self.configuration, SHARDS, SUMS, LOCK, *self.final)
+
+
+def plain_trial(trial: Trial) -> Kind:
+    """The folder of a trial."""
+    text = toml_text(trial_keys(trial), f"trial --config {CONFIGURATION}")
+    return Kind(configuration=CONFIGURATION, text=text, final=FINAL)
 
 
 class TrialFolder:
     """The folder of a trial that this process may write to; see `trial_folder`."""
 
-    def __init__(self, path: Path, trial: Trial) -> None:
+    def __init__(self, path: Path, trial: Trial, kind: Kind) -> None:
         self.path = path
         self.trial = trial
+        self.kind = kind
         self.notes: tuple[str, ...] = ()
         """What else is worth knowing, one sentence each."""
         self._sums: dict[int, dict[str, str]] = {}
@@ -108,7 +134,7 @@ class TrialFolder:
         return found
 
     def _digests(self, files: Iterable[str]) -> dict[str, str]:
-        top = {name: digest(self.path / name) for name in (HEADER, CONFIGURATION, *files)}
+        top = {name: digest(self.path / name) for name in (HEADER, self.kind.configuration, *files)}
         of_shards = {
             f"{SHARDS}/{self.shard(index).name}/{name}": value
             for index, sums in self._sums.items()
@@ -124,7 +150,7 @@ class TrialFolder:
 
     def _begin(self) -> None:
         """Write what the folder is about, unless it says so already."""
-        header, text = header_of(self.trial), toml_text(trial_keys(self.trial), f"trial --config {CONFIGURATION}")
+        header, text = header_of(self.trial), self.kind.text
         if not (self.path / HEADER).exists():
             put_file(self.path / HEADER, header.text().encode())
         there = read_header(self.path)
@@ -132,7 +158,7 @@ class TrialFolder:
         if refused is not None:
             raise ValueError(refused)
         self.notes = tuple(other_libraries(there, header, self.path))
-        configuration = self.path / CONFIGURATION
+        configuration = self.path / self.kind.configuration
         if not configuration.exists():
             put_file(configuration, text.encode())
         elif configuration.read_bytes() != text.encode():
@@ -151,7 +177,7 @@ class TrialFolder:
             if self.shard(index).exists():
                 self._sums[index] = _whole_shard(self.shard(index), self.path)
         sums = read_sums(self.path)
-        for name in FINAL:
+        for name in self.kind.final:
             if name in sums and (self.path / name).exists() and digest(self.path / name) != sums[name]:
                 raise ValueError(
                     f"{self.path / name} was changed since glucoloop wrote it; "
@@ -168,11 +194,16 @@ def shard_path(folder: Path, index: int) -> Path:
 
 def done_shards(folder: Path, shards: int) -> list[Path]:
     """The shards of a trial that are done, in order."""
-    return [place for index in range(shards) if (place := shard_path(folder, index)).is_dir()]
+    there = folder / SHARDS
+    names = (entry.name for entry in there.iterdir() if entry.is_dir()) if there.is_dir() else ()
+    numbers = sorted(int(name) for name in names if name.isascii() and name.isdecimal() and len(name) < _DIGITS)
+    return [shard_path(folder, number) for number in numbers if number < shards]
 
 
 @contextlib.contextmanager
-def trial_folder(path: Path, trial: Trial, *, overwrite: bool = False) -> Iterator[TrialFolder]:
+def trial_folder(
+    path: Path, trial: Trial, *, overwrite: bool = False, kind: Kind | None = None
+) -> Iterator[TrialFolder]:
     """Open the folder of a trial, new or begun, for writing.
 
     Parameters
@@ -181,6 +212,8 @@ def trial_folder(path: Path, trial: Trial, *, overwrite: bool = False) -> Iterat
     trial : Trial
     overwrite : bool
         Begin again, whatever trial the folder holds.
+    kind : Kind, optional
+        What it holds beside the shards; a plain trial by default.
 
     Raises
     ------
@@ -188,16 +221,16 @@ def trial_folder(path: Path, trial: Trial, *, overwrite: bool = False) -> Iterat
         If the place is taken by something else, by another trial or by another run, if a shard is damaged, or if the
         folder cannot be written to. A new folder is gone again if the block fails before a shard is done.
     """
-    made = not path.exists()
+    made, kind = not path.exists(), plain_trial(trial) if kind is None else kind
     with contextlib.ExitStack() as stack:
         try:
             path.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(path))
-            _refuse_foreign(path)
+            _refuse_foreign(path, kind)
             if overwrite:
-                _clear(path)
+                _clear(path, kind)
             new = not (path / HEADER).exists()
-            folder = TrialFolder(path, trial)
+            folder = TrialFolder(path, trial, kind)
             folder._begin()
             folder._check()
         except (FileExistsError, NotADirectoryError):
@@ -213,7 +246,7 @@ def trial_folder(path: Path, trial: Trial, *, overwrite: bool = False) -> Iterat
             yield folder
         except BaseException:
             if new and not folder.done:
-                _clear(path)
+                _clear(path, kind)
                 stack.close()
                 _leave(path, made)
             raise
@@ -226,17 +259,17 @@ def _leave(path: Path, made: bool) -> None:
             path.rmdir()
 
 
-def _refuse_foreign(path: Path) -> None:
+def _refuse_foreign(path: Path, kind: Kind) -> None:
     """Refuse a folder that holds something that is no part of a trial."""
     holds = [entry.name for entry in path.iterdir() if entry.name != LOCK and not in_the_making(entry.name)]
-    foreign = sorted(name for name in holds if name not in _TOP)
+    foreign = sorted(name for name in holds if name not in kind.names)
     if foreign:
         raise ValueError(f"{path} holds {foreign[0]}, which is no part of a trial; choose another folder with --out")
     if holds and HEADER not in holds:
         raise ValueError(f"{path} is not empty and holds no trial; choose another folder with --out")
 
 
-def _clear(path: Path) -> None:
+def _clear(path: Path, kind: Kind) -> None:
     """Take an earlier trial away: the list of digests first, its header last."""
     shards = path / SHARDS
     for entry in sorted(shards.iterdir()) if shards.is_dir() else ():
@@ -246,13 +279,13 @@ def _clear(path: Path) -> None:
                 "move that away, or choose another folder with --out"
             )
     sums = read_sums(path)
-    for name in (*FINAL, CONFIGURATION):
+    for name in (*kind.final, kind.configuration):
         if name in sums and (path / name).exists() and digest(path / name) != sums[name]:
             raise ValueError(
                 f"{path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
                 "move that away, or choose another folder with --out"
             )
-    for name in (SUMS, *FINAL, CONFIGURATION, SHARDS, HEADER):
+    for name in (SUMS, *kind.final, kind.configuration, SHARDS, HEADER):
         remove(path / name)
 
 

@@ -67,11 +67,25 @@ def read_header(folder: Path) -> Header:
         found = json.loads(read_text(place, "the header of a trial"))
         kind, version = found.pop("format"), found.pop("format_version")
         header = Header(**found)
-    except (ValueError, TypeError, KeyError, AttributeError):
+        _check(header)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise ValueError(f"{place} is damaged; delete {folder} and run the trial again") from None
     if kind != _KIND or version != FORMAT:
         raise ValueError(f"{place} is of another format, {kind} {version}; read it with the glucoloop that wrote it")
     return header
+
+
+def _check(header: Header) -> None:
+    """Raise TypeError unless each part is of its kind."""
+    if not all(isinstance(text, str) for text in (header.version, header.fingerprint, *header.libraries.values())):
+        raise TypeError
+    if not all(isinstance(part, dict) for part in (header.libraries, header.config)):
+        raise TypeError
+    cases = header.config.get(CASES_KEY, [])
+    if not isinstance(cases, list) or not all(isinstance(case, dict) and "label" in case for case in cases):
+        raise TypeError
+    if not all(type(number) is int and number >= 1 for number in (header.people, header.shards)):
+        raise TypeError
 
 
 def difference(there: Header, here: Header, folder: Path) -> str | None:

@@ -15,9 +15,11 @@ from typing import Any, Final
 
 import duckdb
 
+from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards
 from glucoloop.storage.trials.header import read_header
+from glucoloop.trials.printable import is_printable
 
 VIEWS: Final = {
     "people": "one row a person and controller: parameters, basal rate, metrics",
@@ -29,6 +31,8 @@ VIEWS: Final = {
 _MEMORY: Final = "1GB"
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
+_SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
+"""What a question in several lines may hold."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ class TrialTables:
         ValueError
             For what is not one SELECT, or what DuckDB refuses.
         """
+        if not is_printable(sql.translate(_SPACES)):
+            raise ValueError(f"{_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
         try:
             statements = self._connection.extract_statements(sql)
             if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
@@ -67,7 +73,7 @@ class TrialTables:
             self._connection.execute(statements[0])
             columns = [of[0] for of in self._connection.description]
             first = self._connection.fetchmany(_ROWS)
-        except duckdb.Error as error:
+        except (duckdb.Error, OverflowError) as error:
             raise ValueError(_refusal(error)) from None
         return Answer(columns, self._rows(first))
 
@@ -76,7 +82,7 @@ class TrialTables:
             yield from rows
             try:
                 rows = self._connection.fetchmany(_ROWS)
-            except duckdb.Error as error:
+            except (duckdb.Error, OverflowError) as error:
                 raise ValueError(_refusal(error)) from None
 
 
@@ -148,14 +154,19 @@ def _quoted(text: str) -> str:
 
 def _summary(connection: Any, folder: Path) -> None:
     """A row a controller and metric."""
-    controllers = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["controllers"]
-    rows = [
-        {"controller": label, "metric": metric, **values}
-        for label, of_label in controllers.items()
-        for metric, values in of_label["metrics"].items()
-    ]
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    kinds = (f'"{name}" {"varchar" if name in ("controller", "metric") else "double"}' for name in columns)
+    try:
+        controllers = json.loads(read_text(folder / SUMMARY, "a summary"))["controllers"]
+        rows = [
+            {"controller": label, "metric": metric, **values}
+            for label, of_label in controllers.items()
+            for metric, values in of_label["metrics"].items()
+        ]
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise ValueError(
+            f"{folder / SUMMARY} is damaged; move it away and run the command that made {folder} again"
+        ) from None
+    columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
+    kinds = (f"{_name(name)} {'varchar' if name in ('controller', 'metric') else 'double'}" for name in columns)
     connection.execute(f"create table summary ({', '.join(kinds)})")
     marks = ", ".join("?" * len(columns))
     connection.executemany(
@@ -163,8 +174,14 @@ def _summary(connection: Any, folder: Path) -> None:
     )
 
 
+def _name(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"'
+
+
 def _refusal(error: Exception) -> str:
     """DuckDB's own message in a line, without the part that points into the text."""
+    if isinstance(error, OverflowError):
+        return "the answer holds a span of time that is too long to be shown; cast it to varchar"
     return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
@@ -12,6 +13,8 @@ from glucoloop.control.tuning import MPCTuning, StateTuning
 
 MOST_VALUES: Final = 1000
 """Of one range."""
+MOST_TUNINGS: Final = 100_000
+"""Of a grid, with those that are left out."""
 
 _NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})")
 
@@ -102,7 +105,7 @@ def tuning_grid(
     Raises
     ------
     ValueError
-        If there is no possible combination, or a value that no tuning can have.
+        If there is no possible combination or there are too many, or for a value that no tuning can have.
 
     Examples
     --------
@@ -119,6 +122,9 @@ def tuning_grid(
     for name, values in ranges.items():
         if not len(values):
             raise ValueError(f"the grid has no {name}; give at least one")
+    size = math.prod(map(len, ranges.values()))
+    if size > MOST_TUNINGS:
+        raise ValueError(f"a grid of {size} tunings is too large; give at most {MOST_TUNINGS}, or wider steps")
     shared = list(itertools.product(move_horizons, prediction_horizons, output_weights, move_weights))
     possible = [values for values in shared if values[1] >= values[0]]
     if not possible:

@@ -1,0 +1,129 @@
+"""What a campaign found, as tables, lines and JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+from glucoloop.cli.screen import show
+from glucoloop.trials.campaign import Campaign, met
+from glucoloop.trials.campaign_result import Arm, Broken, CampaignResult, Guarding
+
+
+def tell(campaign: Campaign, result: CampaignResult, seconds: float) -> None:
+    """Tables on standard output, and a line for each broken loop."""
+    if campaign.person is not None:
+        for line in _meets(campaign, campaign.person):
+            print(line)
+    show(_promises(result))
+    show(_controllers(result))
+    for line in broken_lines(result):
+        print(line)
+    more = f"; {result.repeated} of them closed twice" if result.repeated else ""
+    print(f"{result.loops} loops, {result.samples} samples, {seconds:.1f} s{more}.")
+    print(_verdict(result))
+
+
+def report(campaign: Campaign, result: CampaignResult, seconds: float) -> dict[str, Any]:
+    """The same as one JSON object."""
+    arms = [dataclasses.asdict(arm) for arm in result.arms]
+    for arm, told in zip(arms, result.arms, strict=True):
+        arm["told"] = [{**of, "repeat": repeat(result.seed, told.controller, of["person"])} for of in arm["told"]]
+    of_person = {}
+    if campaign.person is not None:
+        person = campaign.person
+        of_person = {name: dataclasses.asdict(met(name, campaign.seed, person)) for name in campaign.controllers}
+    return {
+        "seed": result.seed,
+        "loops": result.loops,
+        "samples": result.samples,
+        "seconds": seconds,
+        "interrupted": result.interrupted,
+        "violations": result.violations,
+        "arms": arms,
+        "guarding": [dataclasses.asdict(of) for of in result.guarding],
+        **({"meets": of_person} if of_person else {}),
+    }
+
+
+def repeat(seed: int, controller: str, person: int) -> str:
+    """Command that closes somebody's loops again."""
+    return f"glucoloop verify --seed {seed} --controller {controller} --person {person}"
+
+
+def broken_lines(result: CampaignResult) -> Iterator[str]:
+    """For each broken loop that is told, what broke and how to repeat it."""
+    for arm in result.arms:
+        for broken in arm.told:
+            yield _line(result.seed, arm, broken)
+        for person in arm.not_repeated[:10]:
+            yield f"{_called(arm)}, person {person}: other bits; {repeat(result.seed, arm.controller, person)}"
+
+
+def _line(seed: int, arm: Arm, broken: Broken) -> str:
+    faults = " ".join(f"--fault {fault!r}" for fault in broken.faults) or "no fault"
+    return (
+        f"{_called(arm)}, person {broken.person}: {broken.promise}; broken at {broken.samples} samples, first at "
+        f"{broken.first_min:g} min; {faults}; {repeat(seed, arm.controller, broken.person)}"
+    )
+
+
+def _called(arm: Arm) -> str:
+    return f"{arm.controller}, guarded" if arm.guarded else arm.controller
+
+
+def _meets(campaign: Campaign, person: int) -> Iterator[str]:
+    for name in campaign.controllers:
+        of = met(name, campaign.seed, person)
+        meals = " ".join(f"{carbs:.1f}g@{t:.1f}min" for t, carbs in of.meals) or "no meal"
+        faults = " ".join(f"--fault {fault!r}" for fault in of.faults) or "no fault"
+        yield (
+            f"{name}: {of.population}, basal rate {of.basal_insulin_mU_min:.2f} mU/min; {meals}; noise "
+            f"{of.noise_variance:.3g} (mg/dl)² within {of.noise_bound_mg_dl:.3g}; {faults}"
+        )
+
+
+def _promises(result: CampaignResult) -> Any:
+    table = _table("Promise", "Loops that broke it")
+    for promise, count in result.violations.items():
+        table.add_row(promise, str(count))
+    return table
+
+
+def _controllers(result: CampaignResult) -> Any:
+    numbers = ("Loops", "Samples", "Broken", "Below 60, %", "Better", "Worse", "Most, %", "Person")
+    table = _table("Controller", "Engine", *numbers)
+    of_guard: dict[str, Guarding] = {of.controller: of for of in result.guarding}
+    for arm in result.arms:
+        broken = sum(arm.broken.values()) + len(arm.not_repeated)
+        row = [_called(arm), arm.engine, str(arm.loops), str(arm.samples), str(broken)]
+        of = of_guard.get(arm.controller)
+        if of is not None and arm.guarded:
+            row += [f"{of.guarded_pct:.2f}", str(of.better), str(of.worse), f"{of.worst_pct:+.1f}"]
+            row.append(str(of.worst_person) if of.worst_pct > 0.0 else "")
+        elif of is not None:
+            row.append(f"{of.bare_pct:.2f}")
+        table.add_row(*row)
+    return table
+
+
+def _table(*columns: str) -> Any:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for column in columns:
+        text = column in ("Promise", "Controller", "Engine")
+        table.add_column(column, justify="left" if text else "right", no_wrap=not text)
+    return table
+
+
+def _verdict(result: CampaignResult) -> str:
+    broken = [promise for promise, count in result.violations.items() if count]
+    figure = (
+        f"Below 60: mean time below 60 mg/dl. Better, worse: people with a guard who are lower for less or longer than "
+        f"without, by more than {Guarding.MARGIN_PCT:g} % of the run. Most, person: the largest such difference, whose."
+    )
+    verdict = f"Broken: {'; '.join(broken)}." if broken else "Every promise was kept."
+    return f"{figure}\n{verdict}"

@@ -1,0 +1,145 @@
+"""What every loop promises at every sample, whatever fails in it, and the count of broken promises.
+
+Concentrations of insulin and glucagon never fall below zero. Glucose can, in the equations of the patient: brain, gut
+and red cells take up the same amount however little there is, so hours of too much insulin take even arterial glucose
+below zero. What can be promised follows from the balances. Transport of glucose only ever mixes: if arterial glucose
+has never been below m, the blood of the brain has never been below ``m - u_B / q_B``, its tissue not below ``m - u_B /
+q_B - u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at rest. Elsewhere uptake ends with
+glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale with
+body weight while flows and volumes do, so these distances are largest for the lightest person.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from typing import Final, cast
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Status
+from glucoloop.patients.body_weight import REFERENCE_WEIGHT_KG
+from glucoloop.patients.sorensen import INSULIN, STATE_NAMES
+from glucoloop.patients.varying import NOMINAL
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.simulation.loop import Sampled
+from glucoloop.trials.watched import WatchedDecision, WatchedDelivery, WatchedReading
+
+DOSE: Final = "dose delivered: finite, and within the pump's range"
+COMMAND: Final = "dose asked for: finite, and within the pump's range"
+RATE: Final = "dose asked for: within the rate limit of what the pump reported"
+STATUS: Final = "status: a known one"
+CONTROLLER: Final = "state of the controller: finite"
+PUMP: Final = "state of the pump: finite"
+FAULTS: Final = "clock of every fault: a whole number of samples"
+PATIENT: Final = "state of the patient: finite"
+INSULIN_THERE: Final = "insulin in every organ, and glucagon: not below zero"
+GLUCOSE_THERE: Final = "glucose in every organ: not below what uptake explains"
+
+PROMISES: Final = (
+    *(DOSE, COMMAND, RATE, STATUS, CONTROLLER),
+    *(PUMP, FAULTS, PATIENT, INSULIN_THERE, GLUCOSE_THERE),
+)
+
+LOW_MG_DL: Final = 60.0
+_ROUNDING_MU_MIN: Final = 1e-9
+_ROUNDING: Final = 1e-9
+_INTEGRATION_MG_DL: Final = 0.1
+"""Error of two exponential steps a sample, on the way down to these bounds."""
+
+
+@pytree
+class Kept:
+    """What has been seen of a loop so far."""
+
+    lowest_mg_dl: jax.Array
+    """Arterial glucose on the fine grid."""
+    below_60: jax.Array
+    """Points of the fine grid."""
+    broken: jax.Array
+    """(promises, ...) samples at which each was broken."""
+    first_min: jax.Array
+    """(promises, ...) when it first was; infinite: never."""
+
+
+@pytree
+class Promises:
+    """Checks every promise at every sample; implements `simulation.cohort.Fold`.
+
+    Controller, sensor and pump have to be watched, see `watched`.
+    """
+
+    limits: DoseLimits = PARKER_1999_LIMITS
+    lightest_kg: float = REFERENCE_WEIGHT_KG
+    """Nobody weighs less."""
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Kept:
+        """Nothing has been broken."""
+        del insulin_mU_min
+        none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
+        return Kept(
+            lowest_mg_dl=glucose_mg_dl,
+            below_60=jnp.zeros_like(glucose_mg_dl),
+            broken=none,
+            first_min=none + jnp.inf,
+        )
+
+    def step(self, kept: Kept, happened: Sampled, t_min: jax.Array) -> Kept:
+        """Check a sample, and take in the time until the next."""
+        held = self.held(happened, kept.lowest_mg_dl)
+        broken = jnp.where(jnp.stack([held[name] for name in PROMISES]), 0.0, 1.0)
+        below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
+        return Kept(
+            lowest_mg_dl=jnp.minimum(kept.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
+            below_60=kept.below_60 + jnp.sum(below, axis=0),
+            broken=kept.broken + broken,
+            first_min=jnp.where((broken > 0.0) & (kept.broken == 0.0), t_min, kept.first_min),
+        )
+
+    def held(self, happened: Sampled, lowest_mg_dl: jax.Array) -> dict[str, jax.Array]:
+        """Promise -> whether it is kept at a sample, ``(...)`` each; what is not a number keeps none.
+
+        Parameters
+        ----------
+        happened : Sampled
+        lowest_mg_dl : (...) array
+            Arterial glucose has never been lower.
+        """
+        decision, reading = cast(WatchedDecision, happened.decision), cast(WatchedReading, happened.reading)
+        delivery, limits, x = cast(WatchedDelivery, happened.delivery), self.limits, happened.x
+        command, word = decision.insulin_mU_min, decision.told_mU_min
+        meant = (word >= limits.min_mU_min) & (word <= limits.max_mU_min)
+        slow = jnp.abs(command - word) <= limits.max_change_mU_min + _ROUNDING_MU_MIN
+        return {
+            DOSE: self._in_range(delivery.insulin_mU_min),
+            COMMAND: self._in_range(command),
+            RATE: slow | ~meant,
+            STATUS: functools.reduce(operator.or_, [decision.status == int(known) for known in Status]),
+            CONTROLLER: decision.sound,
+            PUMP: delivery.sound,
+            FAULTS: delivery.clocks & reading.clocks,
+            PATIENT: jnp.all(jnp.isfinite(x), axis=0),
+            INSULIN_THERE: jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING),
+            GLUCOSE_THERE: self._explained(x, lowest_mg_dl),
+        }
+
+    def _in_range(self, rate: jax.Array) -> jax.Array:
+        return jnp.isfinite(rate) & (rate >= self.limits.min_mU_min) & (rate <= self.limits.max_mU_min)
+
+    def _explained(self, x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
+        """Whether glucose in every organ is no lower than the lowest arterial glucose and uptake make it."""
+        n, heavier = NOMINAL, REFERENCE_WEIGHT_KG / self.lightest_kg
+        brain = heavier * n["brain_uptake"] / n["q_B"]
+        tissue = brain + heavier * n["brain_uptake"] * n["T_B"] / n["v_BI"]
+        gut = heavier * n["gut_uptake"] / n["q_G"]
+        least = lowest_mg_dl - _INTEGRATION_MG_DL
+        holds = (x[0] >= least - brain) & (x[1] >= least - tissue) & (x[3] >= least - gut)
+        for organ in _UPTAKE_ENDS:
+            holds = holds & (x[organ] >= jnp.minimum(least - gut, 0.0))
+        return holds
+
+
+_GLUCAGON: Final = STATE_NAMES.index("N")
+_UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "G_PV", "G_PI"))

@@ -1,0 +1,39 @@
+"""Keys and values as people write them in one line: ``move_weight=1, constraints=qp``."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from typing import Final
+
+_TRUTHS: Final = {"true": True, "false": False}
+
+
+def keyed_values(parts: Iterable[str], of: str, example: str) -> dict[str, object]:
+    """Keys and values of parts like ``move_weight=1``.
+
+    Raises
+    ------
+    ValueError
+        For a part that is none, or a key that is given twice; `of` and `example` are for the message.
+    """
+    keys: dict[str, object] = {}
+    for part in parts:
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if not key or not value:
+            raise ValueError(f"{part!r} in the {of} is not a key with a value; write it like {example}")
+        if key in keys:
+            raise ValueError(f"{key} is given twice in the {of}; leave one out")
+        keys[key] = value_of(value)
+    return keys
+
+
+def value_of(text: str) -> object:
+    """A number or a truth value if the text is one, the text within quotes, and else the text itself."""
+    if text in _TRUTHS:
+        return _TRUTHS[text]
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    quoted = len(text) >= 2 and text[0] == text[-1] and text[0] in "'\""
+    return text[1:-1] if quoted else text

@@ -1,0 +1,21 @@
+"""What can be printed in a line, whoever wrote it."""
+
+from __future__ import annotations
+
+import unicodedata
+from typing import Final
+
+_UNPRINTABLE: Final = ("Cc", "Cs", "Zl", "Zp")
+"""Unicode categories of controls, lone surrogates, and ends of lines and paragraphs."""
+
+
+def is_printable(text: str) -> bool:
+    """Whether a text can stand in a line: no control characters, no end of a line, nothing that no file can hold."""
+    return not any(unicodedata.category(character) in _UNPRINTABLE for character in text)
+
+
+def printable(text: str) -> str:
+    """A text in one line, with the escape of what cannot be printed in its place."""
+    if is_printable(text):
+        return text
+    return "".join(letter if is_printable(letter) else repr(letter)[1:-1] for letter in text)

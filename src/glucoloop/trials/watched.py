@@ -1,0 +1,137 @@
+"""Controllers, sensors and pumps that tell with each answer whether what they remember is sound.
+
+A loop hands on what they answer, and nothing of what they remember: a wrapper sees both. It changes no bit of either.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Controller, Decision, Observation
+from glucoloop.episodes import Episode
+from glucoloop.pumps import Delivery, Pump
+from glucoloop.sensors import Reading, Sensor
+
+
+@pytree
+class WatchedDecision(Decision):
+    """A decision, and what it was made with."""
+
+    told_mU_min: jax.Array
+    """What the pump reported."""
+    sound: jax.Array
+    """Whether the whole state of the controller is finite."""
+
+
+@pytree
+class WatchedReading(Reading):
+    """A reading, and how the sensor is."""
+
+    clocks: jax.Array
+    """Whether every fault has a time."""
+
+
+@pytree
+class WatchedDelivery(Delivery):
+    """A delivery, and how the pump is."""
+
+    sound: jax.Array
+    """Whether its state is finite, but for the time of a fault that is never to come."""
+    clocks: jax.Array
+
+
+@pytree
+class WatchedController:
+    """A controller of one person."""
+
+    inner: Controller
+
+    @property
+    def sample_time_min(self) -> float:
+        """That of the controller inside."""
+        return self.inner.sample_time_min
+
+    def init(self, observation: Observation) -> Any:
+        """The state is that of the controller inside."""
+        return self.inner.init(observation)
+
+    def step(self, state: Any, observation: Observation) -> tuple[Any, WatchedDecision]:
+        """Decide as the one inside does."""
+        state, decision = self.inner.step(state, observation)
+        return state, WatchedDecision(
+            insulin_mU_min=decision.insulin_mU_min,
+            status=decision.status,
+            told_mU_min=observation.delivered_mU_min,
+            sound=all_finite(state),
+        )
+
+
+@pytree
+class WatchedSensor:
+    """A sensor of one person. What it holds of readings may be any number: that is what some faults are."""
+
+    inner: Sensor
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
+        """The state is that of the sensor inside."""
+        return self.inner.init(glucose_mg_dl, key)
+
+    def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, WatchedReading]:
+        """Read as the one inside does."""
+        state, reading = self.inner.read(state, glucose_mg_dl, key)
+        clocks, _ = _clocks_and_others(state)
+        return state, WatchedReading(
+            glucose_mg_dl=reading.glucose_mg_dl, valid=reading.valid, clocks=_all(map(_tells_time, clocks))
+        )
+
+
+@pytree
+class WatchedPump:
+    """A pump of one person."""
+
+    inner: Pump
+
+    def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
+        """The state is that of the pump inside."""
+        return self.inner.init(insulin_mU_min, key)
+
+    def deliver(self, state: Any, command_mU_min: jax.Array, key: jax.Array) -> tuple[Any, WatchedDelivery]:
+        """Deliver as the one inside does."""
+        state, delivery = self.inner.deliver(state, command_mU_min, key)
+        clocks, others = _clocks_and_others(state)
+        return state, WatchedDelivery(
+            insulin_mU_min=delivery.insulin_mU_min,
+            reported_mU_min=delivery.reported_mU_min,
+            sound=all_finite(others),
+            clocks=_all(map(_tells_time, clocks)),
+        )
+
+
+def all_finite(tree: Any) -> jax.Array:
+    """Whether all numbers of one person are finite."""
+    leaves = map(jnp.asarray, jax.tree.leaves(tree))
+    return _all(jnp.all(jnp.isfinite(leaf)) for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.inexact))
+
+
+def _clocks_and_others(state: Any) -> tuple[list[Episode], list[Any]]:
+    parts = jax.tree.leaves(state, is_leaf=lambda part: isinstance(part, Episode))
+    clocks = [part for part in parts if isinstance(part, Episode)]
+    return clocks, [part for part in parts if not isinstance(part, Episode)]
+
+
+def _tells_time(clock: Episode) -> jax.Array:
+    """Whether the age is a whole number of -1 or more and the time until the onset is a number, or never comes."""
+    age, until = clock.age, clock.until
+    whole = jnp.isfinite(age) & (age >= -1.0) & (jnp.floor(age) == age)
+    return whole & (until == until) & (until > -jnp.inf)
+
+
+def _all(holds: Any) -> jax.Array:
+    together = jnp.asarray(True)
+    for one in holds:
+        together = together & one
+    return together

@@ -1,0 +1,81 @@
+"""``glucoloop stress``."""
+
+import json
+
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+
+FAULTS = ("--fault", "calibration, gain=1.3", "--fault", "missing, start_min=60, duration_min=60")
+SMALL = ("--people", 3, "--controller", "imc", "--duration", 200, *FAULTS, "--seed", 5)
+FILES = {
+    "SHA256SUMS",
+    "figure.png",
+    "figure.svg",
+    "shards",
+    "stress.csv",
+    "stress.html",
+    "stress.parquet",
+    "stress.toml",
+    "summary.json",
+    "trial.json",
+}
+
+
+@pytest.fixture
+def _plain(monkeypatch):
+    monkeypatch.setattr("glucoloop.cli.stress_results.stress_page", lambda result: result.repeat)
+    monkeypatch.setattr("glucoloop.cli.stress_results.plot_stress", lambda result: Figure())
+
+
+def test_folder_holds_every_cell_and_repeats_itself(glucoloop, tmp_path):
+    first = glucoloop("stress", *SMALL, "--out", "a")
+    assert first.code == 0, first.err
+    assert {entry.name for entry in (tmp_path / "a").iterdir()} == FILES
+    for part in ("no fault", "calibration", "missing", "With the guard, in", "Wrote stress.csv", "1 shard to a."):
+        assert part in first.out
+    table = pl.read_parquet(tmp_path / "a/stress.parquet")
+    assert table.height == 2 * 3
+    assert table["people"].to_list() == [3] * 6
+    assert table.filter(fault="")["worst_more_pct"].to_list() == [0.0, 0.0]
+    wrong = "calibration, gain=1.3, offset_mg_dl=0"
+    lowest = dict(table.filter(guarded=False).select("fault", "lowest_mg_dl").rows())
+    assert lowest[wrong] < lowest[""] - 5.0  # who reads too much glucose gives too much insulin
+    assert table.filter(guarded=True, fault=wrong)["lowest_mg_dl"].item() > lowest[wrong]
+    assert pl.read_csv(tmp_path / "a/stress.csv").height == table.height
+    page = (tmp_path / "a/stress.html").read_text()
+    assert "calibration" in page
+    assert "not a medical device" in page
+
+    again = glucoloop("stress", *SMALL, "--out", "a", "--json")
+    assert "nothing is computed again" in again.err
+    summary = {key: value for key, value in again.json.items() if key != "files"}
+    assert summary == json.loads((tmp_path / "a/summary.json").read_text())
+    assert glucoloop("stress", "--config", "a/stress.toml", "--out", "b").code == 0
+    assert (tmp_path / "a/SHA256SUMS").read_text() == (tmp_path / "b/SHA256SUMS").read_text()
+
+
+@pytest.mark.usefixtures("_plain")
+def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
+    asked = ("stress", *SMALL, "--guards", "with", "--guard-lowest-reading-mg-dl", 300, "--out", "a")
+    assert glucoloop(*asked).code == 0
+    table = pl.read_parquet(tmp_path / "a/stress.parquet")
+    assert table["guarded"].all()
+    assert (table["fallback_pct"] > 50.0).all()  # nothing that is read is believed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((), "--out is missing"),
+        (("--out", "a", "--guards", "maybe"), "--guards is 'maybe'"),
+        (("--out", "a", "--fault", "stuk"), "unknown fault 'stuk'; did you mean 'stuck'?"),
+        (("--out", "a", "--fault", "late, delay_min=0"), "a delay of 0 samples is not possible"),
+        (("--out", "a", "--guard-gap-min", -1), "gap_min of -1"),
+        (("--out", "a", "--workers", 0), "--workers is 0; give 1 or more"),
+        (("--out", "a", "--people", 0), "--people is 0"),
+    ],
+)
+def test_mistakes(refused, tmp_path, arguments, sentence):
+    assert sentence in refused("stress", *arguments)
+    assert not (tmp_path / "a").exists()

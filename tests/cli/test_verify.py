@@ -1,0 +1,137 @@
+"""``glucoloop verify``."""
+
+import dataclasses
+
+import pytest
+
+from glucoloop.trials import campaign
+from glucoloop.trials.campaign_result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
+from glucoloop.trials.invariants import DOSE, PROMISES
+
+KEPT = Arm(
+    controller="pid",
+    guarded=False,
+    engine="native",
+    loops=50,
+    samples=14400,
+    broken=dict.fromkeys(PROMISES, 0),
+    repeated=7,
+    not_repeated=(),
+    told=(),
+)
+FIGURE = Guarding(
+    controller="pid", pairs=50, bare_pct=4.0, guarded_pct=0.5, better=20, worse=1, worst_pct=1.7, worst_person=31
+)
+HOLDS = CampaignResult(seed=3, arms=(KEPT, dataclasses.replace(KEPT, guarded=True)), guarding=(FIGURE,))
+BREACH = Broken(
+    promise=DOSE, person=17, samples=4, first_min=35.0, faults=("nonsense, key=11, start_min=30, value=nan",)
+)
+BREAKS = dataclasses.replace(
+    HOLDS,
+    arms=(
+        KEPT,
+        dataclasses.replace(KEPT, guarded=True, broken={**KEPT.broken, DOSE: 1}, told=(BREACH,), not_repeated=(8, 9)),
+    ),
+)
+AGAIN = "glucoloop verify --seed 3 --controller pid --person 17"
+ASKED = ("verify", "--seed", 3, "--controller", "pid", "--loops", 100)
+
+
+@pytest.fixture
+def finds(monkeypatch):
+    """Let the campaign find something; hands back what it was asked for."""
+    asked = []
+
+    def find(result):
+        def run(given, progress):
+            asked.append(given)
+            progress(result.loops)
+            return result
+
+        monkeypatch.setattr(campaign, "run_campaign", run)
+        return asked
+
+    return find
+
+
+def test_kept_promises_leave_with_0(glucoloop, finds):
+    asked = finds(HOLDS)
+    answer = glucoloop(*ASKED)
+    assert answer.code == 0
+    assert asked == [campaign.Campaign(loops=100, seed=3, controllers=("pid",))]
+    for promise in (*PROMISES, SAME_BITS):
+        line = next(line for line in answer.out.splitlines() if promise in line)
+        assert line.split()[-1] == "0"
+    assert "100 loops, 28800 samples, " in answer.out
+    assert "14 of them closed twice" in answer.out
+    assert answer.out.endswith("Every promise was kept.\n")
+    of_pid = next(line.split() for line in answer.out.splitlines() if "pid, guarded" in line)
+    assert of_pid[-5:] == ["0.50", "20", "1", "+1.7", "31"]
+
+
+def test_a_broken_promise_leaves_with_1_and_the_command_that_repeats_it(glucoloop, finds):
+    finds(BREAKS)
+    answer = glucoloop(*ASKED)
+    assert answer.code == 1
+    line = next(line for line in answer.out.splitlines() if AGAIN in line)
+    assert line.startswith(f"pid, guarded, person 17: {DOSE}; broken at 4 samples, first at 35 min; ")
+    assert "--fault 'nonsense, key=11, start_min=30, value=nan'" in line
+    assert "person 8: other bits; glucoloop verify --seed 3 --controller pid --person 8" in answer.out
+    assert answer.out.endswith(f"Broken: {DOSE}; {SAME_BITS}.\n")
+
+
+def test_json_is_the_same(glucoloop, finds):
+    finds(BREAKS)
+    answer = glucoloop(*ASKED, "--json")
+    assert answer.code == 1
+    found = answer.json
+    assert (found["loops"], found["samples"], found["seed"], found["interrupted"]) == (100, 28800, 3, False)
+    assert {promise: count for promise, count in found["violations"].items() if count} == {DOSE: 1, SAME_BITS: 2}
+    told = found["arms"][1]["told"][0]
+    assert (told["person"], told["faults"], told["repeat"]) == (17, list(BREACH.faults), AGAIN)
+    assert found["guarding"][0]["worse"] == 1
+
+
+def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
+    finds(dataclasses.replace(HOLDS, arms=(KEPT,), guarding=(), interrupted=True))
+    answer = glucoloop(*ASKED)
+    assert answer.code == 130
+    assert "50 loops, 14400 samples" in answer.out
+    assert answer.err.splitlines()[-1] == (
+        "glucoloop: interrupted; of 100 loops 50 were checked to the end, and are told."
+    )
+
+
+def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
+    finds(HOLDS)
+    answer = glucoloop("verify", "--seed", 3, "--controller", "pid", "--person", 17)
+    met = campaign.met("pid", 3, 17)
+    first = answer.out.splitlines()[0]
+    assert first.startswith("pid: lognormal, basal rate ")
+    assert all(f"--fault {fault!r}" in first for fault in met.faults)
+    assert all(f"{carbs:.1f}g@{t:.1f}min" in first for t, carbs in met.meals)
+
+
+def test_a_campaign_runs(glucoloop, monkeypatch):
+    monkeypatch.setattr(campaign, "horizon_min", lambda name: 100.0)
+    answer = glucoloop("verify", "--loops", 30, "--controller", "basal")
+    assert answer.code == 0
+    assert "30 loops, 600 samples, " in answer.out
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (("--loops", 0), "loops is 0; give a whole number from 1 to 1000000000."),
+        (("--loops", "many"), "--loops is 'many'; give a whole number."),
+        (("--seed", -1), "seed is -1; give a whole number from 0 to 4294967295."),
+        (("--controller", "pid", "--controller", "pid"), "a controller is named twice in pid, pid; leave one out."),
+        (("--person", 1, "--loops", 5), "--loops and --person exclude one another; leave one out."),
+    ],
+)
+def test_what_cannot_be_tried_is_refused_in_a_sentence(refused, given, told):
+    assert refused("verify", *given) == told
+
+
+def test_an_unknown_controller_is_answered_with_the_known_ones(refused):
+    assert refused("verify", "--controller", "mcp").startswith("unknown controller 'mcp'; ")

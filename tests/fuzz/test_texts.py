@@ -1,0 +1,89 @@
+"""Texts of cases, meals, faults and ranges are read or refused in a sentence, and as fast as they are long."""
+
+import time
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from glucoloop.config import meal_text, parse_meal
+from glucoloop.config.case_text import parse_case
+from glucoloop.trials.fault_text import fault_text, parse_fault
+from glucoloop.trials.faults import FAULTS
+from glucoloop.trials.printable import is_printable, printable
+from glucoloop.trials.tuning.grid import parse_integers, parse_numbers, tuning_grid
+
+awkward = st.text(alphabet="0123456789.eE+-@ghmin:,= \t\n\0'\"[]{}#_²٣", max_size=20) | st.text(max_size=12)
+settings_texts = st.lists(
+    st.sampled_from(["start_min=", "value=", "move_weight=", "duration_min=", "key="]).flatmap(
+        lambda key: (awkward | st.floats().map(repr) | st.integers().map(str)).map(lambda value: key + value)
+    ),
+    max_size=3,
+).map(", ".join)
+
+
+@given(awkward | st.tuples(st.floats().map(repr), st.floats().map(repr)).map("g@".join))
+@example("1e400g@0")
+@example("50@1e400h")
+@settings(max_examples=300)
+def test_meal_comes_back_from_its_text_or_is_refused(refusal, text):
+    if refusal(parse_meal, text) is None:
+        meal = parse_meal(text)
+        assert parse_meal(meal_text(meal)) == meal
+
+
+@given(awkward | settings_texts.map("a: mpc, {}".format))
+@example("mpc, x=" + "[" * 100_000)
+@example("mpc, x=" + "9" * 5000)
+@example("mpc, x=1\ny=2")
+@settings(max_examples=200)
+def test_case_has_a_label_and_plain_values_or_is_refused(refusal, text):
+    if refusal(parse_case, text) is None:
+        case = parse_case(text)
+        assert case["label"]
+        assert {type(value) for value in case.values()} <= {str, bool, int, float}
+
+
+@given(awkward | st.tuples(st.sampled_from([*FAULTS]), settings_texts).map(", ".join))
+@example("nonsense, value=nan")
+@settings(max_examples=200)
+def test_fault_comes_back_from_its_text_or_is_refused(refusal, text):
+    if refusal(parse_fault, text) is None:
+        told = fault_text(parse_fault(text))
+        assert fault_text(parse_fault(told)) == told
+
+
+@given(awkward)
+@example("1:999999999:.000000001")
+@example("1:" * 1000)
+@settings(max_examples=200)
+def test_range_has_few_values_or_is_refused(refusal, text):
+    for parse in (parse_integers, parse_numbers):
+        if refusal(parse, text) is None:
+            assert 1 <= len(parse(text)) <= 1000
+
+
+def test_grid_that_would_fill_the_memory_is_refused(refusal):
+    many = range(1, 1001)
+    told = refusal(lambda: tuning_grid(many, many, output_weights=many, move_weights=many))
+    assert told is not None
+    assert "a grid of 1000000000000 tunings is too large; give at most 100000" in told
+
+
+@pytest.mark.parametrize("text", ["1" * 200_000, "50" + " " * 200_000 + "x", "50@50" + " " * 200_000 + "x"])
+def test_long_text_that_is_no_meal_is_refused_at_once(refusal, text):
+    """Backtracking would take minutes."""
+    began = time.perf_counter()
+    assert refusal(parse_meal, text) is not None
+    assert time.perf_counter() - began < 1.0
+
+
+@given(st.text())
+@example("a\nb\x1b[31m\ud800\u2028\0")
+def test_any_text_can_be_printed_in_a_line(text):
+    told = printable(text)
+    assert is_printable(told)
+    assert len(told.splitlines()) <= 1
+    told.encode()
+    if is_printable(text):
+        assert told == text
