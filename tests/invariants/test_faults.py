@@ -124,7 +124,6 @@ def test_doses_keep_the_limits_whatever_fails(controller, texts, key):
 
 PEOPLE = virtual_people(PRESETS["nominal"], 0, np.zeros(2, int))
 BACK_MG_DL = 5.0
-NUMBERS = {"nothing": math.nan, "zero": 0.0, "2000": 2000.0}
 
 
 @dataclass(frozen=True)
