@@ -207,7 +207,7 @@ def test(pytest_arguments: list[str]) -> None:
     check("lint-imports", [tool("lint-imports"), "--no-logo"])
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
-    check("pytest", [tool("pytest"), "-n", "2"])
+    check("pytest", [tool("pytest"), "-n", "2", "--dist", "worksteal"])
     docs = ROOT / "docs"
     if (docs / "conf.py").is_file():
         check("documentation", [tool("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")])

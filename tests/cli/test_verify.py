@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 
 from glucoloop.trials import campaign
-from glucoloop.trials.campaign_result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
-from glucoloop.trials.invariants import DOSE, PROMISES
+from glucoloop.trials.campaign.invariants import DOSE, PROMISES
+from glucoloop.trials.campaign.result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
 
 KEPT = Arm(
     controller="pid",

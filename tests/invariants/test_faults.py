@@ -21,10 +21,10 @@ from glucoloop.simulation import Adaptive, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.trials.campaign import catalogue_controller
+from glucoloop.trials.campaign.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
 from glucoloop.trials.designs import told_of_basal, with_guard
 from glucoloop.trials.fault_text import parse_fault
 from glucoloop.trials.faulty import faulty_pump, faulty_sensor
-from glucoloop.trials.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
 from glucoloop.trials.situation import keys_of_people
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7

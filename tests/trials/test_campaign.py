@@ -20,14 +20,11 @@ from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.loop import Sampled
 from glucoloop.trials import campaign, campaign_loops, campaign_people, invariants
 from glucoloop.trials.campaign import Campaign, met, run_campaign
-from glucoloop.trials.campaign_people import able_people, draw_people, draw_random_meals
-from glucoloop.trials.campaign_result import SAME_BITS
-from glucoloop.trials.fault_text import parse_fault
-from glucoloop.trials.faulty import faulty_pump, faulty_sensor
-from glucoloop.trials.invariants import PROMISES, Promises
-from glucoloop.trials.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
-from glucoloop.trials.situation import keys_of_people
-from glucoloop.trials.watched import (
+from glucoloop.trials.campaign.invariants import PROMISES, Promises
+from glucoloop.trials.campaign.people import able_people, draw_people, draw_random_meals
+from glucoloop.trials.campaign.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
+from glucoloop.trials.campaign.result import SAME_BITS
+from glucoloop.trials.campaign.watched import (
     WatchedDecision,
     WatchedDelivery,
     WatchedPump,
@@ -35,6 +32,9 @@ from glucoloop.trials.watched import (
     WatchedSensor,
     all_finite,
 )
+from glucoloop.trials.fault_text import parse_fault
+from glucoloop.trials.faulty import faulty_pump, faulty_sensor
+from glucoloop.trials.situation import keys_of_people
 
 PERSON = patient()
 REST = PERSON.steady_state(PERSON.basal_insulin_mU_min)

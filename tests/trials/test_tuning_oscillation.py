@@ -33,7 +33,12 @@ def test_turns_by_hand(values, count):
     assert int(turns(jnp.array(values, float), 1.0)) == count
 
 
-@given(values=st.lists(st.integers(-20, 20), min_size=2, max_size=40))
+# each length is compiled
+@given(
+    values=st.sampled_from([2, 3, 9, 40]).flatmap(
+        lambda size: st.lists(st.integers(-20, 20), min_size=size, max_size=size)
+    )
+)
 def test_turns_of_any_size_are_changes_of_direction(values):
     moves = np.diff(values)
     signs = np.sign(moves[moves != 0])

@@ -8,7 +8,7 @@ from typing import Any
 
 from glucoloop.cli.screen import show
 from glucoloop.trials.campaign import Campaign, met
-from glucoloop.trials.campaign_result import Arm, Broken, CampaignResult, Guarding
+from glucoloop.trials.campaign.result import Arm, Broken, CampaignResult, Guarding
 
 
 def tell(campaign: Campaign, result: CampaignResult, seconds: float) -> None:

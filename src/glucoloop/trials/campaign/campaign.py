@@ -21,13 +21,13 @@ from glucoloop.patients.population import PRESETS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.threefry import checked_counter
-from glucoloop.trials.campaign_loops import OPERATING_POINT, Array, Closed, Loops, Numbers, Progress
-from glucoloop.trials.campaign_people import POPULATIONS, able_people, draw_people, draw_random_meals
-from glucoloop.trials.campaign_result import Arm, Broken, CampaignResult, Guarding
+from glucoloop.trials.campaign.invariants import PROMISES
+from glucoloop.trials.campaign.loops import OPERATING_POINT, Array, Closed, Loops, Numbers, Progress
+from glucoloop.trials.campaign.people import POPULATIONS, able_people, draw_people, draw_random_meals
+from glucoloop.trials.campaign.random_faults import SAMPLE_MIN, Order, random_faults, random_order
+from glucoloop.trials.campaign.result import Arm, Broken, CampaignResult, Guarding
 from glucoloop.trials.catalogue import CONTROLLERS, complete, controller_entry
 from glucoloop.trials.designs import controller_of, with_guard
-from glucoloop.trials.invariants import PROMISES
-from glucoloop.trials.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.trials.trial import Trial, TrialCase
 
 MOST_LOOPS: Final = 1_000_000_000

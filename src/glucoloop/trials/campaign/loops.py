@@ -18,12 +18,12 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.campaign_people import LIGHTEST_KG, draw_people, draw_random_meals
+from glucoloop.trials.campaign.invariants import Promises
+from glucoloop.trials.campaign.people import LIGHTEST_KG, draw_people, draw_random_meals
+from glucoloop.trials.campaign.random_faults import SAMPLE_MIN, Order, random_faults
+from glucoloop.trials.campaign.watched import WatchedController, WatchedPump, WatchedSensor
 from glucoloop.trials.designs import told_of_basal
-from glucoloop.trials.invariants import Promises
-from glucoloop.trials.random_faults import SAMPLE_MIN, Order, random_faults
 from glucoloop.trials.situation import keys_of_people
-from glucoloop.trials.watched import WatchedController, WatchedPump, WatchedSensor
 
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]

@@ -25,7 +25,7 @@ from glucoloop.patients.sorensen import INSULIN, STATE_NAMES
 from glucoloop.patients.varying import NOMINAL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.loop import Sampled
-from glucoloop.trials.watched import WatchedDecision, WatchedDelivery, WatchedReading
+from glucoloop.trials.campaign.watched import WatchedDecision, WatchedDelivery, WatchedReading
 
 DOSE: Final = "dose delivered: finite, and within the pump's range"
 COMMAND: Final = "dose asked for: finite, and within the pump's range"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from glucoloop.trials.invariants import PROMISES
+from glucoloop.trials.campaign.invariants import PROMISES
 
 SAME_BITS: Final = "the same bits again, in another order and other blocks"
 

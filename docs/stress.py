@@ -1,0 +1,112 @@
+"""Turn stress tests into the tables that ``guide/guard.md`` shows.
+
+    glucoloop stress --people 1000 --controller imc --controller mpc --controller mpc-se --out three
+    glucoloop stress --people 1000 --controller nlqdmc-se --guards with --out fourth
+    python docs/stress.py three/summary.json fourth/summary.json
+
+It rewrites ``guide/stress_figures.md``: the faults from the folders, and what the guard costs a day without one from a
+trial that it carries out.
+"""
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import glucoloop
+from glucoloop.config.trial import read_trial
+from glucoloop.report._stress_faults import short_names
+from glucoloop.trials import engine
+from glucoloop.trials.guard_catalogue import complete_guard
+
+NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE"}
+PEOPLE, SEED = 1000, 0
+
+
+def cell(rows):
+    """Without the guard -> with it, and by how much more at most with it."""
+    bare, guarded = rows.get(False), rows.get(True)
+    told = [str(row["worse"] and len(row["worse"])) for row in (bare, guarded) if row is not None]
+    most = f" ({guarded['worst_more_pct']:.1f})" if guarded is not None and guarded["worse"] else ""
+    return " → ".join(told).replace("[]", "0") + most
+
+
+def faults(summaries):
+    rows = {}
+    for summary in summaries:
+        for row in summary["rows"]:
+            rows.setdefault(row["fault"], {}).setdefault(row["controller"], {})[row["guarded"]] = row
+    controllers = [name for name in NAMES if any(name in of for of in rows.values())]
+    names = short_names([fault for fault in rows if fault])
+    lines = [f"| Fault | {' | '.join(NAMES[name] for name in controllers)} |"]
+    lines.append(f"| :--- |{' ---: |' * len(controllers)}")
+    for fault, of in rows.items():
+        if fault:
+            lines.append(f"| {names[fault]} | {' | '.join(cell(of[name]) for name in controllers)} |")
+    return "\n".join(lines)
+
+
+def day(noise):
+    """A day with three meals, without a fault."""
+    keys = {"people": PEOPLE, "seed": SEED, "noise_variance": noise, "controllers": ["imc", "mpc", "mpc-se"]}
+    base = read_trial(keys)
+    cases = [
+        dataclasses.replace(case, label=f"{case.label} {guard is not None}", guard=guard)
+        for case in base.cases
+        for guard in (None, complete_guard({}))
+    ]
+    prepared = engine.prepare(dataclasses.replace(base, cases=tuple(cases)))
+    found = {case.label: engine.run_people(prepared, case.label, np.arange(PEOPLE)).metrics for case in cases}
+
+    def pair(name, what, text):
+        return " → ".join(format(what(found[f"{name} {guarded}"]), text) for guarded in (False, True))
+
+    lines = []
+    for name in ("imc", "mpc", "mpc-se"):
+        columns = [
+            pair(name, lambda m: np.median(m["peak_mg_dl"]), ".0f"),
+            pair(name, lambda m: np.quantile(m["peak_mg_dl"], 0.95), ".0f"),
+            pair(name, lambda m: m["mean_mg_dl"].mean(), ".1f"),
+            pair(name, lambda m: m["time_below_70_pct"].mean(), ".2f"),
+            pair(name, lambda m: m["minimum_mg_dl"].min(), ".1f"),
+            f"{100.0 * found[f'{name} True']['samples_dose_limited'].mean() / base.samples:.0f}",
+        ]
+        lines.append(f"| {NAMES[name]} | {noise:g} | {' | '.join(columns)} |")
+    return lines
+
+
+def main(paths):
+    summaries = [json.loads(Path(path).read_text(encoding="utf-8")) for path in paths]
+    columns = (
+        "Highest, median",
+        "95 % of people",
+        "Mean",
+        "Below 70 mg/dl, %",
+        "Lowest of all",
+        "Doses cut by the guard, %",
+    )
+    text = "\n".join(
+        [
+            "People of 1000 who spend more than 1 % of the time more below 60 mg/dl than without the fault, without the "
+            "guard → with it; in brackets the largest such difference with it, in % of the time.",
+            "",
+            faults(summaries),
+            "",
+            f"A day with three meals and no fault, glucose in mg/dl, {PEOPLE} people, without the guard → with it:",
+            "",
+            f"| | Noise | {' | '.join(columns)} |",
+            f"| :--- | ---: |{' ---: |' * len(columns)}",
+            *day(0.0),
+            *day(1.45),
+            "",
+            f"Made with glucoloop {glucoloop.__version__}, on `parker2000`, seed {SEED}.",
+        ]
+    )
+    (Path(__file__).resolve().parent / "guide" / "stress_figures.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
