@@ -113,7 +113,7 @@ def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
 
 
 def test_a_campaign_runs(glucoloop, monkeypatch):
-    monkeypatch.setattr(campaign, "horizon_min", lambda name: 100.0)
+    monkeypatch.setattr("glucoloop.trials.campaign.campaign.horizon_min", lambda name: 100.0)
     answer = glucoloop("verify", "--loops", 30, "--controller", "basal")
     assert answer.code == 0
     assert "30 loops, 600 samples, " in answer.out
@@ -122,9 +122,9 @@ def test_a_campaign_runs(glucoloop, monkeypatch):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (("--loops", 0), "loops is 0; give a whole number from 1 to 1000000000."),
+        (("--loops", 0), "--loops is 0; give a whole number from 1 to 1000000000."),
         (("--loops", "many"), "--loops is 'many'; give a whole number."),
-        (("--seed", -1), "seed is -1; give a whole number from 0 to 4294967295."),
+        (("--seed", -1), "--seed is -1; give a whole number from 0 to 4294967295."),
         (("--controller", "pid", "--controller", "pid"), "a controller is named twice in pid, pid; leave one out."),
         (("--person", 1, "--loops", 5), "--loops and --person exclude one another; leave one out."),
     ],

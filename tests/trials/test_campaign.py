@@ -18,8 +18,9 @@ from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.pumps.faults import occlusion
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.loop import Sampled
-from glucoloop.trials import campaign, campaign_loops, campaign_people, invariants
-from glucoloop.trials.campaign import Campaign, met, run_campaign
+from glucoloop.trials.campaign import Campaign, campaign, invariants, met, run_campaign
+from glucoloop.trials.campaign import loops as campaign_loops
+from glucoloop.trials.campaign import people as campaign_people
 from glucoloop.trials.campaign.invariants import PROMISES, Promises
 from glucoloop.trials.campaign.people import able_people, draw_people, draw_random_meals
 from glucoloop.trials.campaign.random_faults import KINDS, PUMP_KINDS, random_faults, random_order

@@ -57,9 +57,20 @@ def command(given: Given) -> None:
 
         if "controllers" in given:
             given["controllers"] = tuple(given["controllers"])
-        campaign = Campaign(**given)
+        try:
+            campaign = Campaign(**given)
+        except ValueError as error:
+            raise ValueError(_called(str(error))) from None
     keep_compiled()
     _carry_out(campaign, as_json=as_json)
+
+
+def _called(told: str) -> str:
+    """A sentence about a key, as one about its option."""
+    for option in OPTIONS:
+        if told.startswith(f"{option.key} is "):
+            return option.name + told.removeprefix(option.key)
+    return told
 
 
 def _carry_out(campaign: Campaign, *, as_json: bool) -> None:
