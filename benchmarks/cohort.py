@@ -36,7 +36,6 @@ ROWS = (
     *(("plain", case) for case in ("basal", "mpc", "mpc-se", "nlqdmc-se")),
     ("noise", "mpc"),
     ("own meals", "mpc"),
-    ("guarded", "mpc"),
 )
 SIMULATED = "simglucose"
 VERSIONS = {"JAX": "jax", "llvmlite": "llvmlite", "NumPy": "numpy"}

@@ -11,7 +11,6 @@ NAMES = {
     "plain|nlqdmc-se": "NLQDMC/SE",
     "noise|mpc": "MPC, noise of 1.45 (mg/dl)²",
     "own meals|mpc": "MPC, everybody's own meals",
-    "guarded|mpc": "MPC with a guard",
 }
 CASES = {"basal": "Open loop, basal rate", "mpc": "MPC", "mpc-se": "MPC/SE", "mpc, no metrics": "MPC, no metrics"}
 _ONE, _ALL = "one core", "all cores"

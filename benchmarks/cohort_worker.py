@@ -35,7 +35,6 @@ CASES = ("basal", "mpc", "mpc-se", "nlqdmc-se")
 SITUATIONS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plain": (CASES, {}),
     "noise": (("mpc",), {"noise_variance": 1.45}),
-    "guarded": (("mpc",), {"guard": True}),
     "own meals": (("mpc",), {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}),
 }
 COMPARED = ("undershoot", "peak", "mean")

@@ -324,8 +324,12 @@ def test_a_memory_that_is_no_longer_finite_is_restarted_for_that_person_alone():
     state, decision = step(guard, state, observe(np.array([101.0, 240.0, 102.0])))
     assert decision.status.tolist() == [Status.OK, Status.RESTARTED, Status.OK]
     np.testing.assert_array_equal(decision.insulin_mU_min, [BASAL + 1.0, BASAL, BASAL + 1.0])
-    np.testing.assert_array_equal(state.inner["own"], [100.0, 240.0, 100.0])
-    np.testing.assert_array_equal(state.inner["line"][:, 1], 240.0)
+    assert state.sound.tolist() == [1.0, 0.0, 1.0]
+    state, decision = step(guard, state, observe(np.array([101.0, 140.0, 102.0])))
+    assert decision.status.tolist() == [Status.OK] * 3
+    assert state.sound.tolist() == [1.0] * 3
+    np.testing.assert_array_equal(state.inner["own"], [100.0, 140.0, 100.0])
+    np.testing.assert_array_equal(state.inner["line"][:, 1], 140.0)
     np.testing.assert_array_equal(state.inner["line"][:, 0], 100.0)
     assert float(state.inner["shared"]) == 1.0
 

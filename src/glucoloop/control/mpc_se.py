@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -62,6 +62,8 @@ class MPCSE:
     basal_mU_min: jax.Array
     basal_glucose_mg_dl: jax.Array
     sample_time_min: float = static()
+    heals: ClassVar[bool] = True
+    """A step leaves a finite state whatever the one before was, so that a guard need not look."""
 
     def with_basal(self, insulin_mU_min: jax.Array) -> MPCSE:
         """The same controller for somebody else, whose basal rate is the one given: deviations are from that."""

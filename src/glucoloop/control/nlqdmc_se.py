@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -64,6 +65,8 @@ class NLQDMC:
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
+    heals: ClassVar[bool] = True
+    """A step leaves a finite state whatever the one before was, so that a guard need not look."""
 
     def with_basal(self, insulin_mU_min: jax.Array) -> NLQDMC:
         """The same controller for somebody else, whose basal rate is the one given."""
