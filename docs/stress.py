@@ -89,8 +89,9 @@ def main(paths):
     )
     text = "\n".join(
         [
-            "People of 1000 who spend more than 1 % of the time more below 60 mg/dl than without the fault, without the "
-            "guard → with it; in brackets the largest such difference with it, in % of the time. NLQDMC/SE was tried with the guard alone.",
+            "People of 1000 who spend more than 1 % of the time more below 60 mg/dl than without the fault, without "
+            "the guard → with it; in brackets the largest such difference with it, in % of the time. NLQDMC/SE was "
+            "tried with the guard alone.",
             "",
             faults(summaries),
             "",
