@@ -4,6 +4,7 @@ from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.imc import IMC, design_imc
 from glucoloop.control.linear_mpc import LinearMPC, design_linear_mpc
+from glucoloop.control.meal_mpc import MealMPC, MealTuning, design_meal_mpc
 from glucoloop.control.mpc_se import MPCSE, design_mpc_se
 from glucoloop.control.nlqdmc_se import NLQDMC, design_nlqdmc_se
 from glucoloop.control.open_loop import OpenLoop, design_open_loop
@@ -22,6 +23,8 @@ __all__ = [
     "GuardSettings",
     "LinearMPC",
     "MPCTuning",
+    "MealMPC",
+    "MealTuning",
     "Observation",
     "OpenLoop",
     "PIDTuning",
@@ -29,6 +32,7 @@ __all__ = [
     "Status",
     "design_imc",
     "design_linear_mpc",
+    "design_meal_mpc",
     "design_mpc_se",
     "design_nlqdmc_se",
     "design_open_loop",

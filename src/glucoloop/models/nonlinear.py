@@ -36,3 +36,15 @@ class NonlinearModel(Protocol):
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state."""
         ...
+
+
+class MealModel(NonlinearModel, Protocol):
+    """A person as a controller imagines him who takes meals into account."""
+
+    def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
+        """State one sample on, under a held infusion, while glucose from meals appears in the gut's blood.
+
+        `appearance_mg_min` is ``(3,)``: the Legendre moments of the rate over the sample, as
+        `meals.lehmann_deutsch.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
+        """
+        ...

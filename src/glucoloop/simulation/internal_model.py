@@ -47,7 +47,7 @@ def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sampl
 
 @pytree
 class InternalModel:
-    """A fasting patient as a controller imagines him; implements `models.nonlinear.NonlinearModel`."""
+    """A patient as a controller imagines him; implements `models.nonlinear.MealModel`."""
 
     plant: ExponentialPlant
     state: jax.Array
@@ -63,6 +63,10 @@ class InternalModel:
         """One sample by the exponential integrator, without a meal."""
         fasting = jnp.zeros((1, 3, *jnp.shape(insulin_mU_min)))
         return self.plant.advance(x, insulin_mU_min, fasting)[0]
+
+    def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
+        """One sample by the exponential integrator, with what appears of a meal."""
+        return self.plant.advance(x, insulin_mU_min, appearance_mg_min[None])[0]
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """The patient's own."""

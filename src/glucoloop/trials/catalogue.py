@@ -158,14 +158,14 @@ def constraints(default: Default) -> Setting:
     )
 
 
-def soft_floor() -> tuple[Setting, ...]:
+def soft_floor(floor: Default = Default(0.0)) -> tuple[Setting, ...]:
     """The constraint (19) on predicted glucose, with slack."""
     return (
         Setting(
             "glucose_floor_mg_dl",
             float,
             "Floor under predicted glucose, kept as far as it pays, in mg/dl; 0: none. Implies the moves of qp.",
-            Default(0.0),
+            floor,
         ),
         Setting("floor_weight", float, "Weight on what predicted glucose lacks of the floor, w.", Default(10.0)),
     )
@@ -200,6 +200,32 @@ def estimation(reference_filter: float) -> tuple[Setting, ...]:
             Default(10.0, noisy=0.005, at={"nominal-22": (0.1, 0.003)}),
         ),
         Setting("measurement_variance", float, "Variance of a reading as the filter takes it, R.", Default(1.45)),
+    )
+
+
+def unknown_meals() -> tuple[Setting, ...]:
+    """Settings of a controller that estimates meals."""
+    return (
+        Setting(
+            "estimator",
+            str,
+            "How meals are estimated: when one begins and ends, over a horizon; or its rate, by a Kalman filter.",
+            Default("moving-horizon"),
+            choices=("moving-horizon", "kalman"),
+        ),
+        Setting("meal_horizon", int, "Samples over which its beginning or end is searched for, L.", Default(10)),
+        Setting("meals_per_h", float, "Meals to be expected per hour; more is quicker and less certain.", Default(0.6)),
+        Setting("mean_carbs_g", float, "Mean size of a meal, in g.", Default(36.0)),
+        Setting("disturbance_variance", float, "Walk of the glucose that nothing explains, (mg/min)².", Default(10.0)),
+        Setting(
+            "measurement_variance",
+            float,
+            "Variance of a reading as the filter takes it, R; 0: that of the sensor, at least 0.01.",
+            Default(0.0),
+        ),
+        Setting("caution_weight", float, "Weight on low glucose if the meal ended at once.", Default(7.5)),
+        Setting("caution_mg_dl", float, "How far below the setpoint that begins, in mg/dl.", Default(3.0)),
+        Setting("iterations", int, "Quadratic programs solved at each sample.", Default(1)),
     )
 
 
@@ -252,6 +278,20 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 move_weight(Default(0.0, noisy=1.0)),
                 *estimation(0.57),
                 *soft_floor(),
+            ),
+            uses_model=False,
+        ),
+        Entry(
+            name="meal-mpc",
+            summary="predictive control on the nonlinear patient that estimates meals nobody announced",
+            design="glucoloop.trials.designs:meal_mpc",
+            settings=(
+                move_horizon(Default(2)),
+                prediction_horizon(Default(12)),
+                output_weight(Default(1.0)),
+                move_weight(Default(0.22)),
+                *unknown_meals(),
+                *soft_floor(Default(65.0)),
             ),
             uses_model=False,
         ),

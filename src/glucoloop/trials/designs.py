@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,11 +16,14 @@ from glucoloop.control import (
     Controller,
     Guard,
     GuardSettings,
+    MealMPC,
+    MealTuning,
     MPCTuning,
     PIDTuning,
     StateTuning,
     design_imc,
     design_linear_mpc,
+    design_meal_mpc,
     design_mpc_se,
     design_nlqdmc_se,
     design_open_loop,
@@ -27,6 +31,7 @@ from glucoloop.control import (
     guarded,
     internal_model_tuning,
 )
+from glucoloop.estimation.unknown_meal import MealHabits
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient, SorensenPatient
 from glucoloop.pumps import DoseLimits
@@ -113,7 +118,7 @@ def told_of_basal(controller: Controller, basal_insulin_mU_min: npt.NDArray[np.f
     Those that hold the basal rate of the patient they were designed for are given each person's own; the others take
     it from the pump when they wake, and are handed back as they are.
     """
-    if isinstance(controller, MPCSE | NLQDMC | Guard):
+    if isinstance(controller, MPCSE | NLQDMC | MealMPC | Guard):
         return controller.with_basal(jnp.asarray(basal_insulin_mU_min))
     return controller
 
@@ -214,6 +219,54 @@ def nlqdmc_se(
         dead_time_samples=case.dead_time_samples,
         glucose_floor_mg_dl=glucose_floor_mg_dl,
         floor_weight=floor_weight,
+    )
+
+
+_LEAST_VARIANCE: Final = 0.01
+"""(mg/dl)^2 that a filter expects of readings without noise."""
+
+
+def meal_mpc(
+    case: DesignCase,
+    *,
+    move_horizon: int,
+    prediction_horizon: int,
+    output_weight: float,
+    move_weight: float,
+    estimator: str,
+    meal_horizon: int,
+    meals_per_h: float,
+    mean_carbs_g: float,
+    disturbance_variance: float,
+    measurement_variance: float,
+    caution_weight: float,
+    caution_mg_dl: float,
+    iterations: int,
+    glucose_floor_mg_dl: float,
+    floor_weight: float,
+) -> Controller:
+    """Meal-aware nonlinear MPC, on the patient's own equations."""
+    tuning = MealTuning(
+        move_horizon=move_horizon,
+        prediction_horizon=prediction_horizon,
+        output_weight=output_weight,
+        move_weight=move_weight,
+        caution_weight=caution_weight,
+        caution_mg_dl=caution_mg_dl,
+        glucose_floor_mg_dl=glucose_floor_mg_dl,
+        floor_weight=floor_weight,
+        iterations=iterations,
+    )
+    return design_meal_mpc(
+        nonlinear_model(case.patient, sample_time_min=case.sample_time_min),
+        tuning,
+        case.limits,
+        habits=MealHabits(meals_per_h=meals_per_h, mean_carbs_g=mean_carbs_g),
+        estimator=estimator,
+        meal_horizon=meal_horizon,
+        disturbance_variance=disturbance_variance,
+        measurement_variance=measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
+        dead_time_samples=case.dead_time_samples,
     )
 
 

@@ -1,0 +1,360 @@
+"""Nonlinear model predictive control that estimates meals nobody announced, and plays them out.
+
+The meal is that of Lehmann and Deutsch (1992), estimated as in `estimation.unknown_meal`. One quadratic program at each
+sample, linearised along a forecast, is the real-time iteration of M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J.
+Control Optim. 43(5), 2005.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.tuning import MPCTuning
+from glucoloop.estimation.unknown_meal import (
+    MealEstimate,
+    MealEstimator,
+    MealHabits,
+    Sensed,
+    design_meal_horizon,
+    design_meal_kalman,
+)
+from glucoloop.meals.announced import Announced, announce, serve
+from glucoloop.meals.stomach import Stomach, digest
+from glucoloop.models.individual import IndividualModel, individual_model
+from glucoloop.models.nonlinear import MealModel
+from glucoloop.optimize.soft_floor import minimise_moves_above_floor
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+ESTIMATORS: Final = ("moving-horizon", "kalman")
+
+
+@dataclass(frozen=True)
+class MealTuning(MPCTuning):
+    """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
+
+    Parameters
+    ----------
+    caution_weight : float
+        Weight on glucose that would be low if the meal under way ended at this moment, 0 or more. It is multiplied by
+        the standard deviation of whether there is a meal, ``sqrt(P (1 - P))``, and so counts where the estimate is
+        uncertain.
+    caution_mg_dl : float
+        How far below the setpoint that begins, 0 or more.
+    glucose_floor_mg_dl : float
+        A floor under glucose in that case, kept as far as it pays, 0 or more; 0: none.
+    floor_weight : float
+        Weight on what is lacking of it, above 0.
+    iterations : int
+        Quadratic programs solved at each sample, 1 to 10: the model is linearised along the plan of the one before.
+
+    Raises
+    ------
+    ValueError
+        Outside these bounds.
+    """
+
+    move_horizon: int = 2
+    prediction_horizon: int = 12
+    output_weight: float = 1.0
+    move_weight: float = 0.22
+    caution_weight: float = 7.5
+    caution_mg_dl: float = 3.0
+    glucose_floor_mg_dl: float = 65.0
+    floor_weight: float = 10.0
+    iterations: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for value, what, unit in (
+            (self.caution_weight, "caution weight", ""),
+            (self.caution_mg_dl, "caution", " mg/dl"),
+            (self.glucose_floor_mg_dl, "glucose floor", " mg/dl"),
+        ):
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"a {what} of {value:g}{unit} is not possible; give a finite value of 0 or more")
+        if not 0.0 < self.floor_weight < math.inf:
+            raise ValueError(f"a floor weight of {self.floor_weight:g} is not possible; give a finite value above 0")
+        whole = isinstance(self.iterations, int) and not isinstance(self.iterations, bool)
+        if not (whole and 1 <= self.iterations <= 10):
+            raise ValueError(f"{self.iterations} iterations are not possible; give a whole number from 1 to 10")
+
+
+@pytree
+class MealMPCState:
+    """What the controller remembers."""
+
+    estimator: Any
+    delivered_mU_min: jax.Array
+    """(dead time + 1,) rates of the last samples, the latest last."""
+    announced_g: jax.Array
+    """(dead time,) what was announced at the last samples, the latest last."""
+
+
+@pytree
+class _Ahead:
+    """A forecast under way."""
+
+    x: jax.Array
+    stomach: Stomach
+    announced: Announced
+    eating: jax.Array
+
+
+@pytree
+class MealMPC:
+    """Meal-aware nonlinear MPC; see `design_meal_mpc`."""
+
+    model: IndividualModel
+    estimator: MealEstimator
+    ends: jax.Array
+    """Chance that a meal under way ends in a sample."""
+    output_weight: jax.Array | float
+    move_weight: jax.Array | float
+    caution_weight: jax.Array | float
+    caution_mg_dl: jax.Array | float
+    glucose_floor_mg_dl: jax.Array | float
+    floor_weight: jax.Array | float
+    limits: DoseLimits
+    move_horizon: int = static()
+    prediction_horizon: int = static()
+    iterations: int = static()
+    dead_time_samples: int = static()
+    sample_time_min: float = static()
+    heals: ClassVar[bool] = True
+    """A step leaves a finite state whatever the one before was, so that a guard need not look."""
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> MealMPC:
+        """The same controller for somebody else, whose basal rate is the one given."""
+        return self.for_person(insulin_mU_min, self.model.gain, self.model.lag)
+
+    def for_person(self, insulin_mU_min: ArrayLike, gain: ArrayLike = 1.0, lag: ArrayLike = 1.0) -> MealMPC:
+        """The same controller for somebody else: a basal rate, and gain and lag of insulin relative to the model's."""
+        numbers = (jnp.asarray(number, float) for number in (insulin_mU_min, gain, lag))
+        insulin, gain, lag = jnp.broadcast_arrays(*numbers)
+        return dataclasses.replace(self, model=individual_model(self.model.nominal, insulin, gain, lag))
+
+    def init(self, observation: Observation) -> MealMPCState:
+        """At rest under what the pump delivers; glucose that this does not explain is taken for a disturbance."""
+        known, delivered = is_known(observation), observation.delivered_mU_min
+        delivered = jnp.where(jnp.isfinite(delivered), delivered, self.model.insulin_mU_min)
+        sensed = Sensed(
+            glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),
+            known=known,
+            insulin_mU_min=delivered,
+            announced_carbs_g=jnp.zeros_like(delivered),
+        )
+        return MealMPCState(
+            estimator=self.estimator.init(self.model, sensed),
+            delivered_mU_min=jnp.full(self.dead_time_samples + 1, delivered),
+            announced_g=jnp.zeros(self.dead_time_samples),
+        )
+
+    def step(self, state: MealMPCState, observation: Observation) -> tuple[MealMPCState, Decision]:
+        """Estimate the person when the reading was taken, predict to this sample, plan, and make the first move."""
+        state, decision, _ = self.explained_step(state, observation)
+        return state, decision
+
+    def explained_step(
+        self, state: MealMPCState, observation: Observation
+    ) -> tuple[MealMPCState, Decision, MealEstimate]:
+        """As `step`, with the estimate on which the dose rests: of the moment that the reading speaks of."""
+        known = is_known(observation)
+        delivered = delivered_since(observation, state.delivered_mU_min[-1])
+        rates = jnp.append(state.delivered_mU_min[1:], delivered)
+        announced = jnp.append(state.announced_g, observation.announced_carbs_g)
+        sensed = Sensed(
+            glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),
+            known=known,
+            insulin_mU_min=rates[0],
+            announced_carbs_g=announced[0],
+        )
+        held, estimate = self.estimator.step(self.model, state.estimator, sensed)
+        now = self._to_this_sample(estimate, rates[1:], announced[1:])
+        move, converged = self._plan(now, estimate, observation.setpoint_mg_dl, delivered)
+
+        fresh = self.init(observation)
+        sound = _finite(held)
+        held = jax.tree.map(lambda kept, new: jnp.where(sound, kept, new), held, fresh.estimator)
+        state = MealMPCState(estimator=held, delivered_mU_min=rates, announced_g=announced[1:])
+        wanted = jnp.where(sound, delivered + move, jnp.nan)
+        return state, decide(wanted, delivered, self.limits, known, converged), estimate
+
+    def _sample(self, at: _Ahead, insulin: jax.Array, disturbance: jax.Array, goes_on: jax.Array) -> _Ahead:
+        """One sample of a forecast; `goes_on` is the chance that a meal under way is still served in it."""
+        h = self.sample_time_min
+        eating = at.eating * goes_on
+        announced, served = serve(at.announced, h)
+        stomach, appearance = digest(at.stomach, eating + served, h)
+        x = self.model.advance_fed(at.x, insulin, appearance.at[0].add(disturbance))
+        return _Ahead(x=x, stomach=stomach, announced=announced, eating=eating)
+
+    def _to_this_sample(self, estimate: MealEstimate, rates: jax.Array, announced: jax.Array) -> _Ahead:
+        """Through the known dead time, under the rates that were delivered since."""
+        at = _Ahead(x=estimate.x, stomach=estimate.stomach, announced=estimate.announced, eating=estimate.eating)
+        for i in range(self.dead_time_samples):
+            at = self._sample(at, rates[i], estimate.disturbance_mg_min, 1.0 - self.ends)
+            at = dataclasses.replace(at, announced=announce(at.announced, announced[i]))
+        return at
+
+    def _forecasts(self, now: _Ahead, disturbance: jax.Array, rates: jax.Array) -> jax.Array:
+        """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: as is likely, and if a meal ends now."""
+        goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
+
+        def one(at: _Ahead, insulin: jax.Array) -> tuple[_Ahead, jax.Array]:
+            at = jax.vmap(self._sample, in_axes=(0, None, None, 0))(at, insulin, disturbance, goes_on)
+            return at, jax.vmap(self.model.glucose_mg_dl)(at.x)
+
+        twice = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), now)
+        return jax.lax.scan(one, twice, rates)[1].T
+
+    def _plan(
+        self, now: _Ahead, estimate: MealEstimate, setpoint: jax.Array, delivered: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        """First of the moves, and whether they are the minimiser of the last quadratic program."""
+        m, p = self.move_horizon, self.prediction_horizon
+        uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating))
+        weight = jnp.concatenate([jnp.full(p, self.caution_weight * uncertain), jnp.full(p, self.floor_weight)])
+        least = jnp.concatenate([jnp.full(p, setpoint - self.caution_mg_dl), jnp.full(p, self.glucose_floor_mg_dl)])
+
+        def glucose(moves: jax.Array) -> tuple[jax.Array, jax.Array]:
+            rates = delivered + jnp.cumsum(jnp.concatenate([moves, jnp.zeros(p - m)]))
+            both = self._forecasts(now, estimate.disturbance_mg_min, rates)
+            return both, both
+
+        moves, converged = jnp.zeros(m), jnp.asarray(True)
+        for _ in range(self.iterations):
+            J, (likely, if_it_ends) = jax.jacfwd(glucose, has_aux=True)(moves)
+            low = jnp.concatenate([J[1], J[1]])
+            weighted = self.output_weight * J[0]
+            solution = minimise_moves_above_floor(
+                weighted.T @ weighted + self.move_weight**2 * jnp.eye(m),
+                -weighted.T @ (self.output_weight * (setpoint - likely + J[0] @ moves)),
+                low,
+                least - jnp.concatenate([if_it_ends, if_it_ends]) + low @ moves,
+                weight,
+                delivered,
+                max_move=self.limits.max_change_mU_min,
+                u_min=self.limits.min_mU_min,
+                u_max=self.limits.max_mU_min,
+            )
+            moves, converged = solution.moves, solution.converged
+        return moves[0], converged
+
+
+def _finite(tree: Any) -> jax.Array:
+    sound = jnp.asarray(True)
+    for leaf in jax.tree.leaves(tree):
+        sound = sound & jnp.all(jnp.isfinite(leaf))
+    return sound
+
+
+def design_meal_mpc(
+    model: MealModel,
+    tuning: MealTuning | None = None,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    habits: MealHabits | None = None,
+    estimator: str = "moving-horizon",
+    meal_horizon: int = 10,
+    disturbance_variance: float = 10.0,
+    measurement_variance: float = 1.45,
+    dead_time_samples: int = 0,
+) -> MealMPC:
+    """Predictive control on a nonlinear model, with the meals that glucose tells of and those that are announced.
+
+    At each sample an estimator says where the person is, how likely it is that he is being served a meal, and what is
+    in his stomach and gut. From there the nonlinear model predicts glucose twice: as it is to be expected, a meal under
+    way ending with the chance that is usual, and as it would be if that meal ended at this moment. The moves solve::
+
+        min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2 + w^2 P (1 - P) |max(0, r - c - G_end)|^2
+                        + w_f^2 |max(0, floor - G_end)|^2
+
+    subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
+    An announced meal is served in both forecasts. A known dead time is bridged by predicting from the moment that the
+    reading speaks of, under the rates that were delivered since. A lasting error of the model is estimated as an
+    appearance of glucose and goes on in the forecast, so that none is left at rest.
+
+    ============  ===========================================================  ======
+    variable      meaning                                                      size
+    ============  ===========================================================  ======
+    ``G``         glucose expected at the samples ahead                        (p,)
+    ``G_end``     the same if the meal under way ended now                     (p,)
+    ``P``         probability that a meal nobody announced is being served     ()
+    ``du``        planned moves                                                (m,)
+    ============  ===========================================================  ======
+
+    Parameters
+    ----------
+    model : MealModel
+        The person as the controller imagines him; `simulation.internal_model.nonlinear_model` makes one of a patient.
+    tuning : MealTuning, optional
+    limits : DoseLimits
+    habits : MealHabits, optional
+        What is known of meals beforehand.
+    estimator : {"moving-horizon", "kalman"}
+    meal_horizon : int
+        Samples over which the moving-horizon estimator searches for the beginning or the end of a meal.
+    disturbance_variance : float
+        Of the moving-horizon estimator: how much the unexplained appearance walks from sample to sample, (mg/min)^2.
+    measurement_variance : float
+        R of a reading, (mg/dl)^2.
+    dead_time_samples : int
+        Dead time of the readings that the controller knows of.
+
+    Raises
+    ------
+    ValueError
+        For an unknown estimator, a value outside its bounds, or a dead time that is negative.
+
+    Examples
+    --------
+    >>> MealTuning(move_horizon=3).prediction_horizon
+    12
+    """
+    tuning = MealTuning() if tuning is None else tuning
+    habits = MealHabits() if habits is None else habits
+    if estimator not in ESTIMATORS:
+        raise ValueError(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
+    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+        raise ValueError(
+            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
+        )
+    own = individual_model(model, model.insulin_mU_min)
+    chosen: MealEstimator
+    if estimator == "kalman":
+        chosen = design_meal_kalman(own, habits, measurement_variance=measurement_variance)
+    else:
+        chosen = design_meal_horizon(
+            own,
+            habits,
+            horizon=meal_horizon,
+            disturbance_variance=disturbance_variance,
+            measurement_variance=measurement_variance,
+        )
+    return MealMPC(
+        model=own,
+        estimator=chosen,
+        ends=jnp.asarray(habits.ends(model.sample_time_min)),
+        output_weight=tuning.output_weight,
+        move_weight=tuning.move_weight,
+        caution_weight=tuning.caution_weight,
+        caution_mg_dl=tuning.caution_mg_dl,
+        glucose_floor_mg_dl=tuning.glucose_floor_mg_dl,
+        floor_weight=tuning.floor_weight,
+        limits=limits,
+        move_horizon=tuning.move_horizon,
+        prediction_horizon=tuning.prediction_horizon,
+        iterations=tuning.iterations,
+        dead_time_samples=dead_time_samples,
+        sample_time_min=model.sample_time_min,
+    )

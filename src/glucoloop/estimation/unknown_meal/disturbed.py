@@ -1,0 +1,82 @@
+"""A model at rest with a disturbance: glucose that appears, or is lost, for no known reason."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.meals.stomach import steadily
+from glucoloop.models.nonlinear import MealModel
+
+_BELIEVED: Final = 5.0
+"""Standard deviations of a reading; what lies beyond is no noise."""
+
+
+@pytree
+class Linearised:
+    """A model about its rest, with the disturbance as its last state: ``x+ = Phi x,  y = C x``."""
+
+    Phi: npt.NDArray[np.float64]
+    """(n + 1, n + 1)"""
+    C: npt.NDArray[np.float64]
+    """(n + 1,)"""
+    Gamma: npt.NDArray[np.float64]
+    """(n,) effect of insulin."""
+
+
+def linearised(model: MealModel) -> Linearised:
+    """A model about its rest, by forward-mode differentiation of one sample."""
+    x, u = model.state, jnp.asarray(model.insulin_mU_min, float)
+    none = jnp.zeros(())
+
+    def sample(x: jax.Array, u: jax.Array, d: jax.Array) -> jax.Array:
+        return model.advance_fed(x, u, steadily(d))
+
+    Phi, Gamma, Psi = (np.asarray(part) for part in jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, none))
+    n = x.shape[0]
+    return Linearised(
+        Phi=np.block([[Phi, Psi[:, None]], [np.zeros((1, n)), np.ones((1, 1))]]),
+        C=np.append(np.asarray(jax.jacfwd(model.glucose_mg_dl)(x)), 0.0),
+        Gamma=Gamma,
+    )
+
+
+@pytree
+class Waking:
+    """Where an estimator begins that wakes beside a person whose glucose is not the model's."""
+
+    by_insulin: jax.Array
+    """(n,) state at rest per mU/min."""
+    by_disturbance: jax.Array
+    """(n,) state at rest per mg/min of appearance."""
+    glucose_by_disturbance: jax.Array
+    noise_mg_dl: jax.Array
+    """Standard deviation of a reading."""
+
+    def wake(
+        self, model: MealModel, insulin_mU_min: jax.Array, glucose_mg_dl: jax.Array, known: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        """State and disturbance at rest under a rate, which explain a reading as far as noise does not."""
+        x = model.state + self.by_insulin * (insulin_mU_min - model.insulin_mU_min)
+        away = jnp.where(known, glucose_mg_dl - model.glucose_mg_dl(x), 0.0)
+        unexplained = jnp.sign(away) * jnp.maximum(jnp.abs(away) - _BELIEVED * self.noise_mg_dl, 0.0)
+        disturbance = unexplained / self.glucose_by_disturbance
+        return x + self.by_disturbance * disturbance, disturbance
+
+
+def waking(linear: Linearised, measurement_variance: float) -> Waking:
+    """Made ready from a linearised model."""
+    n = linear.Gamma.size
+    still = np.eye(n) - linear.Phi[:n, :n]
+    by_disturbance = np.linalg.solve(still, linear.Phi[:n, n])
+    return Waking(
+        by_insulin=jnp.asarray(np.linalg.solve(still, linear.Gamma)),
+        by_disturbance=jnp.asarray(by_disturbance),
+        glucose_by_disturbance=jnp.asarray(linear.C[:n] @ by_disturbance),
+        noise_mg_dl=jnp.sqrt(jnp.asarray(measurement_variance)),
+    )

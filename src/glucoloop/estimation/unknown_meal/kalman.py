@@ -1,0 +1,198 @@
+"""Estimation of meals that nobody announced, by an extended Kalman filter with an unknown input.
+
+The rate E at which the stomach empties is a state that walks at random; the gut follows it as Lehmann and Deutsch say,
+and the nonlinear model follows the gut::
+
+    E+ = E + w,    q' = E - q / 60,    x' = f(x, u, q / 60),    y = g(x) + v
+
+The filter knows nothing of how a meal goes on: it takes the present rate for the coming one. It is the plain way, and
+the measure for `moving_horizon`.
+
+References
+----------
+E. D. Lehmann, T. Deutsch, J. Biomed. Eng. 14, 1992: the gut.
+A. H. Jazwinski, Stochastic Processes and Filtering Theory, Academic Press, 1970, ch. 8: the extended filter.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop._pytree import pytree
+from glucoloop.estimation.kalman import steady_state_gain
+from glucoloop.estimation.unknown_meal.disturbed import Waking, linearised, waking
+from glucoloop.estimation.unknown_meal.habits import MealHabits
+from glucoloop.estimation.unknown_meal.moving_horizon import check_variances
+from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
+from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
+from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
+from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach, ramp_samples
+from glucoloop.models.nonlinear import MealModel
+from glucoloop.units import MG_PER_G
+
+_NOTHING: Final = 0.1
+"""Share of the plateau below which a rate of emptying is no meal; above one half it is one."""
+_LARGEST_INNOVATION_MG_DL: Final = 30.0
+_LARGEST_COVARIANCE: Final = 1e9
+"""Without readings for days the covariance must stay a number."""
+
+
+@pytree
+class MealKalmanState:
+    """What the estimator remembers."""
+
+    mean: jax.Array
+    """(n + 2,) state of the model, gut content q mg, and E mg/min of what nobody announced."""
+    covariance: jax.Array
+    """(n + 2, n + 2)"""
+    of_announced: Stomach
+    announced: Announced
+    emptied_g: jax.Array
+    """Since E was last nothing."""
+    sure: jax.Array
+    """Whether that is a meal."""
+    carbs_g: jax.Array
+    """Emptied of the latest meal."""
+
+
+@pytree
+class MealKalman:
+    """The estimator; see `design_meal_kalman`. Implements `MealEstimator`."""
+
+    start: jax.Array
+    """(n + 2, n + 2) covariance to begin with."""
+    process_noise: jax.Array
+    """(n + 2, n + 2)"""
+    measurement_variance: jax.Array
+    ends: jax.Array
+    """Chance that a meal ends in a sample."""
+    waking: Waking
+
+    def init(self, model: MealModel, sensed: Sensed) -> MealKalmanState:
+        """Fasting, at rest; what is unexplained of the first reading is taken for emptying that lasts."""
+        x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
+        none = jnp.zeros_like(disturbance)
+        gut = disturbance * GUT_TIME_CONSTANT_MIN
+        return MealKalmanState(
+            mean=jnp.concatenate([x, jnp.stack([gut, disturbance])]),
+            covariance=self.start,
+            of_announced=empty_stomach(none, model.sample_time_min),
+            announced=nothing_announced(none),
+            emptied_g=none,
+            sure=none > 0.0,
+            carbs_g=none,
+        )
+
+    def step(self, model: MealModel, state: MealKalmanState, sensed: Sensed) -> tuple[MealKalmanState, MealEstimate]:
+        """See `MealEstimator`."""
+        h = model.sample_time_min
+        announced, served = serve(state.announced, h)
+        of_announced, known_appearance = digest(state.of_announced, served, h)
+
+        def carry(mean: jax.Array) -> jax.Array:
+            E = mean[-1]
+            stomach = Stomach(served=_steady(E, h), emptying_mg_min=E, gut_mg=mean[-2])
+            after, appearance = digest(stomach, E / PLATEAU_MG_MIN, h)
+            x = model.advance_fed(mean[:-2], sensed.insulin_mU_min, known_appearance + appearance)
+            return jnp.concatenate([x, jnp.stack([after.gut_mg, E])])
+
+        F = jax.jacfwd(carry)(state.mean)
+        mean = carry(state.mean)
+        P = F @ state.covariance @ F.T + self.process_noise
+        C = jnp.concatenate([jax.jacfwd(model.glucose_mg_dl)(mean[:-2]), jnp.zeros(2)])
+        seen = P @ C
+        gain = jnp.where(sensed.known, seen / (C @ seen + self.measurement_variance), 0.0)
+        innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - model.glucose_mg_dl(mean[:-2]), 0.0)
+        mean = mean + gain * jnp.clip(innovation, -_LARGEST_INNOVATION_MG_DL, _LARGEST_INNOVATION_MG_DL)
+        P = P - jnp.outer(gain, seen)
+        P = jnp.clip((P + P.T) / 2.0, -_LARGEST_COVARIANCE, _LARGEST_COVARIANCE)
+
+        share = mean[-1] / PLATEAU_MG_MIN
+        goes_on = share > _NOTHING
+        emptied = jnp.where(goes_on, state.emptied_g + mean[-1] * h / MG_PER_G, 0.0)
+        sure = goes_on & (state.sure | (share > 0.5))
+        state = MealKalmanState(
+            mean=mean,
+            covariance=P,
+            of_announced=of_announced,
+            announced=announce(announced, sensed.announced_carbs_g),
+            emptied_g=emptied,
+            sure=sure,
+            carbs_g=jnp.where(sure, emptied, state.carbs_g),
+        )
+        return state, self._estimate(state, h)
+
+    def _estimate(self, state: MealKalmanState, sample_time_min: float) -> MealEstimate:
+        E, known = state.mean[-1], state.of_announced
+        eating = jnp.clip(E / PLATEAU_MG_MIN, 0.0, 1.0)
+        return MealEstimate(
+            x=state.mean[:-2],
+            stomach=Stomach(
+                served=known.served + _steady(E, sample_time_min),
+                emptying_mg_min=known.emptying_mg_min + E,
+                gut_mg=known.gut_mg + state.mean[-2],
+            ),
+            announced=state.announced,
+            disturbance_mg_min=jnp.zeros_like(E),
+            eating=eating,
+            carbs_g=state.carbs_g,
+            remaining_g=eating * SERVED_G_PER_MIN * sample_time_min * (1.0 - self.ends) / self.ends,
+        )
+
+
+def _steady(E: jax.Array, sample_time_min: float) -> jax.Array:
+    """As if the present emptying had lasted for a ramp."""
+    return jnp.full(ramp_samples(sample_time_min), E / PLATEAU_MG_MIN)
+
+
+def design_meal_kalman(
+    model: MealModel,
+    habits: MealHabits | None = None,
+    *,
+    emptying_variance: float = 2500.0,
+    state_variance: float = 1e-3,
+    measurement_variance: float = 1.45,
+) -> MealKalman:
+    """Design the filter for a model.
+
+    Parameters
+    ----------
+    model : MealModel
+    habits : MealHabits, optional
+        For what is likely still to come of a meal; the filter itself does without.
+    emptying_variance : float
+        By how much E is expected to walk from sample to sample, (mg/min)^2, above 0.
+    state_variance : float
+        Process noise of each state of the model, per sample, above 0.
+    measurement_variance : float
+        R, (mg/dl)^2, above 0.
+
+    Raises
+    ------
+    ValueError
+        Outside these bounds, or for a model whose meals cannot be told from glucose.
+    """
+    habits = MealHabits() if habits is None else habits
+    check_variances(emptying_variance, measurement_variance)
+    check_variances(state_variance, measurement_variance)
+    linear = linearised(model)
+    n, h = linear.Gamma.size, model.sample_time_min
+    Q = np.diag(np.append(np.full(n + 1, state_variance), emptying_variance))
+    # The covariance to begin with is the steady one of the filter about the model's rest. The gut, seen from one
+    # sample to the next with E held, is a first-order lag on the way to what appears.
+    forget = np.exp(-h / GUT_TIME_CONSTANT_MIN)
+    Phi = np.zeros((n + 2, n + 2))
+    Phi[:n, :n], Phi[:n, n] = linear.Phi[:n, :n], linear.Phi[:n, n] / GUT_TIME_CONSTANT_MIN
+    Phi[n, n], Phi[n, n + 1], Phi[n + 1, n + 1] = forget, GUT_TIME_CONSTANT_MIN * (1.0 - forget), 1.0
+    steady = steady_state_gain(Phi, np.append(linear.C[:n], [0.0, 0.0]), Q, measurement_variance)
+    return MealKalman(
+        start=jnp.asarray(steady.filtered_covariance),
+        process_noise=jnp.asarray(Q),
+        measurement_variance=jnp.asarray(measurement_variance),
+        ends=jnp.asarray(habits.ends(h)),
+        waking=waking(linear, measurement_variance),
+    )

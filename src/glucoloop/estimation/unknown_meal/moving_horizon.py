@@ -1,0 +1,261 @@
+"""Moving-horizon estimation of meals that nobody announced, by enumeration.
+
+A meal of Lehmann and Deutsch is two events: it begins, and it ends. Over the last L samples one of them may have
+happened, at any sample or not at all. Each possibility is a hypothesis with a state of its own, which the nonlinear
+model carries on with the meal that it stands for, and with a probability, which each reading changes by Bayes' rule::
+
+    fasting    no meal for L samples, or more             begun j ago    j = 1 .. L
+    eating     a meal for L samples, or more              ended j ago    j = 1 .. L
+
+What is older than L samples makes no difference between hypotheses any more: those that meet are merged to their mean.
+Within a hypothesis a steady Kalman gain corrects the state and a disturbance, glucose that appears for no known
+reason, which takes up what the model gets wrong.
+
+With the events of the horizon enumerated and the merged state as what is known before it, this is moving-horizon
+estimation with a discrete decision; with the weights kept in place of the best alone, it is the interacting
+multiple-model filter on the age of the last event.
+
+References
+----------
+E. D. Lehmann, T. Deutsch, J. Biomed. Eng. 14, 1992: the meal.
+C. V. Rao, J. B. Rawlings, D. Q. Mayne, "Constrained state estimation for nonlinear discrete-time systems: stability and
+moving horizon approximations", IEEE Trans. Autom. Control 48(2), 2003.
+H. A. P. Blom, Y. Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching
+coefficients", IEEE Trans. Autom. Control 33(8), 1988.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop._pytree import pytree, static
+from glucoloop.estimation.kalman import steady_state_gain
+from glucoloop.estimation.unknown_meal.disturbed import Waking, linearised, waking
+from glucoloop.estimation.unknown_meal.habits import MealHabits
+from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
+from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
+from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach
+from glucoloop.models.nonlinear import MealModel
+
+LONGEST_HORIZON: Final = 100
+_LEAST: Final = 1e-12
+"""Probability below which no hypothesis falls, so that each can come back."""
+_STRAY: Final = 1e-3
+"""Likelihood that is added for each hypothesis: a reading far from all of them tells them apart no further."""
+_LARGEST_INNOVATION_MG_DL: Final = 30.0
+
+
+@pytree
+class Hypothesis:
+    """What one hypothesis holds; hypotheses trail."""
+
+    x: jax.Array
+    """(n, ...)"""
+    stomach: Stomach
+    disturbance_mg_min: jax.Array
+    carbs_g: jax.Array
+    """Served of the meal in question, which is the latest one."""
+
+
+@pytree
+class MealHorizonState:
+    """What the estimator remembers."""
+
+    hypotheses: Hypothesis
+    probability: jax.Array
+    """(2 L + 2,)"""
+    announced: Announced
+
+
+@pytree
+class MealHorizon:
+    """The estimator; see `design_meal_horizon`. Implements `MealEstimator`."""
+
+    gain: jax.Array
+    """(n + 1,) Kalman gain of the state, and last of the disturbance."""
+    innovation_variance: jax.Array
+    begins: jax.Array
+    """Chance that a meal begins in a sample."""
+    ends: jax.Array
+    """Chance that it ends."""
+    waking: Waking
+    horizon: int = static()
+
+    def init(self, model: MealModel, sensed: Sensed) -> MealHorizonState:
+        """Fasting, at rest."""
+        x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
+        fasting = Hypothesis(
+            x=x,
+            stomach=empty_stomach(disturbance, model.sample_time_min),
+            disturbance_mg_min=disturbance,
+            carbs_g=jnp.zeros_like(disturbance),
+        )
+        number = 2 * self.horizon + 2
+        return MealHorizonState(
+            hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
+            probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
+            announced=nothing_announced(disturbance),
+        )
+
+    def step(self, model: MealModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
+        """See `MealEstimator`."""
+        # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side.
+        hypotheses, probability = self._age(state.hypotheses, state.probability, sensed.known)
+        announced, served = serve(state.announced, model.sample_time_min)
+        hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
+        hypotheses, probability = self._correct(model, hypotheses, probability, sensed)
+        announced = announce(announced, sensed.announced_carbs_g)
+        state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced)
+        return state, self._estimate(state, model.sample_time_min)
+
+    def _eating(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Which hypotheses hold that a meal is being served."""
+        L = self.horizon
+        return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L)])
+
+    def _age(self, held: Hypothesis, p: jax.Array, known: jax.Array) -> tuple[Hypothesis, jax.Array]:
+        """A sample passes: events grow older, the oldest are merged, and new ones may happen."""
+        L = self.horizon
+        begins, ends = jnp.where(known, self.begins, 0.0), self.ends
+        eats = self._eating()
+        not_eating, eating = jnp.sum(p * (1.0 - eats)), jnp.sum(p * eats)
+
+        def aged(leaf: jax.Array) -> jax.Array:
+            def mean(which: np.ndarray[Any, Any]) -> jax.Array:
+                share = p * which
+                return jnp.sum(leaf * share, axis=-1) / jnp.sum(share)
+
+            none = np.zeros(2 * L + 2)
+            fasting, feasting = none.copy(), none.copy()
+            fasting[[0, -1]] = 1.0
+            feasting[[L, L + 1]] = 1.0
+            begun, ended = mean(1.0 - eats), mean(eats)
+            parts = [mean(fasting), begun, leaf[..., 1:L], mean(feasting), ended, leaf[..., L + 2 : 2 * L + 1]]
+            alone = (0, 1, 3, 4)
+            return jnp.concatenate([part[..., None] if i in alone else part for i, part in enumerate(parts)], axis=-1)
+
+        passed = jnp.concatenate(
+            [
+                ((p[0] + p[-1]) * (1.0 - begins))[None],
+                (not_eating * begins)[None],
+                p[1:L] * (1.0 - ends),
+                ((p[L] + p[L + 1]) * (1.0 - ends))[None],
+                (eating * ends)[None],
+                p[L + 2 : -1] * (1.0 - begins),
+            ]
+        )
+        later: Hypothesis = jax.tree.map(aged, held)
+        just_begun = np.arange(2 * L + 2) == 1
+        later = Hypothesis(
+            x=later.x,
+            stomach=later.stomach,
+            disturbance_mg_min=later.disturbance_mg_min,
+            carbs_g=jnp.where(just_begun, 0.0, later.carbs_g),
+        )
+        return later, passed
+
+    def _carry(self, model: MealModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
+        """Each hypothesis through the sample that has passed."""
+        h, eats = model.sample_time_min, self._eating()
+        stomach, appearance = digest(held.stomach, announced + eats, h)
+        appearance = appearance.at[0].add(held.disturbance_mg_min)
+        x = jax.vmap(model.advance_fed, in_axes=(-1, None, -1), out_axes=-1)(held.x, insulin, appearance)
+        return Hypothesis(
+            x=x,
+            stomach=stomach,
+            disturbance_mg_min=held.disturbance_mg_min,
+            carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
+        )
+
+    def _correct(
+        self, model: MealModel, held: Hypothesis, p: jax.Array, sensed: Sensed
+    ) -> tuple[Hypothesis, jax.Array]:
+        """By the reading: the states by the gain, the probabilities by Bayes' rule."""
+        predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x)
+        innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
+        likelihood = jnp.exp(-0.5 * innovation**2 / self.innovation_variance) + _STRAY
+        p = p * likelihood
+        p = jnp.maximum(p / jnp.sum(p), _LEAST)
+        moved = jnp.clip(innovation, -_LARGEST_INNOVATION_MG_DL, _LARGEST_INNOVATION_MG_DL)
+        corrected = Hypothesis(
+            x=held.x + self.gain[:-1, None] * moved,
+            stomach=held.stomach,
+            disturbance_mg_min=held.disturbance_mg_min + self.gain[-1] * moved,
+            carbs_g=held.carbs_g,
+        )
+        return corrected, p / jnp.sum(p)
+
+    def _estimate(self, state: MealHorizonState, sample_time_min: float) -> MealEstimate:
+        """Expected values over the hypotheses."""
+        p = state.probability
+        mean: Hypothesis = jax.tree.map(lambda leaf: jnp.sum(leaf * p, axis=-1), state.hypotheses)
+        eating = jnp.sum(p * self._eating())
+        per_sample = SERVED_G_PER_MIN * sample_time_min
+        return MealEstimate(
+            x=mean.x,
+            stomach=mean.stomach,
+            announced=state.announced,
+            disturbance_mg_min=mean.disturbance_mg_min,
+            eating=eating,
+            carbs_g=mean.carbs_g,
+            remaining_g=eating * per_sample * (1.0 - self.ends) / self.ends,
+        )
+
+
+def design_meal_horizon(
+    model: MealModel,
+    habits: MealHabits | None = None,
+    *,
+    horizon: int = 10,
+    disturbance_variance: float = 10.0,
+    measurement_variance: float = 1.45,
+) -> MealHorizon:
+    """Design the estimator for a model.
+
+    Parameters
+    ----------
+    model : MealModel
+    habits : MealHabits, optional
+    horizon : int
+        L, samples over which the beginning or the end of a meal is searched for, 2 to 100.
+    disturbance_variance : float
+        By how much the disturbance is expected to walk from sample to sample, (mg/min)^2, above 0.
+    measurement_variance : float
+        R, (mg/dl)^2, above 0.
+
+    Raises
+    ------
+    ValueError
+        Outside these bounds, or for a model whose disturbance cannot be told from glucose.
+    """
+    habits = MealHabits() if habits is None else habits
+    if isinstance(horizon, bool) or not isinstance(horizon, int) or not 2 <= horizon <= LONGEST_HORIZON:
+        raise ValueError(
+            f"a meal horizon of {horizon} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
+        )
+    check_variances(disturbance_variance, measurement_variance)
+    linear = linearised(model)
+    n = linear.Gamma.size
+    Q = np.zeros((n + 1, n + 1))
+    Q[n, n] = disturbance_variance
+    steady = steady_state_gain(linear.Phi, linear.C, Q, measurement_variance)
+    h = model.sample_time_min
+    return MealHorizon(
+        gain=jnp.asarray(steady.gain),
+        innovation_variance=jnp.asarray(steady.innovation_covariance),
+        begins=jnp.asarray(habits.begins(h)),
+        ends=jnp.asarray(habits.ends(h)),
+        waking=waking(linear, measurement_variance),
+        horizon=horizon,
+    )
+
+
+def check_variances(disturbance_variance: float, measurement_variance: float) -> None:
+    """Refuse variances that are not positive and finite."""
+    for value, what in ((disturbance_variance, "disturbance"), (measurement_variance, "measurement")):
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"a {what} variance of {value:g} is not possible; give a finite value above 0")
