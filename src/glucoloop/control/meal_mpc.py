@@ -28,10 +28,12 @@ from glucoloop.estimation.unknown_meal import (
     design_meal_horizon,
     design_meal_kalman,
 )
+from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.meals.announced import Announced, announce, serve
 from glucoloop.meals.stomach import Stomach, digest
 from glucoloop.models.individual import IndividualModel, individual_model
 from glucoloop.models.nonlinear import MealModel
+from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -67,8 +69,8 @@ class MealTuning(MPCTuning):
     prediction_horizon: int = 12
     output_weight: float = 1.0
     move_weight: float = 0.22
-    caution_weight: float = 7.5
-    caution_mg_dl: float = 3.0
+    caution_weight: float = 4.0
+    caution_mg_dl: float = 0.8
     glucose_floor_mg_dl: float = 65.0
     floor_weight: float = 10.0
     iterations: int = 1
@@ -98,6 +100,8 @@ class MealMPCState:
     """(dead time + 1,) rates of the last samples, the latest last."""
     announced_g: jax.Array
     """(dead time,) what was announced at the last samples, the latest last."""
+    planned: jax.Array
+    """(m,) moves that were planned for the sample to come and those after it, along which the model is linearised."""
 
 
 @pytree
@@ -108,6 +112,7 @@ class _Ahead:
     stomach: Stomach
     announced: Announced
     eating: jax.Array
+    disturbance: jax.Array
 
 
 @pytree
@@ -134,8 +139,13 @@ class MealMPC:
     """A step leaves a finite state whatever the one before was, so that a guard need not look."""
 
     def with_basal(self, insulin_mU_min: jax.Array) -> MealMPC:
-        """The same controller for somebody else, whose basal rate is the one given."""
-        return self.for_person(insulin_mU_min, self.model.gain, self.model.lag)
+        """The same controller for somebody else, whose basal rate is the one given.
+
+        Who needs little insulin is likely to answer to it strongly: over the people of `parker2000` the gain goes about
+        with the square root of the basal rate, inversely, and so it is taken.
+        """
+        scale = jnp.sqrt(self.model.nominal.insulin_mU_min / insulin_mU_min)
+        return self.for_person(insulin_mU_min, scale)
 
     def for_person(self, insulin_mU_min: ArrayLike, gain: ArrayLike = 1.0, lag: ArrayLike = 1.0) -> MealMPC:
         """The same controller for somebody else: a basal rate, and gain and lag of insulin relative to the model's."""
@@ -157,6 +167,7 @@ class MealMPC:
             estimator=self.estimator.init(self.model, sensed),
             delivered_mU_min=jnp.full(self.dead_time_samples + 1, delivered),
             announced_g=jnp.zeros(self.dead_time_samples),
+            planned=jnp.zeros(self.move_horizon),
         )
 
     def step(self, state: MealMPCState, observation: Observation) -> tuple[MealMPCState, Decision]:
@@ -180,47 +191,55 @@ class MealMPC:
         )
         held, estimate = self.estimator.step(self.model, state.estimator, sensed)
         now = self._to_this_sample(estimate, rates[1:], announced[1:])
-        move, converged = self._plan(now, estimate, observation.setpoint_mg_dl, delivered)
+        moves, converged = self._plan(now, estimate, state.planned, observation.setpoint_mg_dl, delivered)
 
         fresh = self.init(observation)
         sound = _finite(held)
         held = jax.tree.map(lambda kept, new: jnp.where(sound, kept, new), held, fresh.estimator)
-        state = MealMPCState(estimator=held, delivered_mU_min=rates, announced_g=announced[1:])
-        wanted = jnp.where(sound, delivered + move, jnp.nan)
+        planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
+        state = MealMPCState(estimator=held, delivered_mU_min=rates, announced_g=announced[1:], planned=planned)
+        wanted = jnp.where(sound, delivered + moves[0], jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged), estimate
 
-    def _sample(self, at: _Ahead, insulin: jax.Array, disturbance: jax.Array, goes_on: jax.Array) -> _Ahead:
+    def _sample(self, at: _Ahead, insulin: jax.Array, goes_on: jax.Array) -> _Ahead:
         """One sample of a forecast; `goes_on` is the chance that a meal under way is still served in it."""
         h = self.sample_time_min
         eating = at.eating * goes_on
         announced, served = serve(at.announced, h)
         stomach, appearance = digest(at.stomach, eating + served, h)
-        x = self.model.advance_fed(at.x, insulin, appearance.at[0].add(disturbance))
-        return _Ahead(x=x, stomach=stomach, announced=announced, eating=eating)
+        x = self.model.advance_fed(at.x, insulin, appearance.at[0].add(at.disturbance))
+        disturbance = fading(at.disturbance, at.stomach, stomach)
+        return _Ahead(x=x, stomach=stomach, announced=announced, eating=eating, disturbance=disturbance)
 
     def _to_this_sample(self, estimate: MealEstimate, rates: jax.Array, announced: jax.Array) -> _Ahead:
         """Through the known dead time, under the rates that were delivered since."""
-        at = _Ahead(x=estimate.x, stomach=estimate.stomach, announced=estimate.announced, eating=estimate.eating)
+        at = _Ahead(
+            x=estimate.x,
+            stomach=estimate.stomach,
+            announced=estimate.announced,
+            eating=estimate.eating,
+            disturbance=estimate.disturbance_mg_min,
+        )
         for i in range(self.dead_time_samples):
-            at = self._sample(at, rates[i], estimate.disturbance_mg_min, 1.0 - self.ends)
+            at = self._sample(at, rates[i], 1.0 - self.ends)
             at = dataclasses.replace(at, announced=announce(at.announced, announced[i]))
         return at
 
-    def _forecasts(self, now: _Ahead, disturbance: jax.Array, rates: jax.Array) -> jax.Array:
+    def _forecasts(self, now: _Ahead, rates: jax.Array) -> jax.Array:
         """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: as is likely, and if a meal ends now."""
         goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
 
         def one(at: _Ahead, insulin: jax.Array) -> tuple[_Ahead, jax.Array]:
-            at = jax.vmap(self._sample, in_axes=(0, None, None, 0))(at, insulin, disturbance, goes_on)
+            at = jax.vmap(self._sample, in_axes=(0, None, 0))(at, insulin, goes_on)
             return at, jax.vmap(self.model.glucose_mg_dl)(at.x)
 
         twice = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), now)
         return jax.lax.scan(one, twice, rates)[1].T
 
     def _plan(
-        self, now: _Ahead, estimate: MealEstimate, setpoint: jax.Array, delivered: jax.Array
+        self, now: _Ahead, estimate: MealEstimate, moves: jax.Array, setpoint: jax.Array, delivered: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """First of the moves, and whether they are the minimiser of the last quadratic program."""
+        """Moves better than the ones given, and whether they are the minimiser of the last quadratic program."""
         m, p = self.move_horizon, self.prediction_horizon
         uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating))
         weight = jnp.concatenate([jnp.full(p, self.caution_weight * uncertain), jnp.full(p, self.floor_weight)])
@@ -228,10 +247,15 @@ class MealMPC:
 
         def glucose(moves: jax.Array) -> tuple[jax.Array, jax.Array]:
             rates = delivered + jnp.cumsum(jnp.concatenate([moves, jnp.zeros(p - m)]))
-            both = self._forecasts(now, estimate.disturbance_mg_min, rates)
+            both = self._forecasts(now, rates)
             return both, both
 
-        moves, converged = jnp.zeros(m), jnp.asarray(True)
+        limits = {
+            "max_move": self.limits.max_change_mU_min,
+            "u_min": self.limits.min_mU_min,
+            "u_max": self.limits.max_mU_min,
+        }
+        moves, converged = limit_moves(moves, delivered, **limits), jnp.asarray(True)
         for _ in range(self.iterations):
             J, (likely, if_it_ends) = jax.jacfwd(glucose, has_aux=True)(moves)
             low = jnp.concatenate([J[1], J[1]])
@@ -243,12 +267,10 @@ class MealMPC:
                 least - jnp.concatenate([if_it_ends, if_it_ends]) + low @ moves,
                 weight,
                 delivered,
-                max_move=self.limits.max_change_mU_min,
-                u_min=self.limits.min_mU_min,
-                u_max=self.limits.max_mU_min,
+                **limits,
             )
             moves, converged = solution.moves, solution.converged
-        return moves[0], converged
+        return moves, converged
 
 
 def _finite(tree: Any) -> jax.Array:

@@ -10,11 +10,23 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.meals.stomach import steadily
+from glucoloop.meals.stomach import Stomach, steadily
 from glucoloop.models.nonlinear import MealModel
 
+_REST_MG: Final = 2000.0
+"""Content of the gut that is little beside a meal's: the plateau of the emptying fills it to 21 600 mg."""
 _BELIEVED: Final = 5.0
 """Standard deviations of a reading; what lies beyond is no noise."""
+
+
+def fading(disturbance_mg_min: jax.Array, before: Stomach, after: Stomach) -> jax.Array:
+    """The disturbance a sample later: what appears beyond a meal while it is digested goes with it.
+
+    The meal of the model may be smaller or slower than the person's. What it lacks is in the disturbance, and would
+    stay there after the meal if it did not shrink as the gut empties. At rest it stays as it is.
+    """
+    share = (after.gut_mg + _REST_MG) / (before.gut_mg + _REST_MG)
+    return jnp.where(disturbance_mg_min > 0.0, disturbance_mg_min * jnp.clip(share, 0.0, 1.0), disturbance_mg_min)
 
 
 @pytree

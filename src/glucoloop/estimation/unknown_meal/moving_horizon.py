@@ -34,7 +34,7 @@ import numpy as np
 
 from glucoloop._pytree import pytree, static
 from glucoloop.estimation.kalman import steady_state_gain
-from glucoloop.estimation.unknown_meal.disturbed import Waking, linearised, waking
+from glucoloop.estimation.unknown_meal.disturbed import Waking, fading, linearised, waking
 from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
@@ -103,9 +103,11 @@ class MealHorizon:
 
     def step(self, model: MealModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
         """See `MealEstimator`."""
-        # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side.
-        hypotheses, probability = self._age(state.hypotheses, state.probability, sensed.known)
         announced, served = serve(state.announced, model.sample_time_min)
+        # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
+        # being served what he announced does not begin another.
+        begins = jnp.where(sensed.known & (served == 0.0), self.begins, 0.0)
+        hypotheses, probability = self._age(state.hypotheses, state.probability, begins)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
         hypotheses, probability = self._correct(model, hypotheses, probability, sensed)
         announced = announce(announced, sensed.announced_carbs_g)
@@ -117,10 +119,10 @@ class MealHorizon:
         L = self.horizon
         return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L)])
 
-    def _age(self, held: Hypothesis, p: jax.Array, known: jax.Array) -> tuple[Hypothesis, jax.Array]:
+    def _age(self, held: Hypothesis, p: jax.Array, begins: jax.Array) -> tuple[Hypothesis, jax.Array]:
         """A sample passes: events grow older, the oldest are merged, and new ones may happen."""
         L = self.horizon
-        begins, ends = jnp.where(known, self.begins, 0.0), self.ends
+        ends = self.ends
         eats = self._eating()
         not_eating, eating = jnp.sum(p * (1.0 - eats)), jnp.sum(p * eats)
 
@@ -167,7 +169,7 @@ class MealHorizon:
         return Hypothesis(
             x=x,
             stomach=stomach,
-            disturbance_mg_min=held.disturbance_mg_min,
+            disturbance_mg_min=fading(held.disturbance_mg_min, held.stomach, stomach),
             carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
         )
 
