@@ -29,6 +29,7 @@ from glucoloop.estimation.unknown_meal import (
     design_meal_kalman,
 )
 from glucoloop.estimation.unknown_meal.disturbed import fading
+from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.meals.announced import Announced, announce, serve
 from glucoloop.meals.stomach import Stomach, digest
 from glucoloop.models.individual import IndividualModel, individual_model
@@ -121,6 +122,8 @@ class MealMPC:
 
     model: IndividualModel
     estimator: MealEstimator
+    expected: Expectation
+    """What the estimator expects of meals when nothing tells of any; doses do not rest on it."""
     ends: jax.Array
     """Chance that a meal under way ends in a sample."""
     output_weight: jax.Array | float
@@ -157,6 +160,7 @@ class MealMPC:
         """At rest under what the pump delivers; glucose that this does not explain is taken for a disturbance."""
         known, delivered = is_known(observation), observation.delivered_mU_min
         delivered = jnp.where(jnp.isfinite(delivered), delivered, self.model.insulin_mU_min)
+        delivered = jnp.clip(delivered, self.limits.min_mU_min, self.limits.max_mU_min)
         sensed = Sensed(
             glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),
             known=known,
@@ -190,8 +194,9 @@ class MealMPC:
             announced_carbs_g=announced[0],
         )
         held, estimate = self.estimator.step(self.model, state.estimator, sensed)
-        now = self._to_this_sample(estimate, rates[1:], announced[1:])
-        moves, converged = self._plan(now, estimate, state.planned, observation.setpoint_mg_dl, delivered)
+        told = self.expected.without(estimate)
+        now = self._to_this_sample(told, rates[1:], announced[1:])
+        moves, converged = self._plan(now, told, state.planned, observation.setpoint_mg_dl, delivered)
 
         fresh = self.init(observation)
         sound = _finite(held)
@@ -366,6 +371,7 @@ def design_meal_mpc(
     return MealMPC(
         model=own,
         estimator=chosen,
+        expected=expectation(chosen, own),
         ends=jnp.asarray(habits.ends(model.sample_time_min)),
         output_weight=tuning.output_weight,
         move_weight=tuning.move_weight,

@@ -4,9 +4,11 @@ from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.kalman import MealKalman, design_meal_kalman
 from glucoloop.estimation.unknown_meal.moving_horizon import MealHorizon, design_meal_horizon
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
+from glucoloop.estimation.unknown_meal.replay import MealEstimates, estimate_meals
 
 __all__ = [
     "MealEstimate",
+    "MealEstimates",
     "MealEstimator",
     "MealHabits",
     "MealHorizon",
@@ -14,4 +16,5 @@ __all__ = [
     "Sensed",
     "design_meal_horizon",
     "design_meal_kalman",
+    "estimate_meals",
 ]

@@ -15,6 +15,8 @@ from glucoloop.models.nonlinear import MealModel
 
 _REST_MG: Final = 2000.0
 """Content of the gut that is little beside a meal's: the plateau of the emptying fills it to 21 600 mg."""
+_FARTHEST_MG_DL: Final = 300.0
+"""From where the model rests; a reading beyond that is not believed."""
 _BELIEVED: Final = 5.0
 """Standard deviations of a reading; what lies beyond is no noise."""
 
@@ -41,19 +43,22 @@ class Linearised:
     """(n,) effect of insulin."""
 
 
-def linearised(model: MealModel) -> Linearised:
-    """A model about its rest, by forward-mode differentiation of one sample."""
-    x, u = model.state, jnp.asarray(model.insulin_mU_min, float)
-    none = jnp.zeros(())
-
+@jax.jit
+def _slopes(model: MealModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...]:
     def sample(x: jax.Array, u: jax.Array, d: jax.Array) -> jax.Array:
         return model.advance_fed(x, u, steadily(d))
 
-    Phi, Gamma, Psi = (np.asarray(part) for part in jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, none))
+    return *jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, jnp.zeros(())), jax.jacfwd(model.glucose_mg_dl)(x)
+
+
+def linearised(model: MealModel) -> Linearised:
+    """A model about its rest, by forward-mode differentiation of one sample."""
+    x, u = model.state, jnp.asarray(model.insulin_mU_min, float)
+    Phi, Gamma, Psi, C = (np.asarray(part) for part in _slopes(model, x, u))
     n = x.shape[0]
     return Linearised(
         Phi=np.block([[Phi, Psi[:, None]], [np.zeros((1, n)), np.ones((1, 1))]]),
-        C=np.append(np.asarray(jax.jacfwd(model.glucose_mg_dl)(x)), 0.0),
+        C=np.append(C, 0.0),
         Gamma=Gamma,
     )
 
@@ -76,6 +81,7 @@ class Waking:
         """State and disturbance at rest under a rate, which explain a reading as far as noise does not."""
         x = model.state + self.by_insulin * (insulin_mU_min - model.insulin_mU_min)
         away = jnp.where(known, glucose_mg_dl - model.glucose_mg_dl(x), 0.0)
+        away = jnp.clip(away, -_FARTHEST_MG_DL, _FARTHEST_MG_DL)
         unexplained = jnp.sign(away) * jnp.maximum(jnp.abs(away) - _BELIEVED * self.noise_mg_dl, 0.0)
         disturbance = unexplained / self.glucose_by_disturbance
         return x + self.by_disturbance * disturbance, disturbance

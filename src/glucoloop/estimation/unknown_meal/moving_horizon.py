@@ -195,7 +195,11 @@ class MealHorizon:
         """Expected values over the hypotheses."""
         p = state.probability
         mean: Hypothesis = jax.tree.map(lambda leaf: jnp.sum(leaf * p, axis=-1), state.hypotheses)
-        eating = jnp.sum(p * self._eating())
+        eats = self._eating()
+        eating = jnp.sum(p * eats)
+        # Of two meals, that of the likelier half: one that may have begun just now says nothing of the one before.
+        share = p * jnp.where(eating > 0.5, eats, 1.0 - eats)
+        carbs_g = jnp.sum(share * state.hypotheses.carbs_g) / jnp.sum(share)
         per_sample = SERVED_G_PER_MIN * sample_time_min
         return MealEstimate(
             x=mean.x,
@@ -203,7 +207,7 @@ class MealHorizon:
             announced=state.announced,
             disturbance_mg_min=mean.disturbance_mg_min,
             eating=eating,
-            carbs_g=mean.carbs_g,
+            carbs_g=carbs_g,
             remaining_g=eating * per_sample * (1.0 - self.ends) / self.ends,
         )
 

@@ -32,8 +32,8 @@ from glucoloop.trials.trial import Trial, TrialCase
 
 MOST_LOOPS: Final = 1_000_000_000
 HORIZON_MIN: Final = 1440.0
-SLOW: Final = {"nlqdmc-se": (300.0, 0.05)}
-"""Controllers that linearise at each sample: length of a loop, and how many there are for one of the others."""
+SLOW: Final = {"nlqdmc-se": (300.0, 0.05), "meal-mpc": (300.0, 0.05)}
+"""Controllers on the nonlinear model: length of a loop, and how many there are for one of the others."""
 REPEATED: Final = 8
 """Of so many loops one is closed again, in another order and other blocks."""
 _TOLD: Final = 10

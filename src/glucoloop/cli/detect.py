@@ -1,0 +1,159 @@
+"""``glucoloop detect``: how soon, how surely and how well meals that nobody announced are estimated."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+from glucoloop.cli.options import CASE, OUTPUT, Given, Option, names, with_options
+from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
+from glucoloop.cli.screen import show, stage, stages
+from glucoloop.cli.telling import print_json, where_written
+from glucoloop.cli.trial_options import TRIAL
+from glucoloop.trials.catalogue import CONTROLLERS, all_settings
+
+if TYPE_CHECKING:
+    from glucoloop.trials.detection.detection import Detection
+    from glucoloop.trials.detection.result import DetectionResult
+
+HELP: Final = (
+    "Try the estimators of meals that nobody announced: how soon a meal is detected, how well its size is told, and "
+    "how often there is a false alarm.\n\n"
+    "Each day begins at rest and has meals and noise of its own, and as many days again are without a meal. Without "
+    "options it is 100 days of one person, two meals a day of 11 to 99 g, noise of variance 1.45, and doses by "
+    "meal-mpc, which rests on the estimator. Another controller, like basal, doses without it.\n\n"
+    "  glucoloop detect --out detect\n\n"
+    "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
+    "  glucoloop detect --population parker2000 --people 100 --meals-per-h 0.1 --out people\n\n"
+    "  glucoloop detect --config detect/detect.toml"
+)
+_ESTIMATORS: Final = "Estimators"
+# As `trials.detection.detection.ESTIMATOR_SETTINGS`, which imports numerical libraries.
+_ESTIMATOR_SETTINGS: Final = (
+    "meal_horizon",
+    "meals_per_h",
+    "mean_carbs_g",
+    "disturbance_variance",
+    "measurement_variance",
+)
+_OF_A_TRIAL: Final = (
+    *("people", "population", "first_person", "meals", "no_meal", "meal_size_spread_pct", "meal_time_spread_min"),
+    *("operating_point", "setpoint_mg_dl", "noise_variance", "noise_bound_mg_dl", "dead_time_min"),
+    *("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min", "pump_resolution_mU_min"),
+    *("faults", "no_fault", "sample_time_min", "seed", "known_dead_time"),
+)
+_DEFAULTS: Final = {
+    "people": "1",
+    "population": "nominal",
+    "meals": "55g@5h, 55g@14.5h",
+    "meal_size_spread_pct": "80",
+    "meal_time_spread_min": "90",
+    "noise_variance": "1.45",
+}
+_WORDS: Final = {"known_dead_time": "Tell controller and estimators of the dead time."}
+_OWN: Final = (
+    Option("days", "--days", int, "Days of each person.", "Meals", metavar="N", default="100; of several people 1"),
+    Option(
+        "estimators",
+        "--estimator",
+        list[str],
+        f"{', '.join(CONTROLLERS['meal-mpc'].setting('estimator').choices)}; repeat it for more.",
+        _ESTIMATORS,
+        metavar="NAME",
+        default="both",
+    ),
+    Option(
+        "threshold",
+        "--threshold",
+        float,
+        "Probability of a meal above which it counts as detected.",
+        _ESTIMATORS,
+        metavar="P",
+        default="0.5",
+    ),
+    Option(
+        "controller",
+        "--controller",
+        str,
+        f"Who doses: {', '.join(CONTROLLERS)}.",
+        "Controller",
+        metavar="NAME",
+        default="meal-mpc",
+    ),
+)
+
+
+def _options() -> Iterator[Option]:
+    for option in TRIAL:
+        if option.key in _OF_A_TRIAL:
+            yield dataclasses.replace(
+                option,
+                help=_WORDS.get(option.key, option.help),
+                default=_DEFAULTS.get(option.key, option.default),
+            )
+    yield from _OWN
+    settings = all_settings().keys() - {"estimator"}
+    for option in CASE:
+        if option.key in _ESTIMATOR_SETTINGS:
+            owner = CONTROLLERS["meal-mpc"].setting(option.key)
+            yield dataclasses.replace(option, help=owner.summary, panel=_ESTIMATORS, default=owner.default.text)
+        elif option.key in settings:
+            yield option
+    yield from OUTPUT
+
+
+_OPTIONS: Final = tuple(_options())
+
+
+@with_options(_OPTIONS)
+def command(given: Given) -> None:
+    """Check what was asked for, try it, write it and tell it."""
+    keys, output, file = split_off_output(given)
+    if not keys.get("estimators"):
+        keys.pop("estimators", None)
+    texts = with_lists(keys), file_keys(file)
+    files: dict[str, str] = {}
+    with output.folder() as folder:
+        with stage("Importing the simulator"):
+            from glucoloop.cli.compiled import keep_compiled
+
+            asked = _read(*texts)
+        keep_compiled()
+        with stages("Designing and compiling") as done:
+            from glucoloop.trials.detection.evaluate import evaluate
+
+            result = evaluate(asked, done)
+        if folder is not None:
+            with stage("Drawing"):
+                from glucoloop.cli.detect_results import files_of
+
+                for name, data in files_of(asked, result).items():
+                    folder.write(name, data)
+            files = folder.paths()
+    _tell(asked, result, output, files)
+
+
+def _read(keys: Given, of_file: Given) -> Detection:
+    from glucoloop.config import overlay
+    from glucoloop.config.detection import read_detection
+
+    called = names(_OPTIONS, keys)
+    if "people" in keys and "days" not in keys:
+        of_file.pop("days", None)  # how many of each follows from how many there are
+    return read_detection(overlay(of_file, keys, called), called)
+
+
+def _tell(asked: Detection, result: DetectionResult, output: Output, files: dict[str, str]) -> None:
+    from glucoloop.cli.detect_results import notes, report
+
+    told = tuple(notes(asked, result))
+    if output.json:
+        print_json(report(asked, result), files, told)
+        return
+    from glucoloop.report.detection_table import detection_table
+
+    show(detection_table(result))
+    for line in told:
+        print(line)
+    print(where_written(output.out, files))

@@ -1,0 +1,215 @@
+"""An estimator of unknown meals over a record of readings and doses: a simulated one, or somebody's own."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
+from glucoloop.models.nonlinear import MealModel
+
+_ON_GRID = 1e-6  # of a sample; times nearer than this are the same time
+
+
+@pytree
+class MealEstimates:
+    """What an estimator said at each sample; time on the leading axis."""
+
+    t_min: jax.Array
+    """(samples,) when each was said."""
+    glucose_mg_dl: jax.Array
+    """(samples, ...) of the estimated state."""
+    eating: jax.Array
+    """(samples, ...) as `MealEstimate.eating`, 0 to 1."""
+    carbs_g: jax.Array
+    """(samples, ...) size so far of the latest meal that nobody announced."""
+    remaining_g: jax.Array
+    """(samples, ...) how much of it is likely still to come."""
+    emptying_mg_min: jax.Array
+    """(samples, ...) rate at which the stomach empties, of all meals."""
+    disturbance_mg_min: jax.Array
+    """(samples, ...) appearance of glucose that no meal explains."""
+
+
+def replay(
+    model: MealModel,
+    estimator: MealEstimator,
+    t_min: jax.Array,
+    readings_mg_dl: jax.Array,
+    insulin_mU_min: jax.Array,
+    announced_g: jax.Array,
+    initial_insulin_mU_min: jax.Array,
+    dead_time_samples: int = 0,
+) -> MealEstimates:
+    """Estimates along a record; JAX can trace it and map it over people.
+
+    Parameters
+    ----------
+    model : MealModel
+    estimator : MealEstimator
+    t_min : (samples,) array
+    readings_mg_dl : (samples,) array
+        What is not finite is missing.
+    insulin_mU_min : (samples,) array
+        Rate that was delivered from each sample to the next; the last ones, which no reading follows, do not count.
+    announced_g : (samples,) array
+        Carbohydrate of announced meals that begin between each sample and the next.
+    initial_insulin_mU_min : () array
+        Rate under which he rested before.
+    dead_time_samples : int
+        By how much the readings are late. An estimate is of the moment that its reading speaks of.
+    """
+    late, samples = dead_time_samples, t_min.shape[0]
+    initial = jnp.asarray(initial_insulin_mU_min, float)
+    since = jnp.concatenate([jnp.broadcast_to(initial, (1 + late,)), insulin_mU_min])[:samples]
+    announced = jnp.concatenate([jnp.zeros(late), announced_g])[:samples]
+    known = jnp.isfinite(readings_mg_dl)
+    sensed = Sensed(
+        glucose_mg_dl=jnp.where(known, readings_mg_dl, 0.0),
+        known=known,
+        insulin_mU_min=since,
+        announced_carbs_g=announced,
+    )
+
+    def one(state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
+        return estimator.step(model, state, sensed)
+
+    first = Sensed(
+        glucose_mg_dl=sensed.glucose_mg_dl[0],
+        known=known[0],
+        insulin_mU_min=initial,
+        announced_carbs_g=jnp.zeros_like(initial),
+    )
+    _, told = jax.lax.scan(one, estimator.init(model, first), sensed)
+    return MealEstimates(
+        t_min=t_min,
+        glucose_mg_dl=jax.vmap(model.glucose_mg_dl)(told.x),
+        eating=told.eating,
+        carbs_g=told.carbs_g,
+        remaining_g=told.remaining_g,
+        emptying_mg_min=told.stomach.emptying_mg_min,
+        disturbance_mg_min=told.disturbance_mg_min,
+    )
+
+
+_replay = functools.partial(jax.jit, static_argnames="dead_time_samples")(replay)
+
+
+def estimate_meals(
+    model: MealModel,
+    estimator: MealEstimator,
+    t_min: npt.ArrayLike,
+    readings_mg_dl: npt.ArrayLike,
+    insulin_mU_min: npt.ArrayLike,
+    announced_g: npt.ArrayLike | None = None,
+    *,
+    initial_insulin_mU_min: float | None = None,
+    dead_time_samples: int = 0,
+) -> MealEstimates:
+    """Estimate the meals that a record of readings and doses tells of.
+
+    Parameters
+    ----------
+    model : MealModel
+        The person; `models.individual.individual_model` gives the nominal one a basal rate of his own.
+    estimator : MealEstimator
+        Designed for the model.
+    t_min : (samples,) array
+        Times, the model's sample time apart.
+    readings_mg_dl : (samples,) array
+        What is not finite is missing.
+    insulin_mU_min : (samples,) array
+        Rate that was delivered from each sample to the next, 0 or more. The last one does not count.
+    announced_g : (samples,) array, optional
+        Carbohydrate of the meals that begin between each sample and the next and that the estimator is to be told of,
+        0 or more; none by default.
+    initial_insulin_mU_min : float, optional
+        Rate under which he rested before the first sample; the model's own by default.
+    dead_time_samples : int
+        By how much the readings are late. An estimate is of the moment that its reading speaks of.
+
+    Returns
+    -------
+    MealEstimates
+
+    Raises
+    ------
+    ValueError
+        For columns that differ in length or hold nothing, times that are not the sample time apart, a rate or an
+        amount that is negative or no number, or a negative dead time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import glucoloop as gl
+    >>> from glucoloop.estimation.unknown_meal import design_meal_horizon
+    >>> model = gl.nonlinear_model(gl.patient())
+    >>> t_min, basal = 5.0 * np.arange(4), np.full(4, float(model.insulin_mU_min))
+    >>> told = estimate_meals(model, design_meal_horizon(model), t_min, [81.1, 81.0, np.nan, 81.2], basal)
+    >>> bool((told.eating < 0.5).all())
+    True
+    """
+    times, readings, insulin = (
+        _column(name, values)
+        for name, values in (("times", t_min), ("readings", readings_mg_dl), ("insulin rates", insulin_mU_min))
+    )
+    announced = np.zeros_like(times) if announced_g is None else _column("announced amounts", announced_g)
+    for name, values in (("readings", readings), ("insulin rates", insulin), ("announced amounts", announced)):
+        if values.size != times.size:
+            raise ValueError(
+                f"{times.size} times and {values.size} {name} do not go together; give one of each a sample"
+            )
+    if not times.size:
+        raise ValueError("a record without samples tells nothing; give at least one")
+    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+        raise ValueError(
+            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
+        )
+    _refuse_times(times, model.sample_time_min)
+    initial = float(model.insulin_mU_min) if initial_insulin_mU_min is None else float(initial_insulin_mU_min)
+    _refuse_amounts("an insulin rate", "mU/min", np.append(initial, insulin[:-1]))
+    _refuse_amounts("an announced meal", "g", announced)
+    told: MealEstimates = _replay(
+        model,
+        estimator,
+        jnp.asarray(times),
+        jnp.asarray(readings),
+        jnp.asarray(insulin),
+        jnp.asarray(announced),
+        jnp.asarray(initial),
+        dead_time_samples=dead_time_samples,
+    )
+    return told
+
+
+def _column(name: str, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    try:
+        column = np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"the {name} are not all numbers; give numbers, and NaN for what is missing") from None
+    if column.ndim != 1:
+        raise ValueError(f"the {name} have the shape {column.shape}; give one number a sample")
+    return column
+
+
+def _refuse_times(times: npt.NDArray[np.float64], sample_time_min: float) -> None:
+    wrong = ~(np.abs(np.diff(times) - sample_time_min) <= _ON_GRID * sample_time_min)
+    if not np.isfinite(times[0]) or wrong.any():
+        at = int(np.argmax(wrong)) if np.isfinite(times[0]) else 0
+        then = times[at : at + 2].tolist()
+        raise ValueError(
+            f"the times {' and '.join(f'{t:g}' for t in then)} min are not {sample_time_min:g} min apart, as the "
+            "model's samples are; bring the record to that grid, with NaN for a missing reading"
+        )
+
+
+def _refuse_amounts(what: str, unit: str, values: npt.NDArray[np.float64]) -> None:
+    wrong = ~((values >= 0.0) & np.isfinite(values))
+    if wrong.any():
+        raise ValueError(f"{what} of {values[wrong][0]:g} {unit} is not possible; give a finite value of 0 or more")

@@ -1,0 +1,124 @@
+"""How well an estimate tells meals, by a threshold on the probability that one is being served.
+
+A meal counts as *under way* from its beginning to 60 min after its end: what is above the threshold then is no false
+alarm, and what rises above it later does not detect it any more. Times are on the leading axis, days trail.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.meals.stomach import SERVED_G_PER_MIN
+from glucoloop.units import MIN_PER_DAY
+
+Array = npt.NDArray[np.float64]
+Truths = npt.NDArray[np.bool_]
+
+AFTERMATH_MIN: Final = 60.0
+"""So long after a meal's end it is still under way, and then its size is judged."""
+
+
+@dataclass(frozen=True)
+class Meals:
+    """Meals of some days."""
+
+    begin_min: Array
+    """(meals, days) in each day's order."""
+    carbs_g: Array
+    """(meals, days)"""
+
+    @property
+    def end_min(self) -> Array:
+        """(meals, days) when each has been served."""
+        return self.begin_min + self.carbs_g / SERVED_G_PER_MIN
+
+    def followed_min(self, horizon_min: float) -> Array:
+        """(meals, days) when each one's time is over: the next one begins, or the day is at its end."""
+        after = np.full((1, self.begin_min.shape[1]), horizon_min)
+        followed: Array = np.minimum(np.concatenate([self.begin_min[1:], after]), horizon_min)
+        return followed
+
+
+def in_order(begin_min: Array, carbs_g: Array) -> Meals:
+    """Meals of some days ``(meals, days)``, each day's in the order of their beginnings."""
+    order = np.argsort(begin_min, axis=0, kind="stable")
+    return Meals(np.take_along_axis(begin_min, order, 0), np.take_along_axis(carbs_g, order, 0))
+
+
+def under_way(meals: Meals, t_min: Array) -> Truths:
+    """``(samples, days)``: whether a meal is being served, or was within the last 60 min."""
+    t = t_min[:, None, None]
+    way: Truths = np.any((meals.begin_min <= t) & (t <= meals.end_min + AFTERMATH_MIN), axis=1)
+    return way
+
+
+def delays_min(eating: Array, t_min: Array, meals: Meals, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
+    """From each meal's beginning to the first sample after it at which the probability is above the threshold.
+
+    Parameters
+    ----------
+    eating : (samples, days) array
+    t_min : (samples,) array
+    meals : Meals
+    threshold : float
+    horizon_min : float
+        End of the day.
+
+    Returns
+    -------
+    delay_min : (meals, days) array
+        NaN for a meal that was missed, or that began when the probability was above the threshold already.
+    already : (meals, days) array of bool
+        Whether that was so.
+    """
+    above = eating > threshold
+    last = np.minimum(meals.end_min + AFTERMATH_MIN, meals.followed_min(horizon_min))
+    delay, already = np.full(meals.begin_min.shape, np.nan), np.zeros(meals.begin_min.shape, bool)
+    for row, (begin, until) in enumerate(zip(meals.begin_min, last, strict=True)):
+        before = np.searchsorted(t_min, begin, side="right") - 1
+        already[row] = above[before, np.arange(begin.size)]
+        found = above & (t_min[:, None] > begin) & (t_min[:, None] <= until)
+        first = t_min[np.argmax(found, axis=0)] - begin
+        delay[row] = np.where(found.any(axis=0) & ~already[row], first, np.nan)
+    return delay, already
+
+
+def false_alarms(eating: Array, quiet: Truths, threshold: float) -> int:
+    """Rises of the probability above the threshold that begin where it is quiet, ``(samples, days)``."""
+    above = eating > threshold
+    before = np.concatenate([np.zeros_like(above[:1]), above[:-1]])
+    return int((above & ~before & quiet).sum())
+
+
+def days_of(quiet: Truths, sample_time_min: float) -> float:
+    """How long it is quiet, in days."""
+    return float(quiet.sum() * sample_time_min / MIN_PER_DAY)
+
+
+def told_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
+    """What was said of each meal at the first sample from a time on.
+
+    Parameters
+    ----------
+    values : (samples, days) array
+    t_min : (samples,) array
+    at_min : (meals, days) array
+    since_min : (meals, days) array
+        When the meal was detected; NaN: never. What is said before is about the meal before.
+    until_min : (meals, days) array
+        When the meal's time is over.
+
+    Returns
+    -------
+    (meals, days) array
+        NaN where that sample is before the meal was detected, or not before the end of its time.
+    """
+    sample = np.searchsorted(t_min, at_min, side="left")
+    kept = np.minimum(sample, t_min.size - 1)
+    told = np.take_along_axis(values, kept.reshape(-1, values.shape[1]), axis=0).reshape(kept.shape)
+    heard = (sample < t_min.size) & (t_min[kept] >= since_min) & (t_min[kept] < until_min)
+    return np.where(heard, told, np.nan)

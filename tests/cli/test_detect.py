@@ -1,0 +1,134 @@
+"""``glucoloop detect``."""
+
+import dataclasses
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+from glucoloop.config.detection import read_detection
+from glucoloop.meals import draw_meals
+from glucoloop.report.detection_figure import plot_detection
+from glucoloop.trials.detection import evaluate
+from glucoloop.trials.detection.days import Days
+from glucoloop.trials.detection.evaluate import Estimated, score
+from glucoloop.trials.detection.result import DetectionResult
+from glucoloop.trials.detection.scores import Meals
+
+SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
+TABLES = ("meals", "curve", "size_error", "day")
+FILES = {
+    "SHA256SUMS",
+    "detect.json",
+    "detect.toml",
+    "figure.png",
+    "figure.svg",
+    *(f"{table}.{kind}" for table in TABLES for kind in ("csv", "parquet")),
+}
+
+
+def done(detection):
+    """As if every estimator said half an hour late what is true, but for one false alarm on the fasting day."""
+    t_min = 5.0 * np.arange(288)
+    begin, carbs_g = (values[:, :1] for values in draw_meals(detection.plan, detection.trial.seed, [0]))
+    meals = Meals(begin, carbs_g)
+    since = t_min[:, None, None] - begin - 30.0
+    eating = ((since > 0.0) & (since < carbs_g / 0.36)).any(axis=1).astype(float)
+    first, second = np.moveaxis(np.minimum(carbs_g, 0.36 * np.maximum(since, 0.0)), 1, 0)
+    told = np.where(second > 0.0, second, first)
+    days = Days(
+        person=np.array([0]),
+        day=np.array([0]),
+        meals=meals,
+        basal_insulin_mU_min=np.full(1, 25.0),
+        reading_mg_dl=np.full((288, 1), 81.0),
+        insulin_mU_min=np.full((288, 1), 25.0),
+        glucose_mg_dl=np.full((288, 1), 81.0),
+    )
+    fed = Estimated(days, eating, told, 10.0 * eating, 360.0 * eating)
+    alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
+    fasted = dataclasses.replace(fed, eating=alarm)
+    results = [score(detection, name, "basal", fed, fasted) for name in detection.estimators]
+    return DetectionResult(estimators=tuple(results), days=1, unable=0)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What was asked for, in place of computing it."""
+    asked = []
+    monkeypatch.setattr(evaluate, "evaluate", lambda detection, progress: asked.append(detection) or done(detection))
+    return asked
+
+
+def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
+    first = glucoloop("detect", *SMALL, "--out", "a")
+    assert first.code == 0, first.err
+    assert {entry.name for entry in (tmp_path / "a").iterdir()} == FILES
+    for part in ("kalman", "Delay of detection", "False alarms on fasting days", "Of 1 day with meals", "Wrote curve"):
+        assert part in first.out
+    tables = {name: pl.read_parquet(tmp_path / f"a/{name}.parquet") for name in TABLES}
+    assert tables["meals"].height == 2
+    assert tables["day"].height == 288
+    for name, table in tables.items():
+        assert pl.read_csv(tmp_path / f"a/{name}.csv").height == table.height
+        assert set(table["estimator"]) == {"kalman"}
+    assert tables["meals"]["delay_min"].is_between(30.0, 35.0).all()
+    assert tables["curve"].filter(threshold=0.5)["false_alarms_fasting_per_day"].item() == 1.0
+    assert tables["curve"].filter(threshold=0.9)["false_alarms_fasting_per_day"].item() == 0.0
+
+    again = glucoloop("detect", "--config", "a/detect.toml", "--out", "b", "--json")
+    assert again.code == 0, again.err
+    assert asked[0] == asked[1]
+    assert (asked[0].trial.cases[0].controller, asked[0].days, asked[0].trial.seed) == ("basal", 1, 5)
+    told = {key: value for key, value in again.json.items() if key != "files"}
+    assert told == json.loads((tmp_path / "a/detect.json").read_text())
+    assert told["estimators"]["kalman"]["size_error_after_end_mean_absolute_g"] == pytest.approx(0.0, abs=1e-9)
+    assert (tmp_path / "a/SHA256SUMS").read_text() == (tmp_path / "b/SHA256SUMS").read_text()
+
+
+def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
+    (tmp_path / "mine.toml").write_text('days = 7\nestimators = ["kalman"]\nmeals_per_h = 0.1\ncontroller = "basal"\n')
+    more = ("--meals-per-h", 0.2, "--people", 3, "--estimator", "moving-horizon")
+    assert glucoloop("detect", "--config", "mine.toml", *more).code == 0
+    (detection,) = asked
+    assert (detection.days, detection.trial.people, detection.estimators) == (1, 3, ("moving-horizon",))
+    assert detection.settings["meals_per_h"] == 0.2
+
+
+@pytest.mark.parametrize("width", ["single", "double"])
+def test_nothing_of_the_figure_is_clipped(width):
+    figure = plot_detection(done(read_detection({"days": 1})), title="A title that is long " * 4, width=width)
+    figure.draw_without_rendering()
+    drawn = figure.get_tightbbox()
+    assert min(drawn.x0, drawn.y0) >= 0.0
+    assert drawn.x1 <= figure.get_figwidth()
+    assert drawn.y1 <= figure.get_figheight()
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == {"moving-horizon", "kalman", "true rate"}
+
+
+def test_help_tells_of_both_estimators(glucoloop, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    answer = glucoloop("detect", "--help")
+    assert answer.code == 0
+    for part in ("moving-horizon, kalman", "--meals-per-h", "100; of several people 1", "--fault"):
+        assert part in answer.out
+    assert "--announce-meals" not in answer.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--estimator", "kalmen"), "--estimator has the unknown 'kalmen'; did you mean 'kalman'?"),
+        (("--threshold", 2), "a threshold of 2 is not possible; give more than 0 and less than 1"),
+        (("--threshold", "high"), "--threshold is 'high'; give a number"),
+        (("--days", 0), "--days is 0; give"),
+        (("--people", 0), "--people is 0; give"),
+        (("--meal", "50g@25h"), "the meal at 1500 min begins after the run ends at 1440 min"),
+        (("--overwrite",), "--overwrite is about an output folder; name one with --out"),
+        (("--controller", "basal", "--move-weight", 1), "the controller basal has no setting 'move_weight'"),
+    ],
+)
+def test_mistakes(refused, tmp_path, arguments, sentence):
+    assert sentence in refused("detect", *arguments)
+    assert list(tmp_path.iterdir()) == []

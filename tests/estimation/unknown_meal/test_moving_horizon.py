@@ -1,0 +1,209 @@
+"""Meals found by enumeration: Bayes' rule by hand, a true meal, and readings that are none."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glucoloop.estimation.unknown_meal import MealHabits, Sensed, design_meal_horizon
+
+H, N = 5.0, 72
+RARE = MealHabits(0.05, 36.0)
+STEPS = jax.jit(
+    lambda model, estimator, first, sensed: jax.lax.scan(
+        lambda state, entry: (lambda new, told: (new, (told, new.probability)))(*estimator.step(model, state, entry)),
+        estimator.init(model, first),
+        sensed,
+    )[1]
+)
+
+
+def told(model, estimator, readings, insulin=None):
+    """Estimates and probabilities along a record that begins at rest; what is short of N readings is missing."""
+    short = N - np.size(readings)
+    readings = np.append(np.asarray(readings, float), np.full(short, np.nan))
+    insulin = np.full(N, float(model.insulin_mU_min)) if insulin is None else np.append(insulin, np.full(short, 20.0))
+    known = np.isfinite(readings)
+    sensed = Sensed(
+        glucose_mg_dl=jnp.asarray(np.where(known, readings, 0.0)),
+        known=jnp.asarray(known),
+        insulin_mU_min=jnp.asarray(insulin),
+        announced_carbs_g=jnp.zeros(N),
+    )
+    first = Sensed(
+        glucose_mg_dl=model.glucose_mg_dl(model.state),
+        known=jnp.asarray(True),
+        insulin_mU_min=model.insulin_mU_min,
+        announced_carbs_g=jnp.zeros(()),
+    )
+    return STEPS(model, estimator, first, sensed)
+
+
+# Bayes' rule, by hand -------------------------------------------------------------------------------------------------
+
+
+def by_hand(linear, appears, readings, insulin, begins, ends, disturbance_variance, R):
+    """Probability of a meal after each reading: every history followed to its own end, none merged."""
+    A, B, G = map(np.asarray, linear)
+    Phi = np.block([[A, G[:, None]], [np.zeros((1, 2)), np.ones((1, 1))]])
+    C, Q = np.array([1.0, 0.0, 0.0]), np.diag([0.0, 0.0, disturbance_variance])
+    P = scipy.linalg.solve_discrete_are(Phi.T, C[:, None], Q, np.array([[R]]))
+    S = C @ P @ C + R
+    gain = P @ C / S
+    told = []
+    for n in range(1, len(readings) + 1):
+        weight = {}
+        for eaten in itertools.product((0, 1), repeat=n):
+            x, d, p = np.zeros(2), 0.0, 1.0
+            for k in range(n):
+                before = eaten[k - 1] if k else 0
+                chance = ends if before else begins
+                p *= chance if eaten[k] != before else 1.0 - chance
+                x = A @ x + B * (insulin[k] - 20.0) + G * (appears(eaten, k) + d)
+                innovation = readings[k] - 80.0 - x[0]
+                p *= np.exp(-0.5 * innovation**2 / S) + 1e-3
+                x, d = x + gain[:2] * innovation, d + gain[2] * innovation
+            weight[eaten] = p
+        total = sum(weight.values())
+        told.append(sum(p for eaten, p in weight.items() if eaten[-1]) / total)
+    return np.array(told)
+
+
+@pytest.fixture(scope="module")
+def record():
+    rng = np.random.default_rng(3)
+    rise = np.array([0.0, 0.0, 0.0, 0.4, 1.6, 3.6, 6.2, 9.0])
+    return 80.0 + rise + rng.normal(0.0, 0.8, rise.size), 20.0 + rng.choice([-3.0, 3.0], rise.size)
+
+
+@pytest.mark.parametrize(
+    ("habits", "samples"),
+    [
+        (MealHabits(0.6, 1e9), 8),  # a meal that has begun goes on, so that one history stands for each hypothesis
+        (MealHabits(3.0, 6.0), 2),  # the four histories of two samples are four hypotheses
+    ],
+)
+def test_probabilities_are_those_of_all_histories(two_states, linear, appears, record, habits, samples):
+    readings, insulin = (values[:samples] for values in record)
+    estimator = design_meal_horizon(two_states, habits, disturbance_variance=4.0, measurement_variance=0.7)
+    estimate, _ = told(two_states, estimator, readings, insulin)
+    truth = by_hand(linear, appears, readings, insulin, habits.begins(H), habits.ends(H), 4.0, 0.7)
+    np.testing.assert_allclose(estimate.eating[:samples], truth, rtol=0, atol=1e-6)
+    assert samples == 2 or truth[-1] > 0.5 > truth[0]  # the record tells of a meal
+
+
+# Readings of any kind -------------------------------------------------------------------------------------------------
+
+any_reading = st.one_of(
+    st.floats(40.0, 400.0), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -50.0, 1e6, -1e6, 1e300])
+)
+
+
+@given(st.lists(any_reading, min_size=24, max_size=24), st.sampled_from([0.0, 20.0, 67.0, 1e4]))
+@settings(max_examples=30)
+def test_any_readings_leave_probabilities(two_states, readings, insulin):
+    estimator = design_meal_horizon(two_states)
+    estimate, probability = told(two_states, estimator, readings, np.full(24, insulin))
+    np.testing.assert_allclose(probability.sum(axis=1), 1.0, rtol=1e-12)
+    assert (probability > 0.0).all()
+    for leaf in jax.tree.leaves(estimate):
+        assert np.isfinite(leaf).all()
+    assert (estimate.carbs_g >= 0.0).all()
+    assert (estimate.carbs_g <= N * 1.8 + 1e-9).all()
+
+
+# Meals free of noise --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def quiet(two_states):
+    """For readings free of noise, and meals that are rare: what is served for sure is told whole."""
+    return design_meal_horizon(two_states, RARE, disturbance_variance=0.1, measurement_variance=0.01)
+
+
+def served(samples, begins=10):
+    eaten = np.zeros(N)
+    eaten[begins : begins + samples] = 1.0
+    return eaten
+
+
+@pytest.mark.parametrize("samples", [3, 12, 28])
+def test_a_true_meal_is_found_and_sized(two_states, record_of, quiet, samples):
+    insulin = 20.0 + np.repeat([0.0, 5.0, -5.0], 24)
+    estimate, _ = told(two_states, quiet, record_of(served(samples), insulin), insulin)
+    eating, sized = np.asarray(estimate.eating), np.asarray(estimate.carbs_g)
+    assert eating[:10].max() < 0.01
+    # the reading at the end of a sample is the first to tell of it
+    assert 10 <= np.argmax(eating > 0.5) <= 12
+    late = 10 + samples - 1 + 12
+    assert sized[late] == pytest.approx(1.8 * samples, abs=1.8)
+    assert eating[late] < 0.05
+
+
+def test_what_has_been_served_tells_when_a_meal_began(two_states, record_of, quiet):
+    estimate, _ = told(two_states, quiet, record_of(served(28), np.full(N, 20.0)))
+    began_min = H * np.arange(14, 38) + H - np.asarray(estimate.carbs_g)[14:38] / 0.36
+    np.testing.assert_allclose(began_min, 50.0, atol=2.0 * H)
+
+
+def test_without_a_meal_nothing_is_found(two_states, record_of, quiet):
+    insulin = 20.0 + np.repeat([0.0, 6.0, -6.0, 3.0], 18)
+    estimate, _ = told(two_states, quiet, record_of(np.zeros(N), insulin), insulin)
+    # a meal that began just now cannot be told from none; one that began some samples ago can
+    assert (estimate.eating > 0.9 * RARE.begins(H)).all()
+    assert (estimate.eating < 3.0 * RARE.begins(H)).all()
+    assert np.abs(estimate.disturbance_mg_min).max() < 2.0
+
+
+@pytest.mark.parametrize("gap", [slice(5, 12), slice(11, 20), slice(13, 60)])
+def test_a_gap_never_makes_a_meal_likelier(two_states, record_of, quiet, gap):
+    readings = record_of(served(28), np.full(N, 20.0))
+    readings[gap] = np.nan
+    eating = np.asarray(told(two_states, quiet, readings)[0].eating)
+    assert (np.diff(eating[gap.start - 1 : gap.stop]) <= 1e-9).all()
+
+
+# Design ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"horizon": 1}, "a meal horizon of 1 samples is not possible; give a whole number from 2 to 100"),
+        ({"horizon": 101}, "a meal horizon of 101 samples"),
+        ({"horizon": 5.0}, "a meal horizon of 5.0 samples"),
+        ({"horizon": True}, "a meal horizon of True samples"),
+        ({"disturbance_variance": 0.0}, "a disturbance variance of 0 is not possible; give a finite value above 0"),
+        ({"disturbance_variance": np.inf}, "a disturbance variance of inf"),
+        ({"measurement_variance": -1.0}, "a measurement variance of -1"),
+        ({"measurement_variance": np.nan}, "a measurement variance of nan"),
+    ],
+)
+def test_a_design_that_cannot_be_is_refused(two_states, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        design_meal_horizon(two_states, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"meals_per_h": 0.0}, "0 meals per hour are not possible; give a finite value above 0"),
+        ({"meals_per_h": np.nan}, "nan meals per hour"),
+        ({"mean_carbs_g": -3.0}, "-3 g of a mean meal"),
+        ({"mean_carbs_g": np.inf}, "inf g of a mean meal"),
+    ],
+)
+def test_habits_that_cannot_be_are_refused(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        MealHabits(**arguments)
+
+
+def test_chances_of_a_sample_follow_from_habits():
+    habits = MealHabits(0.6, 36.0)  # a meal of 36 g is served in 100 min
+    assert habits.begins(60.0) == pytest.approx(1.0 - np.exp(-0.6))
+    assert habits.ends(100.0) == pytest.approx(1.0 - np.exp(-1.0))
