@@ -225,7 +225,20 @@ def unknown_meals() -> tuple[Setting, ...]:
         ),
         Setting("caution_weight", float, "Weight on low glucose if the meal ended at once.", Default(4.0)),
         Setting("caution_mg_dl", float, "How far below the setpoint that begins, in mg/dl.", Default(0.8)),
+        Setting(
+            "anticipation",
+            float,
+            "Share of the meals that are always expected on which doses rest; 0: glucose rests at the setpoint.",
+            Default(1.0),
+        ),
         Setting("iterations", int, "Quadratic programs solved at each sample.", Default(1)),
+        Setting(
+            "individual_by",
+            str,
+            "With a design for each person: where gain and lag of insulin come from, beside the basal rate.",
+            Default("record"),
+            choices=("record", "basal", "none"),
+        ),
     )
 
 

@@ -241,11 +241,14 @@ def meal_mpc(
     measurement_variance: float,
     caution_weight: float,
     caution_mg_dl: float,
+    anticipation: float,
     iterations: int,
+    individual_by: str,
     glucose_floor_mg_dl: float,
     floor_weight: float,
 ) -> Controller:
     """Meal-aware nonlinear MPC, on the patient's own equations."""
+    del individual_by  # see `individual_meal_mpc`
     tuning = MealTuning(
         move_horizon=move_horizon,
         prediction_horizon=prediction_horizon,
@@ -255,6 +258,7 @@ def meal_mpc(
         caution_mg_dl=caution_mg_dl,
         glucose_floor_mg_dl=glucose_floor_mg_dl,
         floor_weight=floor_weight,
+        anticipation=anticipation,
         iterations=iterations,
     )
     return design_meal_mpc(

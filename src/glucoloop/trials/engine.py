@@ -8,10 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller
+from glucoloop.control import Controller, Guard
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
@@ -199,7 +200,14 @@ def _own_controllers(
         own = individual_design(trial, dataclasses.replace(case, guard=None), nominal, example, limits)
         if own is None or case.guard is None:
             return own
-        return lambda people: told_of_basal(with_guard(own(people), case.guard, limits), people.basal_insulin_mU_min)
+
+        def with_own_guard(people: VirtualPeople) -> Controller:
+            # the guard alone is told: what is inside was designed for each person already
+            controller = with_guard(own(people), case.guard, limits)
+            basal = jnp.asarray(people.basal_insulin_mU_min)
+            return dataclasses.replace(controller, basal_mU_min=basal) if isinstance(controller, Guard) else controller
+
+        return with_own_guard
     return lambda people: told_of_basal(controller, people.basal_insulin_mU_min)
 
 

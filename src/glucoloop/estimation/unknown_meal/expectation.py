@@ -26,14 +26,14 @@ class Expectation:
     """Beyond the model's rest."""
     stomach: Stomach
 
-    def without(self, estimate: MealEstimate) -> MealEstimate:
-        """What readings tell of meals, beyond what is always expected.
+    def without(self, estimate: MealEstimate, taken: jax.Array | float = 1.0) -> MealEstimate:
+        """What readings tell of meals, without a share `taken` of what is always expected.
 
         Expecting a little of a meal at every sample would hold glucose a little below the setpoint. The expectation is
         taken out in proportion to the chance that there is no meal: at rest nothing of it is left, and of a meal that
         is certain nothing is taken.
         """
-        share = (1.0 - estimate.eating) / (1.0 - self.eating)
+        share = taken * (1.0 - estimate.eating) / (1.0 - self.eating)
         return dataclasses.replace(
             estimate,
             eating=jnp.clip(estimate.eating - share * self.eating, 0.0, 1.0),
