@@ -11,7 +11,21 @@ from typing import Annotated, Final
 import typer
 
 import glucoloop
-from glucoloop.cli import compare, identify, query, reproduce, run, stress, trial, tune, verify
+from glucoloop.cli import (
+    bound,
+    claims,
+    compare,
+    detect,
+    identify,
+    query,
+    reproduce,
+    robust,
+    run,
+    stress,
+    trial,
+    tune,
+    verify,
+)
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 
@@ -32,12 +46,16 @@ app = typer.Typer(
 app.command("run", help=run.HELP)(run.command)
 app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
+app.command("bound", help=bound.HELP)(bound.command)
 app.command("tune", help=tune.HELP)(tune.command)
+app.command("robust", help=robust.HELP)(robust.command)
 app.command("trial", help=trial.HELP)(trial.command)
 app.command("stress", help=stress.HELP)(stress.command)
+app.command("detect", help=detect.HELP)(detect.command)
 app.command("verify", help=verify.HELP)(verify.command)
 app.command("query", help=query.HELP)(query.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
+app.command("claims", help=claims.HELP)(claims.command)
 
 
 def _tell_version(asked: bool) -> None:

@@ -1,7 +1,8 @@
 """Controllers designed for each person of a trial, many at a time.
 
 Linear MPC is designed on a model identified from each person's own pulse experiment, and MPC/SE on his own
-linearisation; both are carried out for a block of people at once. The others are designed one by one.
+linearisation; both are carried out for a block of people at once. The model of the meal-aware controller is scaled to
+each one's own record. The others are designed one by one.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from glucoloop.simulation.internal_model import linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
 from glucoloop.trials.designs import controller_of, process_noise
+from glucoloop.trials.individual_meal_mpc import individual_meal_mpc
 from glucoloop.trials.situation import keys_of_records, sensor_of
 from glucoloop.trials.trial import Trial, TrialCase
 
@@ -60,6 +62,8 @@ def individual_design(
         return _linear_mpc(trial, case, nominal, example, limits)
     if case.controller == "mpc-se" and case.tuning["offset_free"] in _BY_FILTER:
         return _mpc_se(trial, case, nominal, example, limits)
+    if case.controller == "meal-mpc":
+        return individual_meal_mpc(trial, case, nominal, example, limits)
     return _one_by_one(trial, case, limits)
 
 

@@ -1,0 +1,112 @@
+"""The meal-aware controller for each person of a trial: the model has his basal rate, and his gain and lag of insulin.
+
+What a trial may know of a person is a record: some hours of fasting in which two pulses of a quarter of his basal rate
+were given and taken away, each for half an hour, and glucose was read as noisily as in the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.control import Controller, MealMPC
+from glucoloop.identification import design_csrs
+from glucoloop.identification.gain_and_lag import identify_gain_and_lag
+from glucoloop.models.state_space import LinearModel
+from glucoloop.patients import SorensenPatient
+from glucoloop.patients.population import VirtualPeople
+from glucoloop.pumps import DoseLimits
+from glucoloop.simulation.internal_model import linear_model
+from glucoloop.simulation.pulse_experiment import PulseExperiment
+from glucoloop.trials.designs import controller_of
+from glucoloop.trials.situation import keys_of_records, sensor_of
+from glucoloop.trials.trial import Trial, TrialCase
+
+Floats = npt.NDArray[np.float64]
+Known = Callable[[VirtualPeople], tuple[Floats, Floats]]
+"""Gain and lag ``(people,)`` that are believed of people."""
+
+SHARE_OF_BASAL: Final = 0.25
+"""Amplitude of the pulses. Larger ones leave the range in which the nominal answer may be scaled."""
+PACE_MIN: Final = 180.0
+"""From one pulse to the next: the paper's memory."""
+HELD_MIN: Final = 30.0
+"""Length of a pulse. In pulses of a single sample, as the paper's are, the answer to so little drowns in noise."""
+_LEAST_VARIANCE: Final = 0.01
+
+
+def individual_meal_mpc(
+    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
+) -> Callable[[VirtualPeople], Controller]:
+    """How people get controllers of their own; see `individual.individual_design`.
+
+    The setting ``individual_by`` tells what gain and lag rest on. ``"record"``: the person's own record.
+    ``"basal"``: his basal rate, see `MealMPC.with_basal`. ``"none"``: both are nominal, whatever his basal rate.
+    """
+    controller = controller_of(trial, case, nominal, limits)
+    if not isinstance(controller, MealMPC):
+        raise TypeError(f"{type(controller).__name__} is no meal-aware controller")
+    by = case.tuning["individual_by"]
+    if by == "basal":
+        return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
+    known = by_record(trial, nominal, example) if by == "record" else _by_none
+
+    def design(people: VirtualPeople) -> Controller:
+        gain, lag = known(people)
+        return controller.for_person(people.basal_insulin_mU_min, gain, lag)
+
+    return design
+
+
+def pulses(sample_time_min: float) -> Floats:
+    """Pulses of the record ``(samples,)``, of height 1: up and then down, each held for half an hour."""
+    pace, held = (max(1, round(minutes / sample_time_min)) for minutes in (PACE_MIN, HELD_MIN))
+    starts = np.asarray(design_csrs(pace, 1.0))
+    return np.convolve(starts, np.ones(held))[: starts.size]
+
+
+def by_record(trial: Trial, nominal: SorensenPatient, example: VirtualPeople) -> Known:
+    """What is believed of people after their records."""
+    shape = pulses(trial.sample_time_min)
+    experiment = PulseExperiment(
+        nominal,
+        example.patient,
+        sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, 0),
+        sample_time_min=trial.sample_time_min,
+    )
+    response = impulse_response(linear_model(nominal, sample_time_min=trial.sample_time_min), shape.size)
+
+    def known(people: VirtualPeople) -> tuple[Floats, Floats]:
+        basal = people.basal_insulin_mU_min
+        away = SHARE_OF_BASAL * basal * shape[:, None]
+        keys = keys_of_records(trial.seed, people.draw.person)
+        glucose = experiment.run(people.patient, people.rest, basal + away, keys)
+        # somebody without a basal rate has no record, and is taken for the nominal person
+        found = identify_gain_and_lag(
+            np.where(people.able, away, 0.0),
+            glucose - np.asarray(people.patient.setpoint_mg_dl),
+            response,
+            sample_time_min=trial.sample_time_min,
+            noise_variance=max(trial.noise_variance, _LEAST_VARIANCE),
+        )
+        return np.asarray(found.gain), np.asarray(found.lag)
+
+    return known
+
+
+def _by_none(people: VirtualPeople) -> tuple[Floats, Floats]:
+    return np.ones(people.able.size), np.ones(people.able.size)
+
+
+def impulse_response(model: LinearModel, memory: int) -> Floats:
+    """Answer of glucose ``(memory,)`` to a rate of 1 mU/min that is held for one sample."""
+
+    def sample(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
+        return model.Phi @ x, model.C @ x
+
+    return np.asarray(jax.lax.scan(sample, jnp.asarray(model.Gamma), None, length=memory)[1])

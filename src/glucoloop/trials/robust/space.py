@@ -1,0 +1,119 @@
+"""What is tuned, and between which bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+DIGITS: Final = 4
+"""Significant digits of a tuning number: more make no difference to a loop, and nobody reads them."""
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A number that is searched for.
+
+    Parameters
+    ----------
+    name : str
+        Of the setting.
+    low, high : float
+        Bounds, both included.
+    log : bool
+        Whether its logarithm is searched.
+
+    Raises
+    ------
+    ValueError
+        For bounds that are not finite, not in order, or not above 0 where the logarithm is searched.
+    """
+
+    name: str
+    low: float
+    high: float
+    log: bool
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise ValueError(
+                f"{self.name} is searched from {self.low:g} to {self.high:g}; give two finite numbers, the lower first"
+            )
+        if self.log and not self.low > 0.0:
+            raise ValueError(
+                f"{self.name} is searched from {self.low:g} on, but by its logarithm; give a lower bound above 0"
+            )
+
+    def at(self, share: float) -> float:
+        """The number at a share of the way from the lower bound to the upper one, 0 to 1."""
+        if self.log:
+            return self.rounded(self.low * (self.high / self.low) ** share)
+        return self.rounded(self.low + (self.high - self.low) * share)
+
+    def rounded(self, value: float) -> float:
+        """A number with the digits that are kept, within the bounds."""
+        return min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is within the bounds."""
+        return self.low <= value <= self.high
+
+    @property
+    def text(self) -> str:
+        """As it is written."""
+        return f"{self.low:.12g}:{self.high:.12g}"
+
+
+SPACE: Final[dict[str, Tuned]] = {
+    tuned.name: tuned
+    for tuned in (
+        Tuned("move_weight", 0.02, 2.0, log=True),
+        Tuned("caution_weight", 0.5, 50.0, log=True),
+        Tuned("caution_mg_dl", 0.0, 15.0, log=False),
+        Tuned("meals_per_h", 0.02, 5.0, log=True),
+        Tuned("mean_carbs_g", 10.0, 150.0, log=True),
+        Tuned("disturbance_variance", 0.1, 1000.0, log=True),
+    )
+}
+"""What is searched for unless another range is given."""
+FURTHER: Final[dict[str, Tuned]] = {
+    tuned.name: tuned
+    for tuned in (
+        Tuned("output_weight", 0.1, 10.0, log=True),
+        Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False),
+        Tuned("floor_weight", 0.5, 50.0, log=True),
+        Tuned("measurement_variance", 0.3, 30.0, log=True),
+    )
+}
+"""What is searched for only if a range is given; the bounds are an example."""
+
+
+def parse_range(text: str, name: str, called: str | None = None) -> Tuned | float:
+    """A range as people write it: ``.1:2``, with both ends; or one number, which is fixed.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the setting.
+    called : str, optional
+        What the user calls it.
+
+    Raises
+    ------
+    ValueError
+        For a text that is no range, or bounds that are not possible.
+    """
+    called = name if called is None else called
+    try:
+        numbers = [float(part) for part in text.split(":")]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{called} is {text!r}; write it like .1:2, or one number that is kept")
+    if len(numbers) == 1:
+        return numbers[0]
+    try:
+        return Tuned(name, numbers[0], numbers[1], log=({**SPACE, **FURTHER}[name]).log)
+    except ValueError as error:
+        raise ValueError(f"{called} is {text!r}: {error}") from None

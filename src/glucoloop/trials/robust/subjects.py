@@ -1,0 +1,92 @@
+"""On whom a tuning is tried: people of a population, and the nominal patient in one noise after another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.patients import SorensenPatient
+from glucoloop.patients.population import Population, virtual_people
+from glucoloop.simulation.people_plant import varying
+from glucoloop.trials.situation import keys_of_people
+
+
+@dataclass(frozen=True)
+class Subjects:
+    """Subjects at the start of a run, who trail: people first, then the nominal patient."""
+
+    patient: SorensenPatient
+    x: npt.NDArray[np.float64]
+    """(states, subjects) at rest."""
+    insulin_mU_min: npt.NDArray[np.float64]
+    """(subjects,) under which they rest."""
+    key: jax.Array
+    """(subjects,) from which each one's sensor draws."""
+    people: int
+    """How many of them are people."""
+    unable: int
+    """People who were drawn but have no basal rate, and were left out."""
+
+    @property
+    def number(self) -> int:
+        """All of them."""
+        return int(self.insulin_mU_min.size)
+
+
+def draw_subjects(
+    nominal: SorensenPatient,
+    population: Population,
+    *,
+    people: int,
+    people_seed: int,
+    seeds: int,
+    first_seed: int,
+    setpoint_mg_dl: float,
+) -> Subjects:
+    """Draw subjects.
+
+    Parameters
+    ----------
+    nominal : SorensenPatient
+        One person.
+    population : Population
+    people, people_seed : int
+        Persons 0 to ``people - 1`` of a seed; each meets the noise that he meets in a trial of that seed.
+    seeds, first_seed : int
+        The nominal patient meets the noise of ``glucoloop run --seed`` from ``first_seed`` on.
+    setpoint_mg_dl : float
+        At which people rest.
+
+    Raises
+    ------
+    ValueError
+        If none of the people has a basal rate.
+    """
+    drawn = virtual_people(population, people_seed, np.arange(people), setpoint_mg_dl=setpoint_mg_dl)
+    able = np.flatnonzero(drawn.able)
+    if not able.size:
+        raise ValueError(
+            f"none of the {people} people of {population.name} has a basal rate that holds {setpoint_mg_dl:g} mg/dl; "
+            "choose another population or setpoint"
+        )
+    leaves, tree = jax.tree.flatten(drawn.patient)
+    own = jax.tree.leaves(nominal)
+    joined = [
+        jnp.concatenate([many[able], jnp.broadcast_to(jnp.asarray(one, float), seeds)]) if trails else many
+        for many, one, trails in zip(leaves, own, varying(drawn.patient, nominal), strict=True)
+    ]
+    basal = np.asarray(nominal.basal_insulin_mU_min, float)
+    rest = np.asarray(nominal.steady_state(jnp.asarray(basal)), float)
+    noise = jax.vmap(jax.random.key)(jnp.arange(first_seed, first_seed + seeds, dtype=jnp.uint32))
+    return Subjects(
+        patient=jax.tree.unflatten(tree, joined),
+        x=np.concatenate([drawn.rest[:, able], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
+        insulin_mU_min=np.append(drawn.basal_insulin_mU_min[able], np.full(seeds, basal)),
+        key=jnp.concatenate([keys_of_people(people_seed, drawn.draw.person[able]), noise]),
+        people=int(able.size),
+        unable=people - int(able.size),
+    )

@@ -1,0 +1,107 @@
+"""Gain and lag of people from their own records, and the controllers that know them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop.control import MealMPC
+from glucoloop.meals import Meal
+from glucoloop.meals.plan import MealPlan
+from glucoloop.models.individual import individual_model
+from glucoloop.patients import patient, population, virtual_people
+from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.simulation.internal_model import linear_model, nonlinear_model
+from glucoloop.trials import catalogue, individual_meal_mpc
+from glucoloop.trials.individual import individual_design
+from glucoloop.trials.individual_meal_mpc import by_record, impulse_response, pulses
+from glucoloop.trials.trial import Trial, TrialCase
+
+PEOPLE = 24
+
+
+def trial_of(by="record"):
+    tuning = {**catalogue.complete("meal-mpc", {}, operating_point="setpoint-81", noisy=True), "individual_by": by}
+    return Trial(
+        population=population("parker2000"),
+        people=PEOPLE,
+        plan=MealPlan([Meal(50.0, 50.0)], horizon_min=600.0),
+        cases=(TrialCase(label="meal-mpc", controller="meal-mpc", tuning=tuning),),
+        seed=3,
+        noise_variance=1.45,
+        design="individual",
+    )
+
+
+@pytest.fixture(scope="module")
+def people():
+    return virtual_people(population("parker2000"), 3, np.arange(PEOPLE))
+
+
+@pytest.fixture(scope="module")
+def known(people):
+    """What records with noise tell of people."""
+    return by_record(trial_of(), patient(), people)
+
+
+def gain_of(model):
+    return float(model.C @ jnp.linalg.solve(jnp.eye(model.Gamma.size) - model.Phi, model.Gamma))
+
+
+@pytest.fixture(scope="module")
+def true_gain(people):
+    def own(place):
+        return jax.tree.map(lambda a: a[place] if jnp.ndim(a) else a, people.patient)
+
+    return np.array([gain_of(linear_model(own(place))) for place in range(PEOPLE)]) / gain_of(linear_model(patient()))
+
+
+def test_impulse_response_is_that_of_the_linear_model():
+    model = linear_model(patient())
+    found = impulse_response(model, 400)
+    assert found[0] == pytest.approx(float(model.C @ model.Gamma))
+    assert found.sum() == pytest.approx(gain_of(model), rel=1e-3)
+
+
+def test_a_record_tells_the_gain_of_the_linearisation(people, true_gain, known):
+    assert np.log(true_gain).std() > 0.25
+    gain, lag = known(people)
+    assert np.sqrt(np.mean(np.log(gain / true_gain) ** 2)) < 0.12
+    assert ((lag > 0.4) & (lag < 2.0)).all()
+
+
+def test_pulses_go_up_and_down():
+    shape = pulses(5.0)
+    assert shape.size == 72
+    np.testing.assert_array_equal(np.flatnonzero(shape > 0.0), np.arange(6))
+    np.testing.assert_array_equal(np.flatnonzero(shape < 0.0), np.arange(36, 42))
+
+
+@pytest.mark.parametrize("by", ["record", "basal", "none"])
+def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
+    one = patient()
+    model = nonlinear_model(one)
+    own = individual_model(model, model.insulin_mU_min)
+    blank = {field.name: None for field in dataclasses.fields(MealMPC)}
+    monkeypatch.setattr(individual_meal_mpc, "controller_of", lambda *_: MealMPC(**{**blank, "model": own}))
+    monkeypatch.setattr(individual_meal_mpc, "by_record", lambda *_: known)
+    trial = trial_of(by)
+    found = individual_design(trial, trial.cases[0], one, people, PARKER_1999_LIMITS)(people).model
+    np.testing.assert_array_equal(found.insulin_mU_min, people.basal_insulin_mU_min)
+    error = np.sqrt(np.mean(np.log(np.asarray(found.gain) / true_gain) ** 2))
+    assert found.gain.shape == found.lag.shape == (PEOPLE,)
+    if by == "none":
+        assert (found.gain == 1.0).all()
+    else:
+        assert error < {"record": 0.12, "basal": 0.95 * np.sqrt(np.mean(np.log(true_gain) ** 2))}[by]
+
+
+def test_somebody_without_a_basal_rate_does_not_disturb_the_others(known):
+    found = virtual_people(population("parker2000"), 0, [11, 12], setpoint_mg_dl=120.0)
+    assert found.able.tolist() == [False, True]
+    gain, lag = known(found)
+    assert (gain[0], lag[0]) == (1.0, 1.0)
+    assert np.isfinite((gain[1], lag[1])).all()
+    assert gain[1] != 1.0
