@@ -13,19 +13,23 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from glucoloop.bounds import optimal_doses
     from glucoloop.control import (
         GuardSettings,
+        MealTuning,
         MPCTuning,
         PIDTuning,
         StateTuning,
         design_imc,
         design_linear_mpc,
+        design_meal_mpc,
         design_mpc_se,
         design_nlqdmc_se,
         design_open_loop,
         design_pid,
         guarded,
     )
+    from glucoloop.estimation.unknown_meal import MealHabits, estimate_meals
     from glucoloop.identification import identify_record, record_from_samples
     from glucoloop.meals import Meal, Scenario
     from glucoloop.metrics import summarise
@@ -59,6 +63,8 @@ _HOME = {
     "LimitedPump": "pumps",
     "MPCTuning": "control",
     "Meal": "meals",
+    "MealHabits": "estimation.unknown_meal",
+    "MealTuning": "control",
     "PIDTuning": "control",
     "Scenario": "meals",
     "StateTuning": "control",
@@ -67,11 +73,13 @@ _HOME = {
     "dead_time": "sensors",
     "design_imc": "control",
     "design_linear_mpc": "control",
+    "design_meal_mpc": "control",
     "design_mpc_se": "control",
     "design_nlqdmc_se": "control",
     "design_open_loop": "control",
     "design_pid": "control",
     "dose_limits": "pumps",
+    "estimate_meals": "estimation.unknown_meal",
     "excite": "simulation",
     "fit_step": "simulation",
     "guarded": "control",
@@ -79,6 +87,7 @@ _HOME = {
     "identify_record": "identification",
     "linear_model": "simulation",
     "nonlinear_model": "simulation",
+    "optimal_doses": "bounds",
     "patient": "patients",
     "plot": "report",
     "population": "patients",
@@ -98,6 +107,8 @@ __all__ = [
     "LimitedPump",
     "MPCTuning",
     "Meal",
+    "MealHabits",
+    "MealTuning",
     "PIDTuning",
     "Scenario",
     "StateTuning",
@@ -106,11 +117,13 @@ __all__ = [
     "dead_time",
     "design_imc",
     "design_linear_mpc",
+    "design_meal_mpc",
     "design_mpc_se",
     "design_nlqdmc_se",
     "design_open_loop",
     "design_pid",
     "dose_limits",
+    "estimate_meals",
     "excite",
     "fit_step",
     "guarded",
@@ -118,6 +131,7 @@ __all__ = [
     "identify_record",
     "linear_model",
     "nonlinear_model",
+    "optimal_doses",
     "patient",
     "plot",
     "population",

@@ -74,7 +74,7 @@ class MealTuning(MPCTuning):
     prediction_horizon: int = 12
     output_weight: float = 1.0
     move_weight: float = 0.22
-    caution_weight: float = 4.0
+    caution_weight: float = 3.5
     caution_mg_dl: float = 0.8
     glucose_floor_mg_dl: float = 65.0
     floor_weight: float = 10.0
@@ -301,7 +301,7 @@ def design_meal_mpc(
     habits: MealHabits | None = None,
     estimator: str = "moving-horizon",
     meal_horizon: int = 10,
-    disturbance_variance: float = 10.0,
+    disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
 ) -> MealMPC:

@@ -214,16 +214,18 @@ def unknown_meals() -> tuple[Setting, ...]:
             choices=("moving-horizon", "kalman"),
         ),
         Setting("meal_horizon", int, "Samples over which its beginning or end is searched for, L.", Default(10)),
-        Setting("meals_per_h", float, "Meals to be expected per hour; more is quicker and less certain.", Default(0.5)),
-        Setting("mean_carbs_g", float, "Mean size of a meal, in g.", Default(25.0)),
-        Setting("disturbance_variance", float, "Walk of the glucose that nothing explains, (mg/min)².", Default(10.0)),
+        Setting(
+            "meals_per_h", float, "Meals to be expected per hour; more is quicker and less certain.", Default(0.57)
+        ),
+        Setting("mean_carbs_g", float, "Mean size of a meal, in g.", Default(24.0)),
+        Setting("disturbance_variance", float, "Walk of the glucose that nothing explains, (mg/min)².", Default(8.0)),
         Setting(
             "measurement_variance",
             float,
             "Variance of a reading as the filter takes it, R; 0: that of the sensor, at least 0.01.",
             Default(0.0),
         ),
-        Setting("caution_weight", float, "Weight on low glucose if the meal ended at once.", Default(4.0)),
+        Setting("caution_weight", float, "Weight on low glucose if the meal ended at once.", Default(3.5)),
         Setting("caution_mg_dl", float, "How far below the setpoint that begins, in mg/dl.", Default(0.8)),
         Setting(
             "anticipation",

@@ -13,6 +13,8 @@ from glucoloop._pytree import pytree
 from glucoloop.meals.stomach import Stomach, steadily
 from glucoloop.models.nonlinear import MealModel
 
+LARGEST_INNOVATION_MG_DL: Final = 30.0
+"""By which a reading corrects an estimate at most."""
 _REST_MG: Final = 2000.0
 """Content of the gut that is little beside a meal's: the plateau of the emptying fills it to 21 600 mg."""
 _FARTHEST_MG_DL: Final = 300.0
@@ -98,3 +100,10 @@ def waking(linear: Linearised, measurement_variance: float) -> Waking:
         glucose_by_disturbance=jnp.asarray(linear.C[:n] @ by_disturbance),
         noise_mg_dl=jnp.sqrt(jnp.asarray(measurement_variance)),
     )
+
+
+def check_variances(disturbance_variance: float, measurement_variance: float) -> None:
+    """Refuse variances that are not positive and finite."""
+    for value, what in ((disturbance_variance, "disturbance"), (measurement_variance, "measurement")):
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"a {what} variance of {value:g} is not possible; give a finite value above 0")

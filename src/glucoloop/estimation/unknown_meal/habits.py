@@ -25,8 +25,8 @@ class MealHabits:
         Outside these bounds.
     """
 
-    meals_per_h: float = 0.5
-    mean_carbs_g: float = 25.0
+    meals_per_h: float = 0.57
+    mean_carbs_g: float = 24.0
 
     def __post_init__(self) -> None:
         for value, what in ((self.meals_per_h, "meals per hour"), (self.mean_carbs_g, "g of a mean meal")):

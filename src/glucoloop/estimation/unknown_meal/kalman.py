@@ -24,9 +24,14 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
-from glucoloop.estimation.unknown_meal.disturbed import Waking, linearised, waking
+from glucoloop.estimation.unknown_meal.disturbed import (
+    LARGEST_INNOVATION_MG_DL,
+    Waking,
+    check_variances,
+    linearised,
+    waking,
+)
 from glucoloop.estimation.unknown_meal.habits import MealHabits
-from glucoloop.estimation.unknown_meal.moving_horizon import check_variances
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
@@ -36,7 +41,6 @@ from glucoloop.units import MG_PER_G
 
 _NOTHING: Final = 0.1
 """Share of the plateau below which a rate of emptying is no meal; above one half it is one."""
-_LARGEST_INNOVATION_MG_DL: Final = 30.0
 _LARGEST_COVARIANCE: Final = 1e9
 """Without readings for days the covariance must stay a number."""
 
@@ -107,7 +111,7 @@ class MealKalman:
         seen = P @ C
         gain = jnp.where(sensed.known, seen / (C @ seen + self.measurement_variance), 0.0)
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - model.glucose_mg_dl(mean[:-2]), 0.0)
-        mean = mean + gain * jnp.clip(innovation, -_LARGEST_INNOVATION_MG_DL, _LARGEST_INNOVATION_MG_DL)
+        mean = mean + gain * jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
         P = P - jnp.outer(gain, seen)
         P = jnp.clip((P + P.T) / 2.0, -_LARGEST_COVARIANCE, _LARGEST_COVARIANCE)
 

@@ -34,7 +34,14 @@ import numpy as np
 
 from glucoloop._pytree import pytree, static
 from glucoloop.estimation.kalman import steady_state_gain
-from glucoloop.estimation.unknown_meal.disturbed import Waking, fading, linearised, waking
+from glucoloop.estimation.unknown_meal.disturbed import (
+    LARGEST_INNOVATION_MG_DL,
+    Waking,
+    check_variances,
+    fading,
+    linearised,
+    waking,
+)
 from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
@@ -46,7 +53,6 @@ _LEAST: Final = 1e-12
 """Probability below which no hypothesis falls, so that each can come back."""
 _STRAY: Final = 1e-3
 """Likelihood that is added for each hypothesis: a reading far from all of them tells them apart no further."""
-_LARGEST_INNOVATION_MG_DL: Final = 30.0
 
 
 @pytree
@@ -182,7 +188,7 @@ class MealHorizon:
         likelihood = jnp.exp(-0.5 * innovation**2 / self.innovation_variance) + _STRAY
         p = p * likelihood
         p = jnp.maximum(p / jnp.sum(p), _LEAST)
-        moved = jnp.clip(innovation, -_LARGEST_INNOVATION_MG_DL, _LARGEST_INNOVATION_MG_DL)
+        moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
         corrected = Hypothesis(
             x=held.x + self.gain[:-1, None] * moved,
             stomach=held.stomach,
@@ -217,7 +223,7 @@ def design_meal_horizon(
     habits: MealHabits | None = None,
     *,
     horizon: int = 10,
-    disturbance_variance: float = 10.0,
+    disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
 ) -> MealHorizon:
     """Design the estimator for a model.
@@ -258,10 +264,3 @@ def design_meal_horizon(
         waking=waking(linear, measurement_variance),
         horizon=horizon,
     )
-
-
-def check_variances(disturbance_variance: float, measurement_variance: float) -> None:
-    """Refuse variances that are not positive and finite."""
-    for value, what in ((disturbance_variance, "disturbance"), (measurement_variance, "measurement")):
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"a {what} variance of {value:g} is not possible; give a finite value above 0")

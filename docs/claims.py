@@ -1,0 +1,95 @@
+"""Turn a result of ``glucoloop claims`` into the tables that ``guide/claims.md`` shows.
+
+    glucoloop claims --out claims
+    python docs/claims.py claims/claims.json
+
+It rewrites ``guide/claims_figures.md``.
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+DIGITS = {"": 0, "mU/min": 1}
+SHOWN = {
+    "undershoot_mg_dl": "Undershoot, mg/dl",
+    "overshoot_mg_dl": "Peak above setpoint, mg/dl",
+    "insulin_total_variation_mU_min": "Total variation of insulin, mU/min",
+}
+SHARES = ("median", "p5", "p95")
+
+
+def number(value, digits):
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+
+
+def claims(told):
+    titles = {situation["name"]: situation["title"] for situation in told["situations"]}
+    controllers = list(told["claims"][0]["controllers"])
+    lines = [
+        f"| Situation | Claim | Unit | Bound | | {' | '.join(controllers)} | Of |",
+        f"| :--- | :--- | :--- | ---: | :--- |{' ---: |' * len(controllers)} :--- |",
+    ]
+    last = None
+    for claim in told["claims"]:
+        digits = DIGITS.get(claim["unit"], 2)
+        cells = [
+            titles[claim["situation"]] if claim["situation"] != last else "",
+            claim["what"],
+            claim["unit"],
+            f"{'≥' if claim['kind'] == 'at-least' else '≤'} {number(claim['bound'], digits)}",
+            "holds" if claim["holds"] else "**does not hold**",
+            *(number(claim["controllers"][name], digits) for name in controllers),
+            claim["runs"],
+        ]
+        last = claim["situation"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def cell(shares, digits, one):
+    middle, low, high = (number(shares[share], digits) for share in SHARES)
+    return middle if one else f"{middle} ({low} to {high})"
+
+
+def numbers(told):
+    columns = [*SHOWN.values(), "Distance to the bound, mg/dl"]
+    lines = [f"| Situation | Controller | {' | '.join(columns)} |", f"| :--- | :--- |{' ---: |' * len(columns)}"]
+    for situation in told["situations"]:
+        one, title = situation["runs"] == "one run", situation["title"]
+        for name, found in situation["controllers"].items():
+            cells = [cell(found[key], 0 if "variation" in key else 1, one) for key in SHOWN]
+            from_bound = situation["distance_to_bound_mg_dl"].get(name)
+            cells.append("" if from_bound is None else cell(from_bound, 1, one))
+            lines.append(f"| {title} | {name} | {' | '.join(cells)} |")
+            title = ""
+    return lines
+
+
+def main(path):
+    told = json.loads(Path(path).read_text(encoding="utf-8"))
+    held = sum(claim["holds"] for claim in told["claims"])
+    tuning, config = told["tuning"], told["config"]
+    first, last = tuning["sensor_seeds"]
+    text = "\n".join(
+        [
+            f"{held} of {len(told['claims'])} claims hold.",
+            "",
+            *claims(told),
+            "",
+            "Median, and 5 to 95 % of the runs:",
+            "",
+            *numbers(told),
+            "",
+            f"Made with glucoloop {told['version']}: {config['seeds']} sensor seeds from {config['seed']} on, "
+            f"{config['people']} people of seed {config['seed']}. The tuning was chosen on sensor seeds {first} to "
+            f"{last} and on people of seed {tuning['people_seed']}.",
+        ]
+    )
+    (Path(__file__).resolve().parent / "guide" / "claims_figures.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,106 @@
+"""``glucoloop claims``: what is claimed of the meal-aware controller, each claim a number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from glucoloop.cli.options import OUTPUT, Given, Option, names, with_options
+from glucoloop.cli.request import Output, file_keys, split_off_output
+from glucoloop.cli.screen import show, stage
+from glucoloop.cli.telling import print_json, where_written
+from glucoloop.cli.verify_progress import loops_counted
+
+if TYPE_CHECKING:
+    from glucoloop.papers.meal_aware.comparison import Verdict
+    from glucoloop.papers.meal_aware.experiments import Study
+    from glucoloop.papers.meal_aware.situations import Asked
+
+HELP: Final = (
+    "Say of each claim about the meal-aware controller whether it holds, with the number, its bound and the seeds.\n\n"
+    "It and the paper's four controllers meet the same situations with the same noise: without and with noise, dead "
+    "times of 10 and 15 min, an announced meal, and people whose metabolism varies. --out keeps a page, a figure for "
+    "each situation, and all numbers.\n\n"
+    "  glucoloop claims --out claims\n\n"
+    "  glucoloop claims --quick --out glimpse\n\n"
+    "  glucoloop claims --config claims/claims.toml --out again"
+)
+_HOW_MUCH: Final = "How much"
+_OWN: Final = (
+    Option("seeds", "--seeds", int, "Runs of each noisy situation.", _HOW_MUCH, metavar="N", default="200; quick: 16"),
+    Option("people", "--people", int, "How many people.", _HOW_MUCH, metavar="N", default="1000; quick: 64"),
+    Option(
+        "seed",
+        "--seed",
+        int,
+        "The first seed of the sensor, and that of the people; the same seed gives the same numbers.",
+        _HOW_MUCH,
+        metavar="N",
+        default="1",
+    ),
+    Option("quick", "--quick", bool, "A glimpse: few seeds and few people.", _HOW_MUCH),
+)
+_OPTIONS: Final = (*_OWN, *OUTPUT)
+
+
+@with_options(_OPTIONS)
+def command(given: Given) -> None:
+    """Check what was asked for, close the loops, judge, write and tell."""
+    keys, output, file = split_off_output(given)
+    asked = _read(keys, file_keys(file))
+    files: dict[str, str] = {}
+    with output.folder() as folder:
+        with stage("Importing the simulator"):
+            from glucoloop.cli.compiled import keep_compiled
+            from glucoloop.papers.meal_aware.reproduce import carry_out, loops_of, write
+
+            keep_compiled()
+        with loops_counted(loops_of(asked)) as progress:
+            done, judged = carry_out(asked, progress=progress)
+        if folder is not None:
+            with stage("Drawing"):
+                write(folder.write, done, judged)
+            files = folder.paths()
+    _tell(done, judged, output, files)
+
+
+def _read(keys: Given, of_file: dict[str, Any]) -> Asked:
+    from glucoloop.papers.meal_aware.situations import QUICK, read_asked
+
+    called = names(_OPTIONS, keys)
+    quick = QUICK if keys.pop("quick", False) else {}
+    return read_asked({**of_file, **quick, **keys}, called)
+
+
+def _tell(done: Study, judged: Sequence[Verdict], output: Output, files: dict[str, str]) -> None:
+    from glucoloop.papers.meal_aware.pages import HOLDS, bound_told, number, report, seeds_told, summary_told
+
+    notes = tuple(seeds_told(done))
+    if output.json:
+        print_json({**report(done, judged), "step_ms": dict(done.step_ms)}, files, notes)
+        return
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    others = list(judged[0].found) if judged else []
+    for column in ("situation", "claim"):
+        table.add_column(column)
+    table.add_column("")
+    for column in ("bound", *others):
+        table.add_column(column, justify="right")
+    last = ""
+    for verdict in judged:
+        claim = verdict.claim
+        of_each = (number(verdict.found[name], claim.digits) for name in others)
+        what = f"{claim.what}, {claim.unit}" if claim.unit else claim.what
+        name = claim.situation if claim.situation != last else ""
+        table.add_row(name, what, HOLDS[verdict.holds], bound_told(verdict), *of_each)
+        last = claim.situation
+    show(table)
+    print(summary_told(judged))
+    for line in notes:
+        print(line)
+    if done.step_ms:
+        told = ", ".join(f"{name} {number(ms, 2)}" for name, ms in done.step_ms.items())
+        print(f"One sample of one patient on this machine, in ms: {told}.")
+    print(where_written(output.out, files))

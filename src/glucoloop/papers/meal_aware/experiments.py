@@ -1,0 +1,388 @@
+"""The loops of every controller in every situation, with the same sensor keys and the same people for all."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.bounds import OptimalDoses, bound_of_situation
+from glucoloop.config import Run, read_run
+from glucoloop.config.trial import read_trial
+from glucoloop.control import Controller, Observation
+from glucoloop.meals import Scenario
+from glucoloop.metrics import Metrics, summarise
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked, Situation
+from glucoloop.patients import SorensenPatient, patient
+from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.sensors import IdealSensor, Sensor, dead_time
+from glucoloop.sensors.white_noise import WhiteNoise
+from glucoloop.simulation import Trace, identify, simulate
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.trials import engine
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.catalogue import controller_entry
+from glucoloop.trials.designs import DesignCase
+from glucoloop.trials.situation import pump_of, record_key, sensor_of
+from glucoloop.trials.tuning.oscillation import Oscillation, crossings, oscillation
+
+Floats = npt.NDArray[np.float64]
+Progress = Callable[[int], None]
+
+NEAR_MG_DL: Final = 15.0
+"""From the setpoint."""
+LATE_MIN: Final = 200.0
+"""Before the end of a run."""
+SWING_MG_DL: Final = 5.0
+"""To either side of the setpoint: the largest error of a reading, so that noise alone makes no swing."""
+_MOST_TOGETHER: Final = 50  # few enough that Ctrl-C is heeded soon
+_STEPS_TIMED: Final = 200
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of a run."""
+
+    name: str
+    title: str
+    unit: str
+    digits: int = 1
+
+
+MEASURES: Final = (
+    Measure("undershoot_mg_dl", "Undershoot", "mg/dl"),
+    Measure("overshoot_mg_dl", "Peak above setpoint", "mg/dl"),
+    Measure("deviation_mg_dl", "Largest deviation", "mg/dl"),
+    Measure("late_deviation_mg_dl", f"Largest deviation, last {LATE_MIN:g} min", "mg/dl"),
+    Measure("late_swings", f"Swings, last {LATE_MIN:g} min", "", 0),
+    Measure("minimum_mg_dl", "Lowest glucose", "mg/dl"),
+    Measure("time_near_pct", f"Time within {NEAR_MG_DL:g} mg/dl", "%"),
+    Measure("time_below_60_pct", "Time below 60 mg/dl", "%", 2),
+    Measure("settling_5pct_min", "Settling, 5 %", "min", 0),
+    Measure("insulin_total_variation_mU_min", "Total variation of insulin", "mU/min", 0),
+)
+"""Of glucose free of noise, on a grid of one minute."""
+
+
+@dataclass(frozen=True)
+class Loops:
+    """Runs of one controller in one situation, runs trailing."""
+
+    run: npt.NDArray[np.int64]
+    """(runs,) seeds of the sensor, or numbers of people."""
+    numbers: Mapping[str, Floats]
+    """(runs,) each, by the name of a measure."""
+    t_min: Floats
+    """(points,)"""
+    glucose_mg_dl: Floats
+    """(points, runs) free of noise."""
+    insulin_t_min: Floats
+    """(samples,)"""
+    insulin_mU_min: Floats
+    """(samples, runs) delivered from each sample to the next."""
+    setpoint_mg_dl: float
+    unable: int = 0
+    """People without a basal rate for the setpoint, who are not among the runs."""
+    quiet: Oscillation | None = None
+    """Of the same controller without noise, where that is asked for."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that was run."""
+
+    asked: Asked
+    loops: Mapping[str, Mapping[str, Loops]]
+    """By situation and controller."""
+    situations: tuple[Situation, ...]
+    bounds: Mapping[str, OptimalDoses]
+    """The best that anybody could do, by situation."""
+    step_ms: Mapping[str, float]
+    """Median time of one sample of one patient, by controller, as measured on this machine."""
+    ours: str = OURS
+    """The controller that the claims are about."""
+
+
+def loops_to_close(asked: Asked, situations: Sequence[Situation], controllers: Sequence[str] = CONTROLLERS) -> int:
+    """How many loops a study has."""
+    of_each = {"one": 1, "seeds": asked.seeds, "people": asked.people}
+    return len(controllers) * sum(of_each[situation.runs] for situation in situations)
+
+
+def study(
+    asked: Asked,
+    situations: Sequence[Situation],
+    *,
+    progress: Progress,
+    controllers: Sequence[str] = CONTROLLERS,
+    ours: str = OURS,
+    timed: bool = True,
+) -> Study:
+    """Close every loop.
+
+    Parameters
+    ----------
+    asked : Asked
+    situations : sequence of Situation
+    progress : callable
+        Told of so many loops that have just been closed.
+    controllers : sequence of str
+        Of the catalogue, each at its defaults for the situation.
+    ours : str
+        The one of them that the claims are about.
+    timed : bool
+        Whether one sample of one patient is timed.
+    """
+    models, together = _Models(), _together(asked)
+    loops: dict[str, dict[str, Loops]] = {}
+    for situation in situations:
+        loops[situation.name] = {}
+        for name in controllers:
+            if situation.runs == "people":
+                of_case = _loops_of_people(situation, name, asked, progress)
+            else:
+                seeds = asked.sensor_seeds if situation.runs == "seeds" else asked.sensor_seeds[:1]
+                of_case = _loops_of_seeds(situation, name, seeds, models, together, progress)
+            loops[situation.name][name] = of_case
+    return Study(
+        asked=asked,
+        loops=loops,
+        situations=tuple(situations),
+        bounds=_bounds([situation for situation in situations if situation.bounded]),
+        step_ms={name: _time_of_step_ms(name, asked.seed, models) for name in controllers} if timed else {},
+        ours=ours,
+    )
+
+
+class _Models:
+    """Step responses identified from the record of a seed, as ``glucoloop run`` does; situations share them."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[int, float], StepResponseModel] = {}
+
+    def of(self, run: Run, person: SorensenPatient) -> StepResponseModel:
+        case, situation = run.case, run.situation
+        key = situation.seed, case.model_noise_variance or 0.0
+        if key not in self._found:
+            self._found[key] = identify(
+                person,
+                sensor_of(key[1], situation.noise_bound_mg_dl, 0),
+                record_key(situation.seed),
+                memory=case.memory or 0,
+                laguerre_pole=case.laguerre_pole or 0.0,
+                laguerre_functions=case.laguerre_functions or None,
+                sample_time_min=situation.sample_time_min,
+            ).model
+        return self._found[key]
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """What is around a controller, of one person."""
+
+    person: SorensenPatient
+    scenario: Scenario
+    limits: DoseLimits
+    bound_mg_dl: float
+    dead_time_samples: int
+    sample_time_min: float
+
+    @classmethod
+    def of(cls, run: Run) -> _Setting:
+        situation = run.situation
+        return cls(
+            person=patient(situation.operating_point),
+            scenario=Scenario(situation.eaten(), situation.duration_min, announced=situation.announce_meals),
+            limits=_limits(run),
+            bound_mg_dl=situation.noise_bound_mg_dl,
+            dead_time_samples=situation.dead_time_samples,
+            sample_time_min=situation.sample_time_min,
+        )
+
+    def sensor(self, variance: jax.Array) -> Sensor:
+        """That of `sensor_of`; a variance of 0 adds nothing, so that one program serves with and without noise."""
+        noisy = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=self.bound_mg_dl)
+        return dead_time(self.dead_time_samples, noisy) if self.dead_time_samples else noisy
+
+
+def _limits(run: Run) -> DoseLimits:
+    return dose_limits(
+        max_change_mU_min=run.situation.max_change_mU_min,
+        min_mU_min=run.situation.min_insulin_mU_min,
+        max_mU_min=run.situation.max_insulin_mU_min,
+    )
+
+
+def _controller(run: Run, person: SorensenPatient, models: _Models) -> Controller:
+    """The controller that ``glucoloop run`` designs."""
+    entry = controller_entry(run.case.controller)
+    known = run.situation.dead_time_samples if run.case.known_dead_time else 0
+    design = DesignCase(
+        patient=person,
+        model=models.of(run, person).delayed(known) if entry.uses_model else None,
+        limits=_limits(run),
+        sample_time_min=run.situation.sample_time_min,
+        noise_variance=run.situation.noise_variance,
+        dead_time_samples=known,
+    )
+    controller: Controller = entry.designer()(design, **run.case.tuning)
+    return controller
+
+
+def _together(asked: Asked) -> int:
+    """Runs that go through a loop together; in every situation as many, for which it is compiled."""
+    runs = asked.seeds + 1  # one without noise
+    blocks = -(-runs // _MOST_TOGETHER)
+    return -(-runs // blocks)
+
+
+def _loops_of_seeds(
+    situation: Situation, name: str, seeds: Sequence[int], models: _Models, together: int, progress: Progress
+) -> Loops:
+    """One run a seed, equal to that of ``glucoloop run`` with the seed."""
+    runs = [read_run(situation.of(name, seed)) for seed in seeds]
+    around, pump = _Setting.of(runs[0]), pump_of(_limits(runs[0]), None)
+    own = controller_entry(name).uses_model
+    controllers = [_controller(run, around.person, models) for run in (runs if own else runs[:1])]
+    # Controllers of one kind as one, whose arrays have a leading axis.
+    stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *controllers)
+    variance, drawn = np.full(len(seeds), runs[0].situation.noise_variance), np.asarray(seeds, np.uint32)
+    if situation.oscillation:  # one more run, of the first controller without noise
+        variance, drawn = np.append(variance, 0.0), np.append(drawn, drawn[0])
+
+    def run(controller: Controller, variance: jax.Array, key: jax.Array) -> tuple[Metrics, Oscillation, Trace]:
+        trace = simulate(around.person, controller, around.sensor(variance), pump, around.scenario, key)
+        return summarise(trace, around.limits), oscillation(trace), trace
+
+    def block(places: npt.NDArray[np.intp], asked: int) -> Any:
+        keys = jax.vmap(jax.random.key)(jnp.asarray(drawn[places]))
+        which = np.where(places < len(controllers), places, 0)
+        of_each = jax.tree.map(lambda leaf: leaf[which], stacked)
+        metrics, turning, trace = jax.vmap(run)(of_each, jnp.asarray(variance[places]), keys)
+        kept = jax.tree.map(np.asarray, (metrics, turning, trace.fine_glucose_mg_dl, trace.insulin_mU_min))
+        progress(int((places[:asked] < len(seeds)).sum()))
+        return jax.tree.map(lambda values: values[:asked], kept)
+
+    parts = in_blocks(block, np.arange(drawn.size), together, threads=1)
+    metrics, turning, glucose, insulin = jax.tree.map(lambda *of_blocks: np.concatenate(of_blocks), *parts)
+    kept = slice(len(seeds))
+    found = {key.name: np.asarray(getattr(metrics, key.name), float)[kept] for key in dataclasses.fields(metrics)}
+    grid = sample_grid(around.scenario.horizon_min, around.sample_time_min)
+    setpoint = float(around.person.setpoint_mg_dl)
+    return Loops(
+        run=np.asarray(seeds, np.int64),
+        numbers=numbers_of(found, grid.fine_t_min, glucose[kept].T, setpoint),
+        t_min=grid.fine_t_min,
+        glucose_mg_dl=glucose[kept].T,
+        insulin_t_min=grid.t_min,
+        insulin_mU_min=insulin[kept].T,
+        setpoint_mg_dl=setpoint,
+        quiet=jax.tree.map(lambda values: values[-1], turning) if situation.oscillation else None,
+    )
+
+
+def _loops_of_people(situation: Situation, name: str, asked: Asked, progress: Progress) -> Loops:
+    """One run a person, equal to that of ``glucoloop trial`` with the seed."""
+    keys = {key: value for key, value in situation.of(name, asked.seed).items() if key != "controller"}
+    trial = read_trial({**keys, "population": "parker2000", "people": asked.people, "controllers": [name]})
+    prepared = engine.prepare(trial)
+    together = block_size(prepared.cases[name].cohort.engine)
+    parts = []
+    for start in range(0, asked.people, together):
+        person = np.arange(start, min(start + together, asked.people))
+        parts.append(engine.run_people(prepared, name, person, traces=True))
+        progress(person.size)
+    able = np.concatenate([part.able for part in parts])
+    glucose, insulin = (
+        np.concatenate([np.asarray(getattr(part, what), float) for part in parts], axis=1)[:, able]
+        for what in ("glucose_mg_dl", "insulin_mU_min")
+    )
+    found = {key: np.concatenate([part.metrics[key] for part in parts])[able].astype(float) for key in parts[0].metrics}
+    grid, setpoint = prepared.grid, prepared.setpoint_mg_dl
+    t_min = np.append(grid.t_min, trial.plan.horizon_min)
+    return Loops(
+        run=np.concatenate([part.person for part in parts])[able],
+        numbers=numbers_of(found, t_min, glucose, setpoint),
+        t_min=t_min,
+        glucose_mg_dl=glucose,
+        insulin_t_min=grid.t_min,
+        insulin_mU_min=insulin,
+        setpoint_mg_dl=setpoint,
+        unable=int((~able).sum()),
+    )
+
+
+def numbers_of(
+    metrics: Mapping[str, Floats], t_min: Floats, glucose_mg_dl: Floats, setpoint: float
+) -> dict[str, Floats]:
+    """The measures of runs.
+
+    Parameters
+    ----------
+    metrics : mapping
+        (runs,) each, by the name of a field of `Metrics`.
+    t_min : (points,) array
+    glucose_mg_dl : (points, runs) array
+        Where the points are farther apart than a minute, glucose is taken as straight between them.
+    setpoint : float
+    """
+    minutes = np.arange(t_min[0], t_min[-1] + 0.5)
+    away, late = np.abs(glucose_mg_dl - setpoint), t_min >= t_min[-1] - LATE_MIN
+    by_minute = np.stack([np.interp(minutes, t_min, of_run) for of_run in glucose_mg_dl.T], axis=1)
+    near = np.abs(by_minute - setpoint) <= NEAR_MG_DL
+    swings = jax.vmap(lambda of_run: crossings(of_run, setpoint, SWING_MG_DL / setpoint), in_axes=1)(
+        glucose_mg_dl[late]
+    )
+    own = {
+        "deviation_mg_dl": np.maximum(metrics["undershoot_mg_dl"], metrics["overshoot_mg_dl"]),
+        "late_deviation_mg_dl": away[late].max(axis=0),
+        "late_swings": swings,
+        "time_near_pct": np.where(np.isfinite(away).all(axis=0), 100.0 * near.mean(axis=0), np.nan),
+    }
+    return {measure.name: np.asarray({**metrics, **own}[measure.name], float) for measure in MEASURES}
+
+
+def _bounds(situations: Sequence[Situation]) -> dict[str, OptimalDoses]:
+    """The best that anybody could do, whatever the noise: it depends on whether the meal is announced alone."""
+    found: dict[bool, OptimalDoses] = {}
+    bounds = {}
+    for situation in situations:
+        around = _Setting.of(read_run(situation.of(OURS, 0)))
+        announced = around.scenario.announced
+        if announced not in found:
+            found[announced] = bound_of_situation(
+                around.person, around.scenario, around.limits, sample_time_min=around.sample_time_min
+            )
+        bounds[situation.name] = found[announced]
+    return bounds
+
+
+def _time_of_step_ms(name: str, seed: int, models: _Models) -> float:
+    """Median time of one sample of one patient on this machine, compiled, with noise."""
+    run = read_run(next(situation for situation in SITUATIONS if situation.name == "noise").of(name, seed))
+    person = patient(run.situation.operating_point)
+    controller = _controller(run, person, models)
+    observation = Observation(
+        glucose_mg_dl=person.setpoint_mg_dl + 3.0,
+        valid=jnp.asarray(True),
+        setpoint_mg_dl=person.setpoint_mg_dl,
+        delivered_mU_min=person.basal_insulin_mU_min,
+        announced_carbs_g=jnp.zeros(()),
+    )
+    step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
+    state, taken = controller.init(observation), []
+    for _ in range(_STEPS_TIMED + 1):
+        before = time.perf_counter()
+        state, decision = step(controller, state, observation)
+        decision.insulin_mU_min.block_until_ready()
+        taken.append(time.perf_counter() - before)
+        observation = dataclasses.replace(observation, delivered_mU_min=decision.insulin_mU_min)
+    return float(1000.0 * np.median(taken[1:]))  # the first one compiles

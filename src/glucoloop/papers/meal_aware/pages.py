@@ -1,0 +1,327 @@
+"""The page of the claims: one self-contained file, and the same as plain data."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, runs_told, spread
+from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, SWING_MG_DL, Study
+from glucoloop.papers.meal_aware.figures import COLOURS, caption
+from glucoloop.papers.meal_aware.situations import (
+    NAMES,
+    TUNING_PEOPLE_SEED,
+    TUNING_SEEDS,
+    Situation,
+)
+from glucoloop.report import _page
+
+TITLE: Final = "Meals that nobody announced: the claims"
+REPEAT: Final = "claims --config claims.toml --out again"
+HOLDS: Final = {True: "holds", False: "does not hold"}
+
+READINGS: Final[dict[str, str]] = {
+    "patient": (
+        "setpoint-81: the patient of Sorensen (1985) as printed by Parker et al. (2000), at rest at 81.1 mg/dl under "
+        "25.606 mU/min. 50 g of carbohydrate at 50 min, 600 min, samples of 5 min."
+    ),
+    "pump": "0 to 66.9 mU/min, and a change of at most 16.7 mU/min from one sample to the next.",
+    "noise": "Each reading carries independent normal noise of variance 1.45 (mg/dl)², cut off at 5 mg/dl.",
+    "controllers": (
+        "Those of the catalogue, at their defaults for the situation. Linear MPC identifies a model from a record of "
+        "each seed, as noisy as the readings; of many people, one for all. A dead time is known to all of them; that "
+        "of a meal's announcement only the meal-aware controller heeds."
+    ),
+    "seeds": "Seed n is `glucoloop run --seed n`: the same key of the sensor for every controller and situation.",
+    "people": (
+        "parker2000, each rests at his own basal rate, of which the controller is told, as in `glucoloop trial`; "
+        "otherwise it is designed for the nominal patient. Each has a sensor key of his own, the same under every "
+        "controller."
+    ),
+    "glucose": (
+        "Free of noise, on a grid of one minute; for the time within a band, that of people is taken as straight "
+        "between samples."
+    ),
+    "oscillation": (
+        "That of the search for tunings: a loop oscillates if glucose crosses the setpoint ± 2 % more than twice after "
+        "a meal, or insulin turns more than 7 times. Noise turns any controller, so this is judged from the same "
+        "controller and dead time without noise. With noise, swings are counted: from beyond "
+        f"{SWING_MG_DL:g} mg/dl, the largest error of a reading, on one side of the setpoint to beyond it on the "
+        f"other, in the last {LATE_MIN:g} min, long after the meal."
+    ),
+    "bound": (
+        "The least largest deviation that any doses within the pump's limits reach (`glucoloop bound`), for whoever "
+        "knows the meal exactly from its first minute; if it is announced, from the sample before. With noise nobody "
+        "knows so much, so that part of the distance cannot be gained."
+    ),
+}
+"""How the claims are read."""
+
+
+def number(value: float, digits: int) -> str:
+    """A number in a table; a dash for what is not one."""
+    if not math.isfinite(value):
+        return "–"
+    told = f"{value:.{digits}f}"
+    return told.removeprefix("-") if float(told) == 0.0 else told.replace("-", "−")
+
+
+def bound_told(verdict: Verdict) -> str:
+    """A bound as a table shows it."""
+    return f"{'≥' if verdict.claim.at_least else '≤'} {number(verdict.bound, verdict.claim.digits)}"
+
+
+def spread_told(shares: Mapping[str, float], digits: int, *, one: bool) -> str:
+    """A median, and 5 to 95 % where there are several runs."""
+    if one:
+        return number(shares["median"], digits)
+    low, middle, high = (number(shares[share], digits) for share in SHARES)
+    return f"{middle} ({low} to {high})"
+
+
+def seeds_told(study: Study) -> list[str]:
+    """Which seeds these are, and on which ones the tuning was chosen; one sentence each."""
+    asked, seeds = study.asked, study.asked.sensor_seeds
+    told = [
+        f"Sensor seeds {seeds[0]} to {seeds[-1]}, and {asked.people} people of seed {asked.seed}.",
+        f"The tuning of the meal-aware controller was chosen on sensor seeds {TUNING_SEEDS.start} to "
+        f"{TUNING_SEEDS.stop - 1} and on people of seed {TUNING_PEOPLE_SEED}.",
+    ]
+    if asked.tuned_on:
+        return [*told, f"Of these, {' and '.join(asked.tuned_on)} are here too: they are no independent test."]
+    return [*told, "None of them is here: these are other keys and other people."]
+
+
+def summary_told(verdicts: Sequence[Verdict]) -> str:
+    """How many claims hold."""
+    held = sum(verdict.holds for verdict in verdicts)
+    if held == len(verdicts):
+        return f"All {held} claims hold."
+    return f"{held} of {len(verdicts)} claims hold."
+
+
+def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """Plain values for JSON, the same for the same seeds: without what was timed."""
+    return {
+        "config": study.asked.model_dump(),
+        "tuning": {"sensor_seeds": [TUNING_SEEDS.start, TUNING_SEEDS.stop - 1], "people_seed": TUNING_PEOPLE_SEED},
+        "tuned_on": list(study.asked.tuned_on),
+        "claims": [
+            {
+                "id": verdict.claim.id,
+                "situation": verdict.claim.situation,
+                "what": verdict.claim.what,
+                "unit": verdict.claim.unit,
+                "found": verdict.ours,
+                "kind": "at-least" if verdict.claim.at_least else "at-most",
+                "bound": verdict.bound,
+                "holds": verdict.holds,
+                "runs": verdict.runs,
+                "controllers": dict(verdict.found),
+            }
+            for verdict in verdicts
+        ],
+        "situations": [
+            {
+                "name": situation.name,
+                "title": situation.title,
+                "keys": dict(situation.keys),
+                "runs": runs_told(study, situation.name),
+                "bound_mg_dl": study.bounds[situation.name].bound if situation.name in study.bounds else None,
+                "unable": next(iter(study.loops[situation.name].values())).unable,
+                "controllers": {name: spread(loops) for name, loops in study.loops[situation.name].items()},
+                "distance_to_bound_mg_dl": distances(study, situation),
+            }
+            for situation in study.situations
+        ],
+    }
+
+
+def page(study: Study, verdicts: Sequence[Verdict], figures: Mapping[str, str]) -> str:
+    """The claims on a page of its own.
+
+    Parameters
+    ----------
+    study : Study
+    verdicts : sequence of Verdict
+    figures : mapping
+        SVG texts, by situation.
+    """
+    lead = " ".join([summary_told(verdicts), *seeds_told(study)])
+    sections = [
+        f'<p class="lead">{html.escape(lead)}</p>',
+        _claims(study, verdicts),
+        *(_situation(study, situation, figures[situation.name]) for situation in study.situations),
+        _step(study),
+        _readings(),
+        _section(
+            "How to repeat it",
+            "In the folder of this page.",
+            f"<pre><code>glucoloop {REPEAT}</code></pre>",
+        ),
+    ]
+    return _page.page(TITLE, "\n".join(section for section in sections if section), _STYLE)
+
+
+def _section(title: str, about: str, body: str, kind: str = "") -> str:
+    told = f'<p class="caption">{about}</p>\n' if about else ""
+    return f'<section class="{kind}">\n<h2>{html.escape(title)}</h2>\n{told}{body}\n</section>'
+
+
+def _name(name: str) -> str:
+    return f'<span class="chip" style="background: {COLOURS[name]}"></span>{html.escape(NAMES[name])}'
+
+
+def _others(study: Study) -> list[str]:
+    controllers = next(iter(study.loops.values()))
+    return [name for name in controllers if name != study.ours]
+
+
+def _claims(study: Study, verdicts: Sequence[Verdict]) -> str:
+    titles = {situation.name: situation.title for situation in study.situations}
+    others = _others(study)
+    heads = "".join(f'<th scope="col" class="value">{_name(name)}</th>' for name in (study.ours, *others))
+    parts = []
+    for situation, title in titles.items():
+        own = [verdict for verdict in verdicts if verdict.claim.situation == situation]
+        if not own:
+            continue
+        runs = f' <span class="runs">{html.escape(own[0].runs)}</span>'
+        parts.append(f'<tr><th scope="rowgroup" colspan="{len(others) + 5}">{html.escape(title)}{runs}</th></tr>')
+        parts += [_claim(verdict, others) for verdict in own]
+    table = (
+        '<div class="scroll"><table class="claims">\n<thead><tr><th scope="col">Claim</th><th scope="col"></th>'
+        f'<th scope="col" class="value">Bound</th>{heads}<th scope="col">Unit</th></tr></thead>\n'
+        f"<tbody>{''.join(parts)}</tbody></table></div>"
+    )
+    about = (
+        "Of the meal-aware controller. The other controllers met the same situations with the same sensor keys; their "
+        "numbers stand beside."
+    )
+    return _section("What holds and what does not", about, table)
+
+
+def _claim(verdict: Verdict, others: Sequence[str]) -> str:
+    claim, kind = verdict.claim, "yes" if verdict.holds else "no"
+    ours = f'<td class="value ours">{number(verdict.ours, claim.digits)}</td>'
+    cells = "".join(f'<td class="value">{number(verdict.found[name], claim.digits)}</td>' for name in others)
+    return (
+        f'<tr><th scope="row">{html.escape(claim.what)}</th><td class="{kind}">{HOLDS[verdict.holds]}</td>'
+        f'<td class="value">{bound_told(verdict)}</td>{ours}{cells}<td class="unit">{html.escape(claim.unit)}</td></tr>'
+    )
+
+
+def _situation(study: Study, situation: Situation, svg: str) -> str:
+    loops, one = study.loops[situation.name], situation.runs == "one"
+    from_bound = distances(study, situation)
+    columns = [f"<th>{html.escape(measure.title)}<small>{measure.unit}</small></th>" for measure in MEASURES]
+    if from_bound:
+        columns.append("<th>Distance to the bound<small>mg/dl</small></th>")
+    rows = []
+    for name, own in loops.items():
+        shares = spread(own)
+        cells = [spread_told(shares[measure.name], measure.digits, one=one) for measure in MEASURES]
+        if from_bound:
+            cells.append(spread_told(from_bound[name], 1, one=one))
+        told = "".join(f'<td class="value">{_wrapped(cell)}</td>' for cell in cells)
+        rows.append(f'<tr><th scope="row">{_name(name)}</th>{told}</tr>')
+    table = (
+        f'<div class="scroll"><table class="numbers">\n<thead><tr><th></th>{"".join(columns)}</tr></thead>\n'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+    picture = base64.b64encode(svg.encode()).decode()
+    alt = html.escape(f"{situation.title}: glucose and insulin of {len(loops)} controllers.")
+    figure = (
+        f'<figure><img src="data:image/svg+xml;base64,{picture}" alt="{alt}">'
+        f"<figcaption>{html.escape(caption(situation))}</figcaption></figure>"
+    )
+    about = [f"{runs_told(study, situation.name).capitalize()}{'' if one else '; median (5 to 95 %)'}."]
+    unable = next(iter(loops.values())).unable
+    if unable:
+        about.append(f"{unable} of them have no basal rate for the setpoint, and are not counted.")
+    if from_bound:
+        bound = study.bounds[situation.name]
+        about.append(f"Bound of the largest deviation: {bound.bound:.2f} mg/dl.")
+        if not bound.converged:
+            about.append("It has not converged, and so is none.")
+    return _section(situation.title, html.escape(" ".join(about)), f"{figure}\n{table}", "situation")
+
+
+def _wrapped(cell: str) -> str:
+    """A median with its range on a line of its own."""
+    middle, opening, rest = html.escape(cell).partition(" (")
+    return f"{middle}<small>{rest.removesuffix(')')}</small>" if opening else middle
+
+
+def _step(study: Study) -> str:
+    if not study.step_ms:
+        return ""
+    rows = "".join(
+        f'<tr><th scope="row">{_name(name)}</th><td class="value">{number(ms, 2)}</td><td class="unit">ms</td></tr>'
+        for name, ms in study.step_ms.items()
+    )
+    about = (
+        "Median time of a decision, compiled, as measured on the machine that made this page. It is no claim, and "
+        "another machine or another day gives another number."
+    )
+    body = f'<table class="steps"><tbody>{rows}</tbody></table>'
+    return _section("One sample of one patient", about, body)
+
+
+def _readings() -> str:
+    rows = "".join(
+        f'<tr><th scope="row">{html.escape(name)}</th><td>{_code(text)}</td></tr>' for name, text in READINGS.items()
+    )
+    return _section("Readings", "How the claims are read.", f'<table class="readings"><tbody>{rows}</tbody></table>')
+
+
+def _code(text: str) -> str:
+    """What stands between backticks is a command."""
+    parts = html.escape(text).split("`")
+    return "".join(f"<code>{part}</code>" if place % 2 else part for place, part in enumerate(parts))
+
+
+_STYLE: Final = """
+body { max-width: 84rem; padding: 1rem 1.25rem; --faint: color-mix(in srgb, var(--ink) 62%, var(--paper));
+       --yes: #00785a; --no: #b83a00; }
+@media (prefers-color-scheme: dark) { body { --yes: #3fc79a; --no: #ff8a5c; } }
+section { margin-top: 2.6rem; }
+h2 { font-size: 1.15rem; font-weight: 600; margin: 0 0 0.3rem; }
+p { margin: 0; }
+.lead { max-width: 52rem; }
+.caption { color: var(--faint); font-size: 0.9rem; max-width: 52rem; margin-bottom: 0.6rem; }
+.chip { display: inline-block; width: 0.65rem; height: 0.65rem; border-radius: 0.15rem; margin-right: 0.4rem;
+        print-color-adjust: exact; }
+.scroll { margin-top: 0.6rem; }
+th[scope=row] { white-space: normal; padding-left: 0; }
+.claims { width: 100%; }
+.claims th, .claims td { vertical-align: baseline; }
+.claims thead th { vertical-align: bottom; white-space: nowrap; }
+.claims tbody th[scope=row] { padding-left: 0.9rem; min-width: 15rem; }
+.claims td:nth-child(2) { white-space: nowrap; }
+.yes { color: var(--yes); } .no { color: var(--no); font-weight: 600; }
+.ours { font-weight: 600; }
+.runs, .unit { color: var(--faint); font-weight: normal; }
+.runs { font-size: 0.85rem; margin-left: 0.5rem; }
+.numbers { font-size: 0.85rem; width: 100%; }
+.numbers th, .numbers td { padding: 0.25rem 0.7rem 0.25rem 0; }
+.numbers thead th { text-align: right; }
+.numbers th[scope=row] { white-space: nowrap; position: sticky; left: 0; background: var(--paper); }
+.numbers tbody tr + tr > * { border-top: 1px solid var(--rule); }
+.numbers td, .numbers tbody th { vertical-align: top; }
+small { display: block; color: var(--faint); font-size: 0.85em; font-weight: normal; white-space: nowrap; }
+figure { margin: 0.6rem 0; background: white; padding: 0.6rem; border-radius: 0.3rem; max-width: 58rem; }
+figure img { width: 100%; height: auto; display: block; }
+figcaption { color: #555; font-size: 0.85rem; margin-top: 0.4rem; }
+.readings td { max-width: 56rem; }
+.readings th, .readings td { vertical-align: top; padding-bottom: 0.5rem; }
+pre { margin: 0.6rem 0 0; padding: 0.7rem 0.9rem; border: 1px solid var(--rule); border-radius: 0.25rem;
+      white-space: pre-wrap; overflow-wrap: anywhere; }
+code { font-size: 0.9em; }
+@media (max-width: 44rem) { .claims tbody th[scope=row] { min-width: 9.5rem; padding-left: 0; }
+                            .claims td:nth-child(2) { white-space: normal; } }
+@media print { figure, tr { break-inside: avoid; } }
+"""

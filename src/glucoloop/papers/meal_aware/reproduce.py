@@ -1,0 +1,136 @@
+"""The whole comparison: run, judge, draw, write."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import polars as pl
+
+from glucoloop.config import toml_text
+from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, spread, verdicts
+from glucoloop.papers.meal_aware.experiments import MEASURES, Progress, Study, loops_to_close, study
+from glucoloop.papers.meal_aware.figures import draw
+from glucoloop.papers.meal_aware.pages import REPEAT, page, report
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked
+from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.tables import csv
+
+WriteFile = Callable[[str, bytes | str], None]
+
+
+def loops_of(asked: Asked) -> int:
+    """How many loops are closed."""
+    return loops_to_close(asked, SITUATIONS, CONTROLLERS)
+
+
+def carry_out(asked: Asked, *, progress: Progress) -> tuple[Study, list[Verdict]]:
+    """Close every loop, and judge the claims.
+
+    Parameters
+    ----------
+    asked : Asked
+    progress : callable
+        Told of so many loops that have just been closed.
+    """
+    done = study(asked, SITUATIONS, controllers=CONTROLLERS, ours=OURS, progress=progress)
+    return done, verdicts(done)
+
+
+def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None:
+    """Write tables, figures, page and the configuration that repeats it.
+
+    Parameters
+    ----------
+    write_file : callable
+        Takes a file's name and content.
+    done, judged
+        As from `carry_out`.
+    """
+    inline = {}
+    for name, figure in draw(done).items():
+        for kind in ("svg", "png"):
+            data = _drawn(figure, kind)
+            write_file(f"{name}.{kind}", data)
+            if kind == "svg":
+                inline[name] = data.decode()
+    write_file("claims.csv", csv(claims_table(judged)))
+    write_file("numbers.csv", csv(numbers_table(done)))
+    write_file("runs.csv", csv(runs_table(done)))
+    write_file("claims.json", json_text(_with_version(report(done, judged))) + "\n")
+    if done.step_ms:
+        write_file("timing.json", json_text({"step_ms": dict(done.step_ms)}) + "\n")
+    write_file("claims.toml", toml_text(done.asked.model_dump(), REPEAT))
+    write_file("claims.html", page(done, judged, inline))
+
+
+def _drawn(figure: Any, kind: str) -> bytes:
+    import matplotlib
+
+    drawn = io.BytesIO()
+    # An SVG file would hold its date, and names drawn by chance.
+    with matplotlib.rc_context({"svg.hashsalt": "glucoloop"}):
+        figure.savefig(drawn, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    return drawn.getvalue()
+
+
+def _with_version(told: dict[str, Any]) -> dict[str, Any]:
+    import glucoloop
+
+    return {"version": glucoloop.__version__, **told}
+
+
+def claims_table(judged: Sequence[Verdict]) -> pl.DataFrame:
+    """One row a claim, with the number of every controller."""
+    return pl.DataFrame(
+        [
+            {
+                "claim": verdict.claim.id,
+                "situation": verdict.claim.situation,
+                "what": verdict.claim.what,
+                "unit": verdict.claim.unit,
+                "kind": "at-least" if verdict.claim.at_least else "at-most",
+                "bound": verdict.bound,
+                "found": verdict.ours,
+                "holds": verdict.holds,
+                "runs": verdict.runs,
+                **verdict.found,
+            }
+            for verdict in judged
+        ]
+    )
+
+
+def numbers_table(done: Study) -> pl.DataFrame:
+    """One row for each situation, controller and measure: the median and 5 to 95 % of the runs."""
+    rows = []
+    for situation in done.situations:
+        from_bound = distances(done, situation)
+        for name, loops in done.loops[situation.name].items():
+            found = spread(loops)
+            if name in from_bound:
+                found["distance_to_bound_mg_dl"] = from_bound[name]
+            rows += [
+                {
+                    "situation": situation.name,
+                    "controller": name,
+                    "measure": measure,
+                    "runs": int(loops.run.size),
+                    **{share: shares[share] for share in SHARES},
+                }
+                for measure, shares in found.items()
+            ]
+    return pl.DataFrame(rows)
+
+
+def runs_table(done: Study) -> pl.DataFrame:
+    """One row a run: its seed or person, and every measure."""
+    tables = [
+        pl.DataFrame({"run": loops.run, **{measure.name: loops.numbers[measure.name] for measure in MEASURES}}).select(
+            pl.lit(situation.name).alias("situation"), pl.lit(name).alias("controller"), pl.all()
+        )
+        for situation in done.situations
+        for name, loops in done.loops[situation.name].items()
+    ]
+    return pl.concat(tables)
