@@ -4,6 +4,7 @@
     python3 dev.py run [ARGS]          run ``glucoloop run ARGS``
     python3 dev.py test                all checks: format, lint, types, layers, tests, documentation
     python3 dev.py test PYTEST_ARGS    only pytest, with these arguments (paths from the repository root)
+    python3 dev.py test -m long        the tests that are left out above because they take long
     python3 dev.py setup               only create or refresh the environment
 
 The first call creates .venv beside this file and installs what requirements.lock names; later calls
@@ -207,7 +208,7 @@ def test(pytest_arguments: list[str]) -> None:
     check("lint-imports", [tool("lint-imports"), "--no-logo"])
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
-    check("pytest", [tool("pytest"), "-n", "2", "--dist", "worksteal"])
+    check("pytest", [tool("pytest"), "-n", "2", "--dist", "worksteal", "-m", "not long"])
     docs = ROOT / "docs"
     if (docs / "conf.py").is_file():
         check("documentation", [tool("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")])

@@ -19,6 +19,7 @@ def _small(monkeypatch):
 
 
 @pytest.mark.usefixtures("_small")
+@pytest.mark.long
 def test_folder_holds_page_and_numbers_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("claims", *SMALL, "--out", "a")
     assert first.code == 0, first.err

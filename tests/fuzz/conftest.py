@@ -13,6 +13,8 @@ from glucoloop.cli import main
 from glucoloop.cli.mistakes import sentence
 
 _STOPS = (
+    "glucoloop.cli.bounded.optimal_doses",
+    "glucoloop.cli.bounded.hedged_doses",
     "glucoloop.cli.closed_loop.identify",
     "glucoloop.cli.closed_loop.controller_for",
     "glucoloop.cli.identified._method",

@@ -6,10 +6,11 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cli import compare, identify, run, trial_options, tune
+from glucoloop.cli import bound, compare, identify, run, trial_options, tune
 
 CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
 FLAGS = {
+    "bound": bound._OPTIONS,
     "run": run._OPTIONS,
     "compare": compare._OPTIONS,
     "identify": identify._OPTIONS,
@@ -68,4 +69,4 @@ def test_sentence_is_told_in_one_line_without_its_controls(asked):
 def test_sentence_about_a_long_value_keeps_its_end(asked):
     told = asked("run", "--controller", "x" * 100_000).err
     assert len(told) < 2200
-    assert told.endswith("nlqdmc-se, imc, pid, basal.\n")
+    assert told.endswith("meal-mpc, imc, pid, basal.\n")

@@ -98,6 +98,7 @@ def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
         assert error < {"record": 0.12, "basal": 0.95 * np.sqrt(np.mean(np.log(true_gain) ** 2))}[by]
 
 
+@pytest.mark.long
 def test_somebody_without_a_basal_rate_does_not_disturb_the_others(known):
     found = virtual_people(population("parker2000"), 0, [11, 12], setpoint_mg_dl=120.0)
     assert found.able.tolist() == [False, True]

@@ -77,6 +77,7 @@ def loop(trial, subjects):
     return TuningLoop(trial, trial.cases[0], SPACE, subjects)
 
 
+@pytest.mark.long
 def test_each_tuning_and_subject_is_as_alone(subjects, loop):
     tunings = [{"filter_min": value} for value in (1.0, 4.0, 15.0)]
     found = list(loop.run(subjects, tunings))

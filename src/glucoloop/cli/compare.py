@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
@@ -12,6 +13,7 @@ from glucoloop.cli.screen import show, stage
 from glucoloop.cli.telling import mmol_lines, print_json, where_written, with_version
 
 if TYPE_CHECKING:
+    from glucoloop.bounds import Distance, OptimalDoses
     from glucoloop.cli.closed_loop import Outcome
     from glucoloop.config import Comparison
     from glucoloop.storage.folder import OutputFolder
@@ -24,6 +26,7 @@ HELP: Final = (
     "  glucoloop compare --case mpc --case 'careful: mpc, move_weight=1'\n\n"
     "  glucoloop compare --noise 1.45 --case 'short: prediction_horizon=6' --case 'long: prediction_horizon=14'\n\n"
     "  glucoloop compare --dead-time 10 --case 'unknown: mpc' --case 'known: mpc, known_dead_time=true'\n\n"
+    "  glucoloop compare --bound --case mpc --case nlqdmc-se\n\n"
     "In a file, each case is a table: [[case]], with label = 'careful', controller = 'mpc', move_weight = 1."
 )
 _CASES: Final = Option(
@@ -34,20 +37,35 @@ _CASES: Final = Option(
     "Cases",
     metavar="CASE",
 )
-_OPTIONS: Final = (_CASES, *SITUATION, *CASE, *OUTPUT, MMOL)
+_BOUND: Final = Option(
+    "bound",
+    "--bound/--no-bound",
+    bool,
+    "Also work out how well anybody could do who knows each meal from its start, and how far each case is from it.",
+    "Cases",
+    default="no bound",
+)
+_OPTIONS: Final = (_CASES, _BOUND, *SITUATION, *CASE, *OUTPUT, MMOL)
 
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
     """Check what was asked for, run all cases, write and tell them."""
     keys, output, file = split_off_output(given)
-    asked = _read(with_lists(keys), file_keys(file))
+    keys, of_file = with_lists(keys), file_keys(file)
+    bounded = _bounded(keys, of_file)
+    asked = _read(keys, of_file)
     outcomes: dict[str, Outcome] = {}
+    bound: OptimalDoses | None = None
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):
             from glucoloop.cli.closed_loop import close_the_loop
             from glucoloop.cli.compiled import keep_compiled
+        if bounded:
+            from glucoloop.bounds.optimal_doses import check_samples
+
+            check_samples(asked.situation.duration_min, asked.situation.sample_time_min)
         keep_compiled()
         for label, run in asked.runs().items():
             with stage(f"Closing the loop of {label}"):
@@ -56,11 +74,24 @@ def command(given: Given) -> None:
                 except ValueError as error:
                     error.args = (f"case {label!r}: {error}",)
                     raise
+        if bounded:
+            with stage("Working out the bound"):
+                from glucoloop.cli.bounded import bound_of_run
+
+                bound = bound_of_run(asked.situation)
         if folder is not None:
             with stage("Drawing"):
-                _write(folder, asked, outcomes, output)
+                _write(folder, asked, outcomes, bound, output)
             files = folder.paths()
-    _tell(outcomes, output, files)
+    _tell(outcomes, bound, output, files)
+
+
+def _bounded(keys: Given, of_file: Given) -> bool:
+    """Whether the bound is asked for, which no run has a key for."""
+    in_file = of_file.pop(_BOUND.key, False)
+    if not isinstance(in_file, bool):
+        raise ValueError(f"bound is {in_file!r}; give true or false")
+    return bool(keys.pop(_BOUND.key, in_file))
 
 
 def _read(keys: Given, of_file: Given) -> Comparison:
@@ -75,7 +106,13 @@ def _read(keys: Given, of_file: Given) -> Comparison:
     return read_comparison(overlay(of_file, keys, called), cases, called)
 
 
-def _write(folder: OutputFolder, asked: Comparison, outcomes: Mapping[str, Outcome], output: Output) -> None:
+def _write(
+    folder: OutputFolder,
+    asked: Comparison,
+    outcomes: Mapping[str, Outcome],
+    bound: OptimalDoses | None,
+    output: Output,
+) -> None:
     from glucoloop.cli.pictures import write_pictures
     from glucoloop.config import toml_text
     from glucoloop.storage import tables
@@ -86,8 +123,8 @@ def _write(folder: OutputFolder, asked: Comparison, outcomes: Mapping[str, Outco
     folder.write("trace.csv", tables.csv(samples))
     minutes = tables.stacked({label: tables.minute_table(outcome.trace) for label, outcome in outcomes.items()})
     folder.write("glucose_1min.parquet", tables.parquet(minutes))
-    folder.write("metrics.json", json_text(with_version(_report(outcomes))) + "\n")
-    keys = asked.keys()
+    folder.write("metrics.json", json_text(with_version(_report(outcomes, bound))) + "\n")
+    keys = {_BOUND.key: True, **asked.keys()} if bound is not None else asked.keys()
     for number, (table, (label, outcome)) in enumerate(zip(keys["case"], outcomes.items(), strict=True), start=1):
         if outcome.model is not None:
             name = f"model-{number}-{re.sub(r'[^a-z0-9]+', '-', label.lower()).strip('-') or 'case'}.json"
@@ -98,18 +135,50 @@ def _write(folder: OutputFolder, asked: Comparison, outcomes: Mapping[str, Outco
     write_pictures(folder, outcomes, title=f"Comparison at {asked.situation.operating_point}", mmol=output.mmol)
 
 
-def _report(outcomes: Mapping[str, Outcome]) -> dict[str, object]:
-    return {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
+def _report(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None) -> dict[str, object]:
+    cases = {label: outcome.report() for label, outcome in outcomes.items()}
+    if bound is None:
+        return {"cases": cases}
+    return {
+        "cases": cases,
+        "bound": {
+            "known_after_min": bound.known_after_min,
+            "deviation_mg_dl": bound.bound,
+            "converged": bound.converged,
+            "distances": {label: dataclasses.asdict(of) for label, of in _distances(outcomes, bound).items()},
+        },
+    }
 
 
-def _tell(outcomes: Mapping[str, Outcome], output: Output, files: dict[str, str]) -> None:
+def _distances(outcomes: Mapping[str, Outcome], bound: OptimalDoses) -> dict[str, Distance]:
+    from glucoloop.bounds import distance_to_bound
+
+    return {label: distance_to_bound(outcome.trace.fine_glucose_mg_dl, bound) for label, outcome in outcomes.items()}
+
+
+def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: Output, files: dict[str, str]) -> None:
     notes = tuple(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes)
+    if bound is not None:
+        notes += (
+            f"The bound is that of somebody who knows each meal {_known(bound.known_after_min)}, the patient and the "
+            f"pump's limits{'' if bound.converged else '; it did not converge, so that it is none'}.",
+            *(["Who bets on a meal to come could do better."] if len(_meals(outcomes)) > 1 else []),
+        )
     if output.json:
-        print_json(_report(outcomes), files, notes)
+        print_json(_report(outcomes, bound), files, notes)
         return
     from glucoloop.report import comparison_table
 
-    show(comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}))
+    distances = None if bound is None else _distances(outcomes, bound)
+    show(comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}, distances))
     for line in (*notes, *(mmol_lines(outcomes) if output.mmol else ())):
         print(line)
     print(where_written(output.out, files))
+
+
+def _meals(outcomes: Mapping[str, Outcome]) -> tuple[str, ...]:
+    return next(iter(outcomes.values())).run.situation.meals
+
+
+def _known(after_min: float) -> str:
+    return f"{after_min:g} min after its start" if after_min > 0.0 else "from its start"

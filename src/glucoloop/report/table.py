@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from glucoloop.bounds import Distance
 from glucoloop.metrics import Metrics
 from glucoloop.report.rows import metric_rows
 
@@ -32,13 +33,15 @@ def metrics_table(metrics: Metrics) -> Table:
     return _table({"Value": metrics})
 
 
-def comparison_table(metrics: Mapping[str, Metrics]) -> Table:
+def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Distance] | None = None) -> Table:
     """Metrics of several runs side by side, under their labels.
 
     Parameters
     ----------
     metrics : mapping of str to Metrics
         Each of one person.
+    distances : mapping of str to Distance, optional
+        To the bound of the situation, under the same labels: adds a section.
 
     Returns
     -------
@@ -49,7 +52,20 @@ def comparison_table(metrics: Mapping[str, Metrics]) -> Table:
     ValueError
         If there are none, or some are of many people.
     """
-    return _table(metrics)
+    table = _table(metrics)
+    if distances is not None:
+        from rich.text import Text
+
+        rows = {
+            "Largest deviation": "deviation_mg_dl",
+            "Bound": "bound_mg_dl",
+            "Distance to the bound": "distance_mg_dl",
+        }
+        table.add_section()
+        table.add_row(Text("Bound", "bold"))
+        for name, field in rows.items():
+            table.add_row(*_cells(name, [f"{getattr(distances[label], field):z.2f}" for label in metrics], "mg/dl"))
+    return table
 
 
 def _table(metrics: Mapping[str, Metrics]) -> Table:

@@ -14,6 +14,7 @@ from glucoloop.estimation.unknown_meal.replay import estimate_meals
 N = 30
 
 
+@pytest.mark.long
 def test_it_says_what_the_controller_was_told(two_states):
     controller = design_meal_mpc(two_states, meal_horizon=5, dead_time_samples=2)
     rng = np.random.default_rng(2)

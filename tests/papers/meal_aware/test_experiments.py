@@ -50,6 +50,7 @@ def test_oscillation_is_that_of_the_same_controller_without_noise(loops):
     assert (int(loops.quiet.crossings), int(loops.quiet.turns)) == (int(alone.crossings), int(alone.turns))
 
 
+@pytest.mark.long
 def test_people_are_those_of_a_trial():
     asked = read_asked({"seed": 11, "people": 3})
     told = []

@@ -1,0 +1,17 @@
+"""Bounds: the best that any controller could do for a patient, his meals and a pump, and what noise lets one know."""
+
+from glucoloop.bounds.distance import Distance, bound_of_situation, distance_to_bound
+from glucoloop.bounds.hedging import HedgedDoses, hedged_doses
+from glucoloop.bounds.optimal_doses import IN_ADVANCE, OBJECTIVES, OptimalDoses, optimal_doses
+
+__all__ = [
+    "IN_ADVANCE",
+    "OBJECTIVES",
+    "Distance",
+    "HedgedDoses",
+    "OptimalDoses",
+    "bound_of_situation",
+    "distance_to_bound",
+    "hedged_doses",
+    "optimal_doses",
+]

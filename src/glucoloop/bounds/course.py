@@ -1,0 +1,143 @@
+"""What glucose does under a sequence of doses, and how it changes with each of them.
+
+The patient is carried by the exponential integrator of the simulation, with its own meals, so that a plan that is
+found here does the same in `simulate`. Several meals can be followed: people trail, and here they are the same person
+in several circumstances. They are carried one after the other, so that what is compiled for one serves them all.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.meals import Meal, Scenario, emptying
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.exponential import Exponential, ExponentialPlant
+from glucoloop.simulation.plant import SampleGrid
+
+Values = npt.NDArray[np.float64]
+
+_AT_REST_MG_DL: Final = 1e-6
+_MEALS_TOGETHER: Final = 3  # numbers of meals are multiples of it, since each number is compiled for
+
+
+@dataclass(frozen=True)
+class Course:
+    """A patient at the start of a run, and what reaches him from outside, in one circumstance or several."""
+
+    plant: ExponentialPlant
+    exogenous: Values
+    """(samples, substeps, 3, members) moments of the meals."""
+    state: Values
+    """(states, 1) at the start: at rest."""
+    grid: SampleGrid
+    setpoint_mg_dl: float
+    resting_mU_min: float
+    """Rate at which he rests before the run."""
+
+    @property
+    def samples(self) -> int:
+        """Doses of a plan."""
+        return self.grid.samples
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether he starts at his setpoint."""
+        glucose = self.plant.patient.glucose_mg_dl(jnp.asarray(self.state))
+        return bool(abs(float(glucose[0]) - self.setpoint_mg_dl) <= _AT_REST_MG_DL)
+
+    @property
+    def members(self) -> int:
+        """Circumstances that are followed at once."""
+        return int(self.exogenous.shape[-1])
+
+    def of_members(self, *members: int, samples: int | None = None) -> Course:
+        """Some of the circumstances, over the first samples."""
+        samples = self.samples if samples is None else samples
+        grid = sample_grid(samples * self.grid.sample_time_min, self.grid.sample_time_min)
+        return replace(self, exogenous=self.exogenous[:samples, ..., list(members)], grid=grid)
+
+    def glucose_mg_dl(self, insulin_mU_min: Values) -> Values:
+        """Glucose on the fine grid, ``(points, members)``, under doses ``(samples, members)``."""
+        return np.concatenate(
+            [
+                _glucose(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
+                for member in range(self.members)
+            ],
+            axis=1,
+        )
+
+    def sensitivity(self, insulin_mU_min: Values) -> Values:
+        """Change of each of them with each dose, ``(points, members, samples)``, mg/dl per mU/min."""
+        return np.concatenate(
+            [
+                _sensitivity(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
+                for member in range(self.members)
+            ],
+            axis=1,
+        )
+
+
+def course_of(
+    patient: SemilinearPatient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
+) -> Course:
+    """Course of a scenario with other meals, one list of them for each member.
+
+    Raises
+    ------
+    TypeError
+        For a patient whom the exponential integrator cannot carry.
+    ValueError
+        Where the horizon is not a whole number of samples, or the patient cannot rest at the initial glucose.
+    """
+    grid = sample_grid(scenario.horizon_min, sample_time_min)
+    most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
+    prepared = {}
+    for own in {tuple(own) for own in meals}:
+        padded = [*own, *[None] * (most - len(own))]
+        t_min = np.array([[0.0 if meal is None else meal.t_min] for meal in padded])
+        carbs_g = np.array([[0.0 if meal is None else meal.carbs_g] for meal in padded])
+        prepared[own] = Exponential().prepare(patient, emptying(jnp.asarray(t_min), jnp.asarray(carbs_g)), grid)
+    resting = patient.basal_insulin_mU_min
+    if scenario.initial_glucose_mg_dl is not None:
+        resting = patient.insulin_for(scenario.initial_glucose_mg_dl)
+    setpoint = patient.setpoint_mg_dl if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl
+    return Course(
+        plant=prepared[tuple(meals[0])][0],
+        exogenous=np.concatenate([prepared[tuple(own)][1] for own in meals], axis=-1),
+        state=np.asarray(patient.steady_state(resting))[:, None],
+        grid=grid,
+        setpoint_mg_dl=float(setpoint),
+        resting_mU_min=float(resting),
+    )
+
+
+@jax.jit
+def _glucose(plant: ExponentialPlant, exogenous: jax.Array, state: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+    def one(x: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
+        insulin, outside = entry
+        return plant.advance(x, insulin, outside)
+
+    _, inside = jax.lax.scan(one, state, (insulin_mU_min, exogenous))
+    return jnp.concatenate([plant.patient.glucose_mg_dl(state)[None], inside.reshape(-1, state.shape[1])])
+
+
+@jax.jit
+def _sensitivity(
+    plant: ExponentialPlant, exogenous: jax.Array, state: jax.Array, insulin_mU_min: jax.Array
+) -> jax.Array:
+    def along(direction: jax.Array) -> jax.Array:
+        of_doses = functools.partial(_glucose, plant, exogenous, state)
+        tangent = jnp.broadcast_to(direction[:, None], insulin_mU_min.shape)
+        change: jax.Array = jax.jvp(of_doses, (insulin_mU_min,), (tangent,))[1]
+        return change
+
+    return jax.vmap(along, out_axes=-1)(jnp.eye(insulin_mU_min.shape[0]))

@@ -1,0 +1,211 @@
+"""What noise lets anybody know of a meal, and how close he can then come who prepares for both things it may be.
+
+Two worlds: nobody eats, and the meal begins; or, later, it ends, and it goes on, being a fifth larger. Until the
+readings tell the worlds apart the doses must be the same in both, and from then on everything is given away. Sought are
+the doses that make the largest deviation of the worse world as small as can be: a scenario program. It allows hedging,
+that is to act on what is but likely.
+
+Readings are those of white noise of the standard deviation s. Worlds whose readings differ by d_k are told apart by the
+best test, if both are as likely, with the error ::
+
+    Q(d'/2),   d'^2 = sum_k (d_k / s)^2,   Q the upper tail of the normal distribution
+
+In which sense this is a bound is L. Le Cam's two-point argument: see `hedged_doses`.
+
+References
+----------
+L. Le Cam, Convergence of Estimates under Dimensionality Restrictions, Annals of Statistics 1(1), 1973.
+A. B. Tsybakov, Introduction to Nonparametric Estimation, Springer, 2009, ch. 2 (two hypotheses).
+D. M. Green, J. A. Swets, Signal Detection Theory and Psychophysics, Wiley, 1966 (d').
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.bounds.course import Course, course_of
+from glucoloop.bounds.optimal_doses import OptimalDoses, Plan, check_samples, first_free_sample, told
+from glucoloop.control.tuning import check_sample_time
+from glucoloop.meals import Meal, Scenario
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+Values = npt.NDArray[np.float64]
+
+TOLD_ERRORS: Final = (0.25, 0.05)
+"""Errors at which worlds count as told apart: from the first on some know, from the second on nearly all."""
+LARGER: Final = 1.2
+"""Times as large is the meal that this one could be as well: one that goes on until then, and hardly longer. A much
+larger one may ask for more than the pump can give, and then it is the pump that is seen."""
+_FOLLOWED_MIN: Final = 120.0
+"""After the worlds are told apart; the largest deviation is long past then."""
+
+
+@dataclass(frozen=True)
+class HedgedDoses:
+    """The best doses for two worlds that are told apart at one moment; both are followed for two hours from then on."""
+
+    question: str
+    """What is told late: whether the meal ``begins``, or whether it ``ends``."""
+    error: float
+    """Of the best test, at the moment at which the worlds count as told apart."""
+    told_after_min: float
+    """From the start of the meal until then; infinite if it is not within the run."""
+    deviation_mg_dl: float
+    """Largest deviation from the setpoint, of the worse world: the least that was found."""
+    meal: OptimalDoses
+    """In the world of the meal as it is."""
+    other: OptimalDoses
+    """In the other one: no meal, or the larger one."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the plan is stationary."""
+        return self.meal.converged
+
+
+def hedged_doses(
+    patient: SemilinearPatient,
+    scenario: Scenario,
+    noise_variance: float,
+    pump_limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    errors: Sequence[float] = TOLD_ERRORS,
+    dead_time_min: float = 0.0,
+    sample_time_min: float = 5.0,
+) -> Iterator[HedgedDoses]:
+    """How close anybody could keep a patient whose readings have noise, and who does not announce his meal.
+
+    First for whether the meal begins, then for whether it ends, for each error. Doses before its start are basal.
+
+    Parameters
+    ----------
+    patient : SemilinearPatient
+        One person, who rests at his setpoint until he eats.
+    scenario : Scenario
+        With one meal.
+    noise_variance : float
+        Of white noise on the readings, (mg/dl)^2. Bounds of the noise are left out.
+    pump_limits : DoseLimits
+    errors : sequence of float
+        Each above 0 and below 0.5.
+    dead_time_min : float
+        By which readings are late, rounded to samples.
+    sample_time_min : float
+
+    Returns
+    -------
+    iterator of HedgedDoses
+        Worked out one after the other. For the two worlds there is this bound (Le Cam): doses are one function of the
+        readings in both, so that whoever stays below ``deviation_mg_dl`` has told by his doses which world it is. He
+        fails in the one or the other with probabilities that sum up to at least twice ``error``: nobody is below it in
+        both with a certainty of more than ``1 - error``. It is an estimate all the same: the differences of readings
+        are taken under basal doses, and the minimum is a local one.
+
+    Raises
+    ------
+    ValueError
+        For a scenario without just one meal or off the setpoint, no noise, or a number out of bounds.
+    """
+    check_sample_time(sample_time_min)
+    check_samples(scenario.horizon_min, sample_time_min)
+    check_hedging(scenario, noise_variance, errors)
+    if not 0.0 <= dead_time_min < math.inf:
+        raise ValueError(f"a dead time of {dead_time_min:g} min is not possible; give a finite value, 0 or more")
+    meal = scenario.meals[0]
+    larger = Meal(LARGER * meal.carbs_g, meal.t_min)
+    worlds = course_of(patient, scenario, sample_time_min, [[meal], [], [larger]])
+    if not worlds.at_rest:
+        raise ValueError(
+            "the patient does not rest at his setpoint, so that insulin changes before the meal is known; "
+            "leave out the other setpoint or initial glucose"
+        )
+    basal = np.clip(worlds.resting_mU_min, float(pump_limits.min_mU_min), float(pump_limits.max_mU_min))
+    late = round(dead_time_min / sample_time_min)
+    readings = worlds.glucose_mg_dl(np.full((worlds.samples, 3), basal))[: -1 : worlds.grid.inside_min.size]
+
+    def both_questions() -> Iterator[HedgedDoses]:
+        for question, number in (("begins", 1), ("ends", 2)):
+            difference = readings[:, 0] - readings[:, number]
+            apart = [min(told_apart(difference, noise_variance, error) + late, worlds.samples) for error in errors]
+            # One length for all errors, so that what is compiled serves them all.
+            followed = min(max(apart) + math.ceil(_FOLLOWED_MIN / sample_time_min), worlds.samples)
+            both = worlds.of_members(0, number, samples=followed)
+            for error, sample in zip(errors, apart, strict=True):
+                yield _hedged(both, scenario, pump_limits, question, error, sample, float(basal))
+
+    return both_questions()
+
+
+def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[float]) -> None:
+    """Refuse what hedging cannot be worked out for.
+
+    Raises
+    ------
+    ValueError
+        For a scenario without just one meal, no noise, or an error out of bounds.
+    """
+    if len(scenario.meals) != 1:
+        raise ValueError(
+            f"what noise lets one know is worked out for one meal, and the scenario has {len(scenario.meals)}; give one"
+        )
+    if not 0.0 < noise_variance < math.inf:
+        raise ValueError(
+            f"readings with a noise variance of {noise_variance:g} tell a meal at once, or never; "
+            "give a finite value above 0"
+        )
+    for error in errors:
+        if not 0.0 < error < 0.5:
+            raise ValueError(f"an error of {error:g} is not possible; give more than 0, below 0.5")
+
+
+def told_apart(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
+    """The first sample whose reading brings the best test of two worlds to an error; their number if none does.
+
+    Parameters
+    ----------
+    difference_mg_dl : (samples,) array
+        Of the readings of the two, without noise.
+    noise_variance : float
+    error : float
+        Probability of the wrong answer, where both worlds are as likely.
+    """
+    needed = -2.0 * NormalDist().inv_cdf(error)
+    return int(np.searchsorted(np.cumsum(difference_mg_dl**2) / noise_variance, needed**2))
+
+
+def _hedged(
+    both: Course, scenario: Scenario, limits: DoseLimits, question: str, error: float, apart: int, basal: float
+) -> HedgedDoses:
+    meal = scenario.meals[0]
+    plan = Plan.of_several(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
+    minimum = plan.least(np.full(both.samples, basal), "deviation")
+    calm = plan.calm(minimum, "deviation")
+    told_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf
+    in_worlds = [
+        told(
+            both.of_members(member),
+            scenario,
+            plan.doses(calm.v)[:, member],
+            minimum,
+            minimum.iterations + calm.iterations,
+            float(told_after_min),
+            "deviation",
+        )
+        for member in range(2)
+    ]
+    return HedgedDoses(
+        question=question,
+        error=error,
+        told_after_min=float(told_after_min),
+        deviation_mg_dl=minimum.value,
+        meal=in_worlds[0],
+        other=in_worlds[1],
+    )

@@ -1,0 +1,384 @@
+"""The best doses that there are for a patient, his meals and a pump, by optimal control on the nonlinear patient.
+
+A direct method, single shooting: the rates at the samples are what is sought, the simulation is carried along, and the
+limits of the pump are linear constraints. A first minimisation finds how small the deviation can be. Many plans come
+as close; a second takes the one with the least sum of squared moves and squared deviations at the samples, in mU/min
+and mg/dl, so that there is one plan, and a sane one: moves alone would be least if glucose stayed at the edge.
+
+References
+----------
+J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, SIAM, 2010.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jax.typing import ArrayLike
+
+from glucoloop.bounds.course import Course, course_of
+from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
+from glucoloop.control.tuning import check_sample_time
+from glucoloop.meals import Meal, Scenario
+from glucoloop.metrics import regulation
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+Values = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+OBJECTIVES: Final = {
+    "deviation": "the largest deviation from the setpoint, to either side",
+    "undershoot": "the undershoot, and the peak with a hundredth of its weight",
+    "peak": "the peak, and the undershoot with a hundredth of its weight",
+    "sse": "the sum of squared deviations over samples, those below the setpoint weighted",
+}
+"""What a plan can make as small as can be."""
+IN_ADVANCE: Final = -math.inf
+"""As `known_after_min`: all meals are known from the start."""
+MOST_SAMPLES: Final = 600
+"""A plan of so many doses takes minutes."""
+
+TOLERANCE_MG_DL: Final = 1e-4
+_LESS_WEIGHT: Final = 0.01
+_STATIONARY_MG_DL: Final = 2e-3
+_STATIONARY_SHARE: Final = 5e-3
+_SLACK_MG_DL: Final = 1e-3
+_SLACK_SHARE: Final = 1e-3
+_CALM: Final = 1e-5  # weight of squares in the second minimisation, beside 1 for each mg/dl beyond the best
+
+
+@dataclass(frozen=True)
+class OptimalDoses:
+    """The best doses found, and what they do; NumPy arrays of one person."""
+
+    t_min: Values
+    """(samples,)"""
+    insulin_mU_min: Values
+    """(samples,) from each sample to the next, within the limits of the pump."""
+    fine_t_min: Values
+    """(points,) a grid of one minute, from 0 to the horizon."""
+    glucose_mg_dl: Values
+    """(points,) on it."""
+    setpoint_mg_dl: float
+    basal_insulin_mU_min: float
+    """Rate at which he rests before the run."""
+    known_after_min: float
+    objective: str
+    bound: float
+    """Least value of the objective that was found, mg/dl, or (mg/dl)^2 for ``sse``."""
+    deviation_mg_dl: float
+    """Largest deviation from the setpoint under this plan; the second minimisation may have raised it by a thousandth
+    and 0.001 mg/dl."""
+    undershoot_mg_dl: float
+    """Setpoint less least glucose."""
+    peak_mg_dl: float
+    settling_min: float
+    """From the first meal until glucose is within 2 % of the setpoint for good."""
+    settled: bool
+    converged: bool
+    """Whether the plan is stationary: `optimality` is at most 0.002 mg/dl or half a percent of `bound`."""
+    iterations: int
+    optimality: float
+    """By how much a linear program foretells that the objective could fall if every dose were changed by up to
+    1 mU/min; in its unit."""
+
+    def within(self, limits: DoseLimits, slack_mU_min: float = 1e-9) -> bool:
+        """Whether the plan keeps the limits of a pump that rested at the rate of the patient."""
+        before = np.concatenate([[_allowed(self.basal_insulin_mU_min, limits)], self.insulin_mU_min[:-1]])
+        return bool(np.all(limits.allow(jnp.asarray(self.insulin_mU_min), jnp.asarray(before), slack_mU_min)))
+
+
+def optimal_doses(
+    patient: SemilinearPatient,
+    scenario: Scenario | None = None,
+    pump_limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    known_after_min: float = 0.0,
+    objective: str = "deviation",
+    undershoot_weight: float = 1.0,
+    sample_time_min: float = 5.0,
+    start_mU_min: ArrayLike | None = None,
+) -> OptimalDoses:
+    """Doses that keep a patient as close to his setpoint as anything could that a controller may do.
+
+    With glucose deviations ``e_k`` on a grid of one minute, ``deviation`` solves ::
+
+        minimise  max_k |e_k(u)|   over the doses u_i,   |u_i - u_{i-1}| <= most,   low <= u_i <= high
+
+    where a dose that is given before a meal is known is that of the plan without it: without earlier meals, the basal
+    rate.
+
+    Parameters
+    ----------
+    patient : SemilinearPatient
+        One person.
+    scenario : Scenario, optional
+        The 50 g oral glucose test by default. The patient starts at rest. Whether meals are announced does not matter.
+    pump_limits : DoseLimits
+    known_after_min : float
+        When each meal becomes known, with its size, counted from its start: 0 is perfect information from its first
+        minute, a negative value is knowledge in advance, and `IN_ADVANCE` from the start of the run. What is known is
+        acted on at the next sample. Delays of readings and of action add up here.
+    objective : str
+        One of `OBJECTIVES`.
+    undershoot_weight : float
+        For ``sse``, of the squares below the setpoint.
+    sample_time_min : float
+    start_mU_min : (samples,) array, optional
+        Where the search begins; at the basal rate by default. It is brought within the limits.
+
+    Returns
+    -------
+    OptimalDoses
+        A local minimum; different starts came to the same one wherever that was tried. With several meals the doses
+        are the best for what is known at each moment: a controller that bets on a meal to come could do better.
+
+    Raises
+    ------
+    ValueError
+        For an unknown objective, a weight that is not positive, a sample time or horizon out of bounds, or a patient
+        who cannot rest at the initial glucose.
+    TypeError
+        For a patient whom the exponential integrator cannot carry.
+    """
+    scenario = Scenario() if scenario is None else scenario
+    check_objective(objective, undershoot_weight)
+    check_sample_time(sample_time_min)
+    check_known_after(known_after_min)
+    check_samples(scenario.horizon_min, sample_time_min)
+    fasting = course_of(patient, scenario, sample_time_min, [()])
+    doses = np.full(fasting.samples, _allowed(fasting.resting_mU_min, pump_limits))
+    minimum, iterations, known = None, 0, fasting
+    for meals, first in _stages(scenario, fasting, known_after_min):
+        known = course_of(patient, scenario, sample_time_min, [meals])
+        start = doses if start_mU_min is None else np.concatenate([doses[:first], np.asarray(start_mU_min)[first:]])
+        plan = Plan.of_one(known, pump_limits, first)
+        minimum = plan.least(start, objective, undershoot_weight)
+        calm = plan.calm(minimum, objective)
+        doses = plan.doses(calm.v)[:, 0]
+        iterations += minimum.iterations + calm.iterations
+    if minimum is None:  # nothing is eaten
+        minimum = Plan.of_one(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
+    eaten = course_of(patient, scenario, sample_time_min, [scenario.meals])
+    return told(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
+
+
+def check_objective(objective: str, undershoot_weight: float) -> None:
+    """Refuse what is no objective.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or a weight that is not positive.
+    """
+    if objective not in OBJECTIVES:
+        raise ValueError(f"unknown objective {objective!r}; the known ones are: {', '.join(OBJECTIVES)}")
+    if not 0.0 < undershoot_weight < math.inf:
+        raise ValueError(f"a weight of {undershoot_weight:g} is not possible; give a finite value above 0")
+
+
+def check_known_after(known_after_min: float) -> None:
+    """Refuse what is no time.
+
+    Raises
+    ------
+    ValueError
+        For a value that is not a number, or infinite.
+    """
+    if math.isnan(known_after_min) or known_after_min == math.inf:
+        raise ValueError(
+            f"meals that are known after {known_after_min:g} min are not possible; give a finite number of minutes"
+        )
+
+
+def check_samples(horizon_min: float, sample_time_min: float) -> None:
+    """Refuse a run that is too long for one plan.
+
+    Raises
+    ------
+    ValueError
+        For more than `MOST_SAMPLES` samples.
+    """
+    if horizon_min / sample_time_min > MOST_SAMPLES:
+        raise ValueError(
+            f"a plan of {horizon_min / sample_time_min:.0f} doses is too long; at samples of {sample_time_min:g} min "
+            f"give a horizon of at most {MOST_SAMPLES * sample_time_min:g} min"
+        )
+
+
+def first_free_sample(t_min: Values, known_at_min: float) -> int:
+    """The first sample at which something can be done about what becomes known then."""
+    return int(np.searchsorted(t_min, known_at_min - 1e-9))
+
+
+def _stages(scenario: Scenario, course: Course, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
+    """The meals known at each stage, and the first dose that may reckon with them; if none is left, all are given."""
+    stages: dict[int, tuple[Meal, ...]] = {}
+    if not course.at_rest:
+        stages[0] = ()
+    for number, meal in enumerate(scenario.meals, start=1):
+        first = first_free_sample(course.grid.t_min, max(0.0, meal.t_min + known_after_min))
+        stages[first] = scenario.meals[:number]
+    return [(meals, first) for first, meals in stages.items()]
+
+
+def _allowed(resting_mU_min: float, limits: DoseLimits) -> float:
+    """As a pump begins that has long delivered a rate."""
+    return float(np.clip(resting_mU_min, float(limits.min_mU_min), float(limits.max_mU_min)))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Doses of one circumstance or several, as one vector within the limits of a pump."""
+
+    course: Course
+    limits: Limits
+    place: Indices
+    """(samples, members) where in the vector each dose stands; circumstances share doses until they are told apart."""
+
+    @classmethod
+    def of_one(cls, course: Course, limits: DoseLimits, first: int) -> Plan:
+        """A plan whose doses before a sample are what they are."""
+        return cls.of_several(course, limits, first, course.samples)
+
+    @classmethod
+    def of_several(cls, course: Course, limits: DoseLimits, first: int, apart: int) -> Plan:
+        """Circumstances whose doses are given before the sample `first`, and the same before the sample `apart`."""
+        n, members = course.samples, course.members
+        place = np.arange(n * members).reshape(n, members)
+        place[:apart] = place[:apart, :1]
+        place = np.unique(place, return_inverse=True)[1].reshape(n, members)
+        # As many wherever they are told apart, since each number is compiled for; the rest stands still.
+        size = n + (members - 1) * (n - min(first, apart))
+        free = np.zeros(size, bool)
+        free[place[first:]] = True
+        D, d = np.zeros((size, size)), np.zeros(size)
+        for now, before in zip(place[1:].ravel(), place[:-1].ravel(), strict=True):
+            if free[now]:
+                D[now, now], D[now, before] = 1.0, -1.0
+        if free[0]:
+            D[0, 0], d[0] = 1.0, _allowed(course.resting_mU_min, limits)
+        within = Limits(
+            low=float(limits.min_mU_min),
+            high=float(limits.max_mU_min),
+            most=float(limits.max_change_mU_min),
+            D=D,
+            d=d,
+            free=free,
+        )
+        return cls(course=course, limits=within, place=place)
+
+    def vector(self, doses: Values) -> Values:
+        """The vector of doses ``(samples,)`` of all members alike, within the limits."""
+        v = np.zeros(self.limits.free.size)
+        v[self.place] = self._clipped(doses)[:, None]
+        return v
+
+    def doses(self, v: Values) -> Values:
+        """Doses of each member, ``(samples, members)``."""
+        return np.asarray(v)[self.place]
+
+    def _clipped(self, doses: Values) -> Values:
+        limits, clipped = self.limits, np.array(doses, float)
+        before = np.clip(self.course.resting_mU_min, limits.low, limits.high)
+        for i in range(clipped.shape[0]):
+            near = np.clip(clipped[i], before - limits.most, before + limits.most)
+            clipped[i] = before = np.clip(near, limits.low, limits.high)
+        return clipped
+
+    def deviation(self, v: Values) -> Values:
+        """Of all members from the setpoint, one after the other."""
+        return (self.course.glucose_mg_dl(self.doses(v)) - self.course.setpoint_mg_dl).T.ravel()
+
+    def jacobian(self, v: Values) -> Values:
+        """Derivative of the deviations, ``(points * members, samples * members)``."""
+        by_member = self.course.sensitivity(self.doses(v))
+        points, members, _ = by_member.shape
+        J = np.zeros((members * points, v.size))
+        for member in range(members):
+            # Where members share a dose, each answers it on rows of its own.
+            J[member * points : (member + 1) * points, self.place[:, member]] = by_member[:, member]
+        return J
+
+    def least(self, start: Values, objective: str, undershoot_weight: float = 1.0) -> Minimum:
+        """The minimum of an objective."""
+        measure = self._measure(objective, undershoot_weight)
+        v = self.vector(start)
+        tolerance = TOLERANCE_MG_DL
+        if measure.weight is not None:
+            tolerance *= max(1.0, 1e-4 * measure.value(self.deviation(v), np.zeros(1)))
+        found = self._minimise(measure, v, tolerance)
+        # moves count only to make the plan unique
+        return replace(found, value=measure.value(found.g, np.zeros(1)))
+
+    def calm(self, found: Minimum, objective: str) -> Minimum:
+        """Of all plans that come nearly as close as a minimum, the one with the least squares."""
+        measure = self._measure(objective, 1.0)
+        if measure.weight is not None:  # there is but one
+            return found
+        low, high = measure.excess(found.g)
+        if measure.joint:
+            high = low
+        caps = (low + _SLACK_SHARE * low + _SLACK_MG_DL, high + _SLACK_SHARE * high + _SLACK_MG_DL)
+        calm = Measure(cost=(1.0, 1.0), cap_mg_dl=caps, weight=_CALM * self._at_samples(), moves=_CALM)
+        return self._minimise(calm, found.v, TOLERANCE_MG_DL / 10.0)
+
+    def _measure(self, objective: str, undershoot_weight: float) -> Measure:
+        if objective == "deviation":
+            return Measure(cost=(1.0, 1.0), joint=True)
+        if objective == "undershoot":
+            return Measure(cost=(1.0, _LESS_WEIGHT))
+        if objective == "peak":
+            return Measure(cost=(_LESS_WEIGHT, 1.0))
+        return Measure(weight=2.0 * self._at_samples(), below=undershoot_weight, moves=1e-6)
+
+    def _at_samples(self) -> Values:
+        """1 for each point that is a sample, 0 for those between, of all members."""
+        weight = np.zeros(self.course.grid.fine_t_min.size)
+        weight[: -1 : self.course.grid.inside_min.size] = 1.0
+        return np.tile(weight, self.course.members)
+
+    def _minimise(self, measure: Measure, v: Values, tolerance: float) -> Minimum:
+        return minimise(self.deviation, self.jacobian, measure, self.limits, v, tolerance=tolerance)
+
+
+def told(
+    course: Course,
+    scenario: Scenario,
+    doses: Values,
+    minimum: Minimum,
+    iterations: int,
+    known_after_min: float,
+    objective: str,
+) -> OptimalDoses:
+    """What a plan does, in numbers."""
+    glucose = course.glucose_mg_dl(doses[:, None])[:, 0]
+    t_min, setpoint = course.grid.fine_t_min, course.setpoint_mg_dl
+    from_min = scenario.meals[0].t_min if scenario.meals else 0.0
+    settling = regulation.settling(t_min, glucose, setpoint, band_pct=2.0, from_min=from_min)
+    stationary = max(_STATIONARY_MG_DL, _STATIONARY_SHARE * minimum.value)
+    return OptimalDoses(
+        t_min=course.grid.t_min,
+        insulin_mU_min=doses,
+        fine_t_min=t_min,
+        glucose_mg_dl=glucose,
+        setpoint_mg_dl=setpoint,
+        basal_insulin_mU_min=course.resting_mU_min,
+        known_after_min=known_after_min,
+        objective=objective,
+        bound=minimum.value,
+        deviation_mg_dl=float(np.abs(glucose - setpoint).max()),
+        undershoot_mg_dl=float(setpoint - glucose.min()),
+        peak_mg_dl=float(glucose.max()),
+        settling_min=float(settling.settling_min),
+        settled=bool(settling.settled),
+        converged=minimum.optimality <= stationary,
+        iterations=iterations,
+        optimality=minimum.optimality,
+    )

@@ -1,0 +1,198 @@
+"""Bounds that were asked for, worked out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
+from glucoloop.config.bound import BoundConfig, bound_keys
+from glucoloop.config.run import Situation
+from glucoloop.meals import Scenario
+from glucoloop.patients import patient
+from glucoloop.pumps import DoseLimits, dose_limits
+
+_ARRAYS = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
+_BEGINS = "told from noise that it begins"
+_ENDS = "told from noise that it ends"
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Plans by what is known, and those for what noise lets one know."""
+
+    config: BoundConfig
+    plans: dict[str, OptimalDoses]
+    hedged: dict[str, HedgedDoses]
+    limits: DoseLimits
+
+    def report(self) -> dict[str, Any]:
+        """Plain values for JSON, which knows neither NaN nor infinity."""
+        plans = []
+        for label, plan in self.plans.items():
+            told = {key: value for key, value in dataclasses.asdict(plan).items() if key not in _ARRAYS}
+            plans.append({"information": label, **{key: _plain(value) for key, value in told.items()}})
+        hedged = [
+            {
+                "information": label,
+                "error": of.error,
+                "told_after_min": _plain(of.told_after_min),
+                "deviation_mg_dl": of.deviation_mg_dl,
+                "undershoot_mg_dl": of.meal.undershoot_mg_dl,
+                "peak_mg_dl": of.meal.peak_mg_dl,
+                "other_undershoot_mg_dl": of.other.undershoot_mg_dl,
+                "other_peak_mg_dl": of.other.peak_mg_dl,
+                "converged": of.converged,
+                "iterations": of.meal.iterations,
+                "optimality": of.meal.optimality,
+            }
+            for label, of in self.hedged.items()
+        ]
+        return {"config": bound_keys(self.config), "bounds": plans, "hedged": hedged}
+
+    def notes(self) -> Iterator[str]:
+        """What else is worth knowing; one sentence each."""
+        for label, plan in {**self.plans, **{label: of.meal for label, of in self.hedged.items()}}.items():
+            if not plan.converged:
+                yield (
+                    f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
+                    f"{plan.optimality:.2g} more, so this is no bound."
+                )
+        if self.config.dead_time_min and self.plans:
+            yield f"Readings are {self.config.dead_time_min:g} min late: what is known is known so much later."
+        if len(self.config.meals) > 1:
+            yield "Each meal is known only after it begins; who bets on a meal to come could do better."
+        if self.hedged:
+            yield (
+                "Told from noise: two worlds, this meal and none, or this meal and one a fifth larger, with the same "
+                "doses until they can be told apart with the error that stands there. The largest deviation is that of "
+                "the worse world; undershoot and peak are those of this meal."
+            )
+        elif self.config.noise_variance > 0.0:
+            yield (
+                "What noise lets one know is left out here: it is worked out for one meal, at rest at the setpoint, "
+                "and the objective deviation."
+            )
+
+    def samples(self) -> pl.DataFrame:
+        """Doses of the plans."""
+        return _stacked(self._all(), "t_min", "insulin_mU_min")
+
+    def minutes(self) -> pl.DataFrame:
+        """Glucose under them."""
+        return _stacked(self._all(), "fine_t_min", "glucose_mg_dl")
+
+    def _all(self) -> dict[tuple[str, str], OptimalDoses]:
+        """By information and world."""
+        plans = {(label, "meal"): plan for label, plan in self.plans.items()}
+        for label, of in self.hedged.items():
+            plans[label, "meal"] = of.meal
+            plans[label, "no meal" if of.question == "begins" else "larger meal"] = of.other
+        return plans
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _stacked(plans: dict[tuple[str, str], OptimalDoses], time: str, what: str) -> pl.DataFrame:
+    tables = [
+        pl.DataFrame({"t_min": getattr(plan, time), what: getattr(plan, what)}).select(
+            pl.lit(label).alias("information"), pl.lit(world).alias("world"), pl.all()
+        )
+        for (label, world), plan in plans.items()
+    ]
+    return pl.concat(tables)
+
+
+def information_label(known_after_min: float) -> str:
+    """What somebody knows, in words."""
+    if known_after_min == IN_ADVANCE:
+        return "all known in advance"
+    if known_after_min == 0.0:
+        return "known from its start"
+    return f"known {abs(known_after_min):g} min {'after' if known_after_min > 0.0 else 'before'} its start"
+
+
+def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
+    """Every plan that was asked for, and those for what noise lets one know.
+
+    Raises
+    ------
+    ValueError
+        For a situation that is not possible, in one sentence.
+    """
+    person = patient(asked.operating_point)
+    limits = dose_limits(
+        max_change_mU_min=asked.max_change_mU_min,
+        min_mU_min=asked.min_insulin_mU_min,
+        max_mU_min=asked.max_insulin_mU_min,
+    )
+    scenario = Scenario(
+        asked.eaten(),
+        asked.duration_min,
+        setpoint_mg_dl=asked.setpoint_mg_dl,
+        initial_glucose_mg_dl=asked.initial_glucose_mg_dl,
+    )
+    plans = {}
+    for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
+        label = information_label(known_after_min)
+        plans[label] = optimal_doses(
+            person,
+            scenario,
+            limits,
+            known_after_min=known_after_min + asked.dead_time_min,
+            objective=asked.objective,
+            undershoot_weight=asked.undershoot_weight,
+            sample_time_min=asked.sample_time_min,
+        )
+        done(label)
+    hedged: dict[str, HedgedDoses] = {}
+    if asked.hedged:
+        found = hedged_doses(
+            person,
+            scenario,
+            asked.noise_variance,
+            limits,
+            dead_time_min=asked.dead_time_min,
+            sample_time_min=asked.sample_time_min,
+        )
+        for of in found:
+            label = f"{_BEGINS if of.question == 'begins' else _ENDS}, error {of.error:.0%}"
+            hedged[label] = of
+            done(label)
+    return Bounded(config=asked, plans=plans, hedged=hedged, limits=limits)
+
+
+def bound_of_run(situation: Situation) -> OptimalDoses:
+    """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump.
+
+    Raises
+    ------
+    ValueError
+        For a situation that is not possible, or too long for a plan.
+    """
+    limits = dose_limits(
+        max_change_mU_min=situation.max_change_mU_min,
+        min_mU_min=situation.min_insulin_mU_min,
+        max_mU_min=situation.max_insulin_mU_min,
+    )
+    scenario = Scenario(
+        situation.eaten(),
+        situation.duration_min,
+        setpoint_mg_dl=situation.setpoint_mg_dl,
+        initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
+        announced=situation.announce_meals,
+    )
+    return bound_of_situation(
+        patient(situation.operating_point),
+        scenario,
+        limits,
+        dead_time_min=situation.dead_time_min,
+        sample_time_min=situation.sample_time_min,
+    )

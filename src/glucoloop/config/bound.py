@@ -1,0 +1,82 @@
+"""A bound that is asked for: the situation, and what is to be known of its meals, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, Field
+
+from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.config.run import STRICT, Glucose, Infusion, Minutes, SampleTime, Variance, checked
+from glucoloop.config.run import whole_samples as whole_dead_time
+from glucoloop.meals import Meal
+from glucoloop.trials import catalogue
+
+_MOST_KNOWN: Final = 20
+
+
+class BoundConfig(BaseModel):
+    """A situation as of a run, without a controller, and what is known in it."""
+
+    model_config = STRICT
+
+    operating_point: str = "setpoint-81"
+    setpoint_mg_dl: Glucose | None = None
+    initial_glucose_mg_dl: Glucose | None = None
+    meals: tuple[str, ...] = ("50g@50min",)
+    noise_variance: Variance = 0.0
+    dead_time_min: Minutes = 0.0
+    max_change_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 16.7
+    min_insulin_mU_min: Infusion = 0.0
+    max_insulin_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 66.9
+    duration_min: Annotated[float, Field(gt=0.0, le=7200.0)] = 600.0
+    sample_time_min: SampleTime = 5.0
+    objective: Literal["deviation", "undershoot", "peak", "sse"] = "deviation"
+    undershoot_weight: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
+    """Of squares below the setpoint, for ``sse``."""
+    known_after_min: Annotated[tuple[float, ...], Field(max_length=_MOST_KNOWN)] = (0.0, 10.0)
+    """From the start of a meal until it is known, dead time not counted; negative: in advance."""
+    in_advance: bool = False
+    """Whether there is a plan for somebody who knows all meals from the start, too."""
+
+    @property
+    def hedged(self) -> bool:
+        """Whether it is worked out what noise lets one know: of one meal at rest, for the largest deviation."""
+        elsewhere = self.setpoint_mg_dl is not None or self.initial_glucose_mg_dl is not None
+        return self.noise_variance > 0.0 and len(self.meals) == 1 and not elsewhere and self.objective == "deviation"
+
+    def eaten(self) -> tuple[Meal, ...]:
+        """The meals."""
+        return tuple(parse_meal(text) for text in self.meals)
+
+
+def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> BoundConfig:
+    """Bound from flat keys.
+
+    Parameters
+    ----------
+    keys : mapping
+    names : mapping, optional
+        What a key is called where it was given; for messages.
+
+    Raises
+    ------
+    ValueError
+        For an unknown key, a value of the wrong type or out of bounds, or nothing asked for.
+    """
+    known = list(BoundConfig.model_fields)
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, known)}")
+    asked = checked(BoundConfig, keys, names)
+    asked = asked.model_copy(update={"meals": tuple(meal_text(meal) for meal in asked.eaten())})
+    whole_dead_time(asked.dead_time_min, asked.sample_time_min)
+    if not asked.known_after_min and not asked.in_advance and not asked.hedged:
+        raise ValueError("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
+    return asked
+
+
+def bound_keys(asked: BoundConfig) -> dict[str, Any]:
+    """The flat keys from which the same bound is read."""
+    return asked.model_dump(mode="json")
