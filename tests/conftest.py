@@ -3,6 +3,7 @@
 import os
 import tempfile
 from math import exp, tanh
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +35,15 @@ def pytest_configure(config):
     jax.config.update("jax_compilation_cache_dir", os.environ[CACHE])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def room_for_programs():
+    """Each program that JAX holds takes places in the process's memory map, of which Linux allows 65 530."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and len(maps.read_bytes().splitlines()) > 20_000:
+        jax.clear_caches()
 
 
 settings.register_profile("glucoloop", deadline=None, derandomize=True)

@@ -23,6 +23,7 @@ def test_case_is_the_run_of_the_same_options(glucoloop):
     assert cases["cases"]["b"]["config"]["output_weight"] == 4.0
 
 
+@pytest.mark.long
 def test_folder_repeats_the_comparison(glucoloop, tmp_path):
     assert glucoloop("identify", "--noise", 1, "--out", "model").code == 0
     arguments = ("--case", "mpc", "--case", "given: model=model/model.json, known_dead_time=true", "--dead-time", 5)

@@ -146,6 +146,7 @@ def nonlinear(imagined, **settings):
     return design_nlqdmc_se(imagined, np.repeat([0.9, 0.01, 0.005], [8, 9, 2]), StateTuning(2, 5), **settings)
 
 
+@pytest.mark.long
 def test_the_nonlinear_controller_keeps_a_floor(imagined):
     observation, doses = observe(81.1, BASAL, 77.0), []
     for floor in (0.0, 1.0, 79.0):

@@ -58,6 +58,7 @@ def test_table_i(point, undershoot, settling, patient_81, patient_22, undershoot
     assert found[1] == pytest.approx(settling, abs=12)
 
 
+@pytest.mark.long
 def test_told_of_another_basal_rate_it_doses_as_much_above_that(controller):
     doses = []
     for one, basal in ((controller, BASAL), (controller.with_basal(jnp.asarray(BASAL + 6.0)), BASAL + 6.0)):

@@ -63,6 +63,7 @@ def assert_no_worse(H, f, moves, truth):
 
 @settings(deadline=None, max_examples=100)
 @given(programs(), st.sampled_from([1.0, 16.7]))
+@pytest.mark.long
 def test_rate_limits_alone_agree_with_bounded_least_squares(program, max_move):
     H, f, stacked, right, _ = program
     truth = scipy.optimize.lsq_linear(stacked, right, (-max_move, max_move), method="bvls", tol=1e-15, max_iter=500)

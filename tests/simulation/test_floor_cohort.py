@@ -58,6 +58,7 @@ def run(patient_81):
     return of
 
 
+@pytest.mark.long
 def test_native_code_keeps_a_floor_as_jax_does(run):
     native, xla = (run(engine, glucose_floor_mg_dl=72.0) for engine in ("native", "xla"))
     np.testing.assert_allclose(native.insulin_mU_min, xla.insulin_mU_min, rtol=0.0, atol=1e-9)

@@ -37,6 +37,7 @@ def dask(*arguments, log):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
+@pytest.mark.long
 def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
     trial = make_trial(controllers=["basal"], people=12, shard_people=1, traces=2)
     place = tmp_path / "scheduler.json"

@@ -327,6 +327,7 @@ def closed():
         yield lambda **given: run_campaign(Campaign(seed=5, controllers=("basal",), **given))
 
 
+@pytest.mark.long
 def test_a_rogue_is_found_and_a_guard_makes_an_honest_controller_of_it(closed):
     result = closed(loops=600)
     bare, guarded = result.arms
@@ -399,7 +400,8 @@ def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
     assert sum(pairs.values()) >= 50_000
     assert 2 * sum(pairs.values()) < 100_020
     assert pairs["nlqdmc-se"] * 20 == pytest.approx(pairs["mpc"], abs=20)
-    assert len({count for name, count in pairs.items() if name != "nlqdmc-se"}) == 1
+    assert pairs["meal-mpc"] == pairs["nlqdmc-se"]
+    assert len({count for name, count in pairs.items() if name not in ("nlqdmc-se", "meal-mpc")}) == 1
     assert Campaign(loops=1, controllers=("nlqdmc-se",)).pairs() == {"nlqdmc-se": 1}
 
 

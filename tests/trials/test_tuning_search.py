@@ -55,6 +55,7 @@ def test_padded_mpc_se_decides_as_before(patient_81, constraints):
     traces_agree(simulate(patient_81, controller), simulate(patient_81, padded(controller, 2, 14)))
 
 
+@pytest.mark.long
 def test_padded_nlqdmc_decides_as_before(patient_81):
     tuning = StateTuning(3, 5, 2.0, 0.5, 0.57)
     controller = design_nlqdmc_se(nonlinear_model(patient_81), Q, tuning)
@@ -108,6 +109,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
 
 
 @pytest.mark.parametrize(("name", "tuning"), [("mpc-se", PAPER.mpc_se), ("nlqdmc-se", PAPER.nlqdmc_se)])
+@pytest.mark.long
 def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_81, name, tuning):
     other = dataclasses.replace(tuning, reference_filter=0.3, prediction_horizon=9)
     surface = search(patient_81, name, [tuning, other], scenario=SHORT)
@@ -224,6 +226,7 @@ def test_columns_are_a_table():
     assert tuning_text(StateTuning(2, 5, 1.0, 0.0, 0.57)) == "(2, 5, 1, 0, 0.57)"
 
 
+@pytest.mark.long
 def test_printed_tuning_of_linear_mpc_is_not_the_least_sum_of_squares(patient_81, identified_81):
     """More moves keep lowering the sum, and the printed tuning stands far from the best that does not ring."""
     rank = paper_tuning_rank(patient_81, "setpoint-81", "mpc", model=identified_81.model)

@@ -33,6 +33,7 @@ def _run(seed, **other):
     return close_the_loop(read_run({**DEAD_TIME.of("mpc", seed), **other}))
 
 
+@pytest.mark.long
 def test_a_seed_is_the_run_of_that_seed(loops, told):
     assert loops.run.tolist() == [11, 12]
     one = _run(12)
