@@ -37,12 +37,36 @@ def pytest_configure(config):
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
+LONG = {
+    "cli": ("test_stress", "test_tune"),
+    "bounds": ("test_hedging",),
+    "invariants": ("test_faults",),
+    "meal_aware": ("test_experiments",),
+    "optimize": ("test_moves_qp", "test_soft_floor"),
+    "storage": ("test_trial_cluster",),
+    "trials": (
+        "test_campaign",
+        "test_individual_meal_mpc",
+        "test_robust_loop",
+        "test_tuning_oscillation",
+        "test_tuning_search",
+    ),
+}
+"""Modules all of whose tests are `long`, by their folder."""
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.path.stem in LONG.get(item.path.parent.name, ()):
+            item.add_marker(pytest.mark.long)
+
+
 @pytest.fixture(autouse=True, scope="module")
 def room_for_programs():
     """Each program that JAX holds takes places in the process's memory map, of which Linux allows 65 530."""
     yield
     maps = Path("/proc/self/maps")
-    if maps.exists() and len(maps.read_bytes().splitlines()) > 20_000:
+    if maps.exists() and len(maps.read_bytes().splitlines()) > 40_000:
         jax.clear_caches()
 
 
