@@ -1,0 +1,161 @@
+"""Values that are possible but hardly meant: most are numbers in another unit.
+
+A bound says what cannot be and is refused whatever is said. A plausible range is narrower: a value outside it is asked
+about in an error that names the unit it looks like, and is taken by those who confirm that they mean it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from glucoloop.units import MG_DL_PER_MMOL_L, MG_PER_G, MIN_PER_H, MU_PER_U, PMOL_PER_U
+
+CONFIRM_OPTION: Final = "add --allow-unusual"
+"""How a value is confirmed on the command line."""
+CONFIRM_KEY: Final = "add allow_unusual = true"
+"""How it is confirmed in a configuration file."""
+CONFIRM_ARGUMENT: Final = "pass allow_unusual=True"
+"""How it is confirmed in Python."""
+
+
+@dataclass(frozen=True)
+class OtherUnit:
+    """A unit in which a quantity is often given by mistake."""
+
+    name: str
+    factor: float
+    """Multiply a number in this unit by it to get the quantity's own unit."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is measured, its unit here, and between which bounds people mean it.
+
+    Raises
+    ------
+    ValueError
+        Unless ``least < most``.
+    """
+
+    name: str
+    unit: str
+    least: float
+    most: float
+    others: tuple[OtherUnit, ...] = ()
+    """The likeliest first."""
+    zero: bool = False
+    """Whether 0 is meant too, as a noise or a dead time of 0 is."""
+    reason: str = ""
+    """Why the range is what it is, where that is not plain from the name: a part of a sentence."""
+
+    def __post_init__(self) -> None:
+        if not self.least < self.most:
+            raise ValueError(
+                f"the plausible range of {self.name} from {self.least:g} to {self.most:g} {self.unit} is empty; "
+                "give a lower bound below the upper one"
+            )
+
+    def plausible(self, value: float) -> bool:
+        """Whether the value may be meant; NaN may not."""
+        return self.least <= value <= self.most or (self.zero and value == 0.0)
+
+    def meant(self, value: float) -> Iterator[tuple[OtherUnit, float]]:
+        """The other units in which the value would be plausible, each with the value in the quantity's own unit."""
+        for other in self.others:
+            converted = value * other.factor
+            if value != 0.0 and self.plausible(converted):
+                yield other, converted
+
+    def within(self, *, least: float | None = None, most: float | None = None, reason: str) -> Quantity:
+        """The same quantity in a narrower range, which is known only where it is used."""
+        return dataclasses.replace(
+            self,
+            least=self.least if least is None else least,
+            most=self.most if most is None else most,
+            reason=reason,
+        )
+
+
+_MMOL: Final = OtherUnit("mmol/l", MG_DL_PER_MMOL_L)
+_U_H: Final = OtherUnit("U/h", MU_PER_U / MIN_PER_H)
+_MU_H: Final = OtherUnit("mU/h", 1.0 / MIN_PER_H)
+_PMOL_MIN: Final = OtherUnit("pmol/min", MU_PER_U / PMOL_PER_U)
+_SECONDS: Final = OtherUnit("s", 1.0 / MIN_PER_H)
+_HOURS: Final = OtherUnit("h", MIN_PER_H)
+
+SETPOINT: Final = Quantity("a setpoint", "mg/dl", 50.0, 250.0, (_MMOL,))
+GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, (_MMOL,))
+INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, (_U_H, _MU_H), zero=True)
+LARGEST_RATE: Final = Quantity("the greatest rate of a pump", "mU/min", 8.0, 300.0, (_U_H, _MU_H, _PMOL_MIN))
+LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, (_MU_H, _PMOL_MIN))
+RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, (_U_H, _MU_H))
+RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, (_U_H, _MU_H))
+MEAL: Final = Quantity("a meal", "g", 1.0, 300.0, (OtherUnit("mg", 1.0 / MG_PER_G), OtherUnit("kg", 1000.0)))
+SAMPLE_TIME: Final = Quantity("a sample time", "min", 0.25, 30.0, (_SECONDS, _HOURS))
+DEAD_TIME: Final = Quantity("a dead time", "min", 0.5, 60.0, (_SECONDS, _HOURS), zero=True)
+DURATION: Final = Quantity("the length of a run", "min", 30.0, 366.0 * 1440.0, (_HOURS,))
+NOISE_VARIANCE: Final = Quantity("the variance of noise on readings", "(mg/dl)²", 0.0, 900.0)
+NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, (_MMOL,))
+
+
+def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> str | None:
+    """What to ask about a value that is hardly meant, or None for a plausible one.
+
+    Parameters
+    ----------
+    value : float
+    quantity : Quantity
+    called : str
+        What the user calls the value, like ``--setpoint`` or ``the median of the column insulin_mU_min``.
+    confirm : str
+        What to do where the value is meant, as ``CONFIRM_OPTION``.
+
+    Returns
+    -------
+    str or None
+        Whole sentences, without a full stop at the end.
+
+    Examples
+    --------
+    >>> print(doubt(5.5, SETPOINT, "--setpoint", CONFIRM_OPTION))
+    --setpoint is 5.5 mg/dl; that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl. Give 99.1, or add --allow-unusual if \
+5.5 mg/dl is meant
+    """
+    if quantity.plausible(value):
+        return None
+    told = f"{value:g} {quantity.unit}"
+    because = f", but {quantity.reason}" if quantity.reason else ""
+    for other, converted in quantity.meant(value):
+        own = _rounded(converted)
+        return (
+            f"{called} is {told}{because}; that looks like {other.name}: {value:g} {other.name} is {own} "
+            f"{quantity.unit}. Give {own}, or {confirm} if {told} is meant"
+        )
+    if quantity.reason:
+        return f"{called} is {told}{because}. Give another value, or {confirm} if {told} is meant"
+    return (
+        f"{called} is {told}; {quantity.name} is usually from {quantity.least:g} to {quantity.most:g} {quantity.unit}. "
+        f"Give such a value, or {confirm} if {told} is meant"
+    )
+
+
+def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> None:
+    """Refuse a value that is hardly meant.
+
+    Raises
+    ------
+    ValueError
+        With the sentences of `doubt`.
+    """
+    asked = doubt(value, quantity, called, confirm)
+    if asked is not None:
+        raise ValueError(asked)
+
+
+def _rounded(value: float) -> str:
+    """Three digits, which are enough to recognise a value and to give it again."""
+    return f"{value:.0f}" if math.fabs(value) >= 100.0 else f"{value:.3g}"
