@@ -21,11 +21,12 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
+    "mathml",
+    "offline",
     "short_names",
 ]
-exclude_patterns = ["_build", "_generated"]
+exclude_patterns = ["_build", "_generated", *generate.included(DOCS)]
 suppress_warnings = ["config.cache", "ref.python"]  # ref.python: a short name that two objects have
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
@@ -45,6 +46,7 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True
 default_role = "py:obj"  # as in the docstrings: `name` is a link where there is something to link to
 
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"glucoloop {release}"
 html_copy_source = False

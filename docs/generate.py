@@ -104,7 +104,7 @@ def constants() -> str:
         source = str(sources.index(of_name["offset"].source) + 1)
         rows.append([f"${symbol(name)}$", code(name), *values, meaning, source])
     columns = ["Symbol", "Field", "$o$", "$s$", "$k$", "$c$", "Meaning", "Source"]
-    parts += ["**Saturating effects**, $M(x) = o + s \\tanh(k (x - c))$\n", table(columns, rows, "llrrrrlr")]
+    parts += ["**Saturating effects**, $M(x) = o + s \\, \\tanh(k (x - c))$\n", table(columns, rows, "llrrrrlr")]
     listed = sum(len(re.findall(r"^\| \$", part, re.M)) for part in parts) - len(sigmoids)
     if listed != sum("." not in constant.name for constant in CONSTANTS):
         raise ValueError("a constant belongs to no group, or to two; see GROUPS in docs/generate.py")
@@ -321,6 +321,15 @@ def api(folder: Path) -> dict[Path, str]:
             parts += [name, "-" * len(name), "", f".. automodule:: {name}", *members, ""]
         pages[folder / f"{info.name}.rst"] = "\n".join(parts) + "\n"
     return pages
+
+
+def included(docs: Path) -> list[str]:
+    """Files that a page includes, from the folder of the documentation: they are no pages of their own."""
+    found = set()
+    for page in [*docs.glob("*.md"), *docs.glob("guide/*.md")]:
+        for name in re.findall(r"^```\{include\} (\S+)$", page.read_text(encoding="utf-8"), re.M):
+            found.add((page.parent / name).resolve())
+    return sorted(str(path.relative_to(docs)) for path in found if path.is_relative_to(docs))
 
 
 def write_all(docs: Path) -> None:
