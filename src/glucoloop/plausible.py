@@ -89,6 +89,7 @@ _HOURS: Final = OtherUnit("h", MIN_PER_H)
 
 SETPOINT: Final = Quantity("a setpoint", "mg/dl", 50.0, 250.0, (_MMOL,))
 GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, (_MMOL,))
+GLUCOSE_BOUND: Final = Quantity("a bound on glucose", "mg/dl", 20.0, 1000.0, (_MMOL,), zero=True)
 INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, (_U_H, _MU_H), zero=True)
 LARGEST_RATE: Final = Quantity("the greatest rate of a pump", "mU/min", 8.0, 300.0, (_U_H, _MU_H, _PMOL_MIN))
 LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, (_MU_H, _PMOL_MIN))
@@ -129,7 +130,9 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
         return None
     told = f"{value:g} {quantity.unit}"
     because = f", but {quantity.reason}" if quantity.reason else ""
-    for other, converted in quantity.meant(value):
+    found = next(quantity.meant(value), None)
+    if found is not None:
+        other, converted = found
         own = _rounded(converted)
         return (
             f"{called} is {told}{because}; that looks like {other.name}: {value:g} {other.name} is {own} "

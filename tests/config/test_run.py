@@ -12,7 +12,7 @@ from glucoloop.config.run import overlay
 from glucoloop.meals import Meal
 
 keys = st.fixed_dictionaries(
-    {},
+    {"allow_unusual": st.just(True)},  # so that any possible value comes back
     optional={
         "setpoint_mg_dl": st.floats(40, 400),
         "meals": st.lists(st.tuples(st.floats(0.1, 200), st.floats(0, 500)).map(lambda m: f"{m[0]!r}g@{m[1]!r}min")),

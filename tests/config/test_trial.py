@@ -12,7 +12,7 @@ from glucoloop.meals import Meal
 from glucoloop.patients.population import population
 
 keys = st.fixed_dictionaries(
-    {},
+    {"allow_unusual": st.just(True)},  # so that any possible value comes back
     optional={
         "population": st.sampled_from(
             ["nominal", "lognormal", {"vary": [{"parameter": "F_LC", "distribution": "uniform", "spread_pct": 10.0}]}]

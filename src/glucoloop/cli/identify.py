@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import (
+    ALLOW_UNUSUAL,
     DEAD_TIME,
     LAGUERRE_FUNCTIONS,
     LAGUERRE_POLE,
@@ -86,6 +87,7 @@ _OPTIONS: Final = (
     ),
     SAMPLE_TIME,
     SEED,
+    ALLOW_UNUSUAL,
     MEMORY,
     LAGUERRE_POLE,
     Option("best_pole", "--best-pole", bool, "Search for the pole that fits best.", LAGUERRE_POLE.panel),

@@ -147,6 +147,13 @@ SAMPLE_TIME: Final = Option(
     default="5",
 )
 SEED: Final = Option("seed", "--seed", int, "The same seed gives the same noise.", _RUN, metavar="N", default="0")
+ALLOW_UNUSUAL: Final = Option(
+    "allow_unusual",
+    "--allow-unusual",
+    bool,
+    "Take values as they are that look like another unit, or are hardly meant.",
+    _RUN,
+)
 MEMORY: Final = Option(
     "memory", "--memory", int, "Samples after which a dose has died out, M.", _MODEL, metavar="M", default="3 hours"
 )
@@ -256,6 +263,7 @@ SITUATION: Final = (
         metavar="fast|adaptive",
         default="fast",
     ),
+    ALLOW_UNUSUAL,
 )
 """What all controllers of a comparison share."""
 

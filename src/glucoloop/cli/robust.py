@@ -66,6 +66,7 @@ _SHARED: Final = (
     "faults",
     NO_FAULT,
     "sample_time_min",
+    "allow_unusual",
     "known_dead_time",
     "config",
     "out",

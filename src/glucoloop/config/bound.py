@@ -5,33 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
-from glucoloop.config.meal_text import meal_text, parse_meal
-from glucoloop.config.run import STRICT, Glucose, Infusion, Minutes, SampleTime, Variance, checked
+from glucoloop.config.meal_text import meal_text
+from glucoloop.config.run import Surroundings, ask_about_surroundings, checked
 from glucoloop.config.run import whole_samples as whole_dead_time
-from glucoloop.meals import Meal
+from glucoloop.plausible import DURATION
 from glucoloop.trials import catalogue
 
 _MOST_KNOWN: Final = 20
 
 
-class BoundConfig(BaseModel):
-    """A situation as of a run, without a controller, and what is known in it."""
+class BoundConfig(Surroundings):
+    """Surroundings as of a run, without a controller, and what is known in them."""
 
-    model_config = STRICT
-
-    operating_point: str = "setpoint-81"
-    setpoint_mg_dl: Glucose | None = None
-    initial_glucose_mg_dl: Glucose | None = None
-    meals: tuple[str, ...] = ("50g@50min",)
-    noise_variance: Variance = 0.0
-    dead_time_min: Minutes = 0.0
-    max_change_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 16.7
-    min_insulin_mU_min: Infusion = 0.0
-    max_insulin_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 66.9
-    duration_min: Annotated[float, Field(gt=0.0, le=7200.0)] = 600.0
-    sample_time_min: SampleTime = 5.0
+    duration_min: Annotated[float, Field(gt=0.0, le=7200.0), DURATION] = 600.0
     objective: Literal["deviation", "undershoot", "peak", "sse"] = "deviation"
     undershoot_weight: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
     """Of squares below the setpoint, for ``sse``."""
@@ -45,10 +33,6 @@ class BoundConfig(BaseModel):
         """Whether it is worked out what noise lets one know: of one meal at rest, for the largest deviation."""
         elsewhere = self.setpoint_mg_dl is not None or self.initial_glucose_mg_dl is not None
         return self.noise_variance > 0.0 and len(self.meals) == 1 and not elsewhere and self.objective == "deviation"
-
-    def eaten(self) -> tuple[Meal, ...]:
-        """The meals."""
-        return tuple(parse_meal(text) for text in self.meals)
 
 
 def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> BoundConfig:
@@ -70,6 +54,8 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
         if key not in known:
             raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, known)}")
     asked = checked(BoundConfig, keys, names)
+    if not asked.allow_unusual:
+        ask_about_surroundings(asked, asked.eaten(), names)
     asked = asked.model_copy(update={"meals": tuple(meal_text(meal) for meal in asked.eaten())})
     whole_dead_time(asked.dead_time_min, asked.sample_time_min)
     if not asked.known_after_min and not asked.in_advance and not asked.hedged:

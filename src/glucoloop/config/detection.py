@@ -53,7 +53,7 @@ def detection_keys(detection: Detection) -> dict[str, Any]:
     case = detection.trial.cases[0]
     tuning = {key: value for key, value in case.tuning.items() if key != "estimator" and key not in detection.settings}
     return {
-        **{key: of_trial[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key != NO_SITUATION},
+        **{key: of_trial[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in of_trial and key != NO_SITUATION},
         "known_dead_time": case.known_dead_time,
         "days": detection.days,
         "estimators": list(detection.estimators),

@@ -12,10 +12,9 @@ from glucoloop.config.run import (
     PAPER_SAMPLE_TIME_MIN,
     SHORTEST_SAMPLE_TIME_MIN,
     STRICT,
+    DeadTime,
     Functions,
-    Infusion,
     Memory,
-    Minutes,
     NoiseBound,
     Pole,
     SampleTime,
@@ -26,6 +25,8 @@ from glucoloop.config.run import (
     paper_pole,
     whole_samples,
 )
+from glucoloop.config.unusual import ask_about
+from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 from glucoloop.trials.catalogue import known_names
 
 EXPERIMENT_KEYS: Final = (
@@ -51,14 +52,14 @@ class IdentificationConfig(BaseModel):
     operating_point: str = "setpoint-81"
     noise_variance: Variance = 0.0
     noise_bound_mg_dl: NoiseBound = 5.0
-    dead_time_min: Minutes = 0.0
-    amplitude_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 22.33
+    dead_time_min: DeadTime = 0.0
+    amplitude_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0), RATE_CHANGE] = 22.33
     samples: Annotated[int, Field(ge=4, le=100_000)] | None = None
     """Length of the simulated record; None: the shortest, twice the memory."""
 
     method: Literal["auto", "csrs", "least-squares"] = "auto"
     max_gap_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 15.0
-    basal_insulin_mU_min: Infusion | None = None
+    basal_insulin_mU_min: Annotated[float, Field(ge=0.0, le=10_000.0), INSULIN_RATE] | None = None
     """Rate before the record; None: as the method finds it."""
     starts_at_rest: bool = True
 
@@ -69,6 +70,8 @@ class IdentificationConfig(BaseModel):
     """Whether the pole is searched for, in place of `laguerre_pole`."""
     laguerre_functions: Functions = 2
     seed: Seed = 0
+    allow_unusual: bool = False
+    """Whether values that are hardly meant are taken as they are."""
 
     @property
     def dead_time_samples(self) -> int:
@@ -104,7 +107,10 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
     # A sample time that is wrong is refused by name with the other keys, and nothing follows from it.
     if isinstance(sample_time, int | float) and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN:
         derived = {"memory": paper_memory(sample_time), "laguerre_pole": paper_pole(sample_time)}
-    return checked(IdentificationConfig, {**derived, **keys}, names)
+    asked = checked(IdentificationConfig, {**derived, **keys}, names)
+    if not asked.allow_unusual:
+        ask_about(asked, names)
+    return asked
 
 
 def overlay_identification(lower: Mapping[str, object], upper: Mapping[str, object]) -> dict[str, object]:

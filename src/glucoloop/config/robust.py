@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 
 from glucoloop.config.run import LARGEST_SEED, STRICT, Run, checked, read_run
 from glucoloop.config.trial import read_trial, trial_keys
+from glucoloop.config.unusual import ALLOW_UNUSUAL
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials import catalogue
 from glucoloop.trials.robust import BOTH, FURTHER, OBJECTIVES, SPACE, Group, Search, Tuned, parse_range
@@ -32,6 +33,7 @@ _SITUATION: Final = (
     "pump_resolution_mU_min",
     "faults",
     "sample_time_min",
+    ALLOW_UNUSUAL,
 )
 """What a search has in common with a trial."""
 _USUAL: Final[Mapping[str, Any]] = {"duration_min": 600.0, "meals": ["50g@50min"], "noise_variance": 1.45}
@@ -85,7 +87,7 @@ class Robust:
         return {
             **self.own.model_dump(mode="json"),
             **self.far.model_dump(mode="json"),
-            **{key: trial[key] for key in _SITUATION},
+            **{key: trial[key] for key in _SITUATION if key in trial},
             "known_dead_time": self.search.case.known_dead_time,
             **{**tuning, **self.ranges},
         }
@@ -93,7 +95,7 @@ class Robust:
     def run_of(self, case: TrialCase) -> Run:
         """A single run of the nominal patient, in the same situation, with a case."""
         keys = trial_keys(self.search.trial)
-        shared = {key: keys[key] for key in _SITUATION if key != "population" and keys[key] is not None}
+        shared = {key: keys[key] for key in _SITUATION if key != "population" and keys.get(key) is not None}
         return read_run(
             {**shared, "controller": case.controller, "known_dead_time": case.known_dead_time, **case.tuning}
         )

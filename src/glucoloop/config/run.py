@@ -14,7 +14,27 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.sentences import one_sentence
+from glucoloop.config.unusual import (
+    Names,
+    ask_about,
+    ask_about_meals,
+    ask_about_pump,
+    ask_about_settings,
+)
 from glucoloop.meals import Meal
+from glucoloop.plausible import (
+    DEAD_TIME,
+    DURATION,
+    GLUCOSE,
+    LARGEST_RATE,
+    LEAST_RATE,
+    NOISE_BOUND,
+    NOISE_VARIANCE,
+    RATE_CHANGE,
+    RATE_STEP,
+    SAMPLE_TIME,
+    SETPOINT,
+)
 from glucoloop.trials import catalogue
 from glucoloop.trials.fault_text import fault_text, parse_fault
 from glucoloop.trials.faults import START
@@ -33,39 +53,55 @@ IDENTIFICATION_KEYS: Final = ("model_noise_variance", "memory", "laguerre_pole",
 """How a model is identified for the run, in place of `model`, which names a file."""
 
 Record = TypeVar("Record", bound=BaseModel)
-Glucose = Annotated[float, Field(gt=0.0, le=2000.0)]
-Infusion = Annotated[float, Field(ge=0.0, le=10_000.0)]
-Minutes = Annotated[float, Field(ge=0.0, le=1440.0)]
-SampleTime = Annotated[float, Field(ge=SHORTEST_SAMPLE_TIME_MIN, le=LONGEST_SAMPLE_TIME_MIN)]
-Variance = Annotated[float, Field(ge=0.0, le=10_000.0)]
-NoiseBound = Annotated[float, Field(gt=0.0, le=1000.0)]
+Setpoint = Annotated[float, Field(gt=0.0, le=2000.0), SETPOINT]
+Glucose = Annotated[float, Field(gt=0.0, le=2000.0), GLUCOSE]
+LeastRate = Annotated[float, Field(ge=0.0, le=10_000.0), LEAST_RATE]
+LargestRate = Annotated[float, Field(gt=0.0, le=10_000.0), LARGEST_RATE]
+RateChange = Annotated[float, Field(gt=0.0, le=10_000.0), RATE_CHANGE]
+RateStep = Annotated[float, Field(gt=0.0, le=10_000.0), RATE_STEP]
+DeadTime = Annotated[float, Field(ge=0.0, le=1440.0), DEAD_TIME]
+Duration = Annotated[float, Field(gt=0.0, le=LONGEST_RUN_MIN), DURATION]
+SampleTime = Annotated[float, Field(ge=SHORTEST_SAMPLE_TIME_MIN, le=LONGEST_SAMPLE_TIME_MIN), SAMPLE_TIME]
+Variance = Annotated[float, Field(ge=0.0, le=10_000.0), NOISE_VARIANCE]
+NoiseBound = Annotated[float, Field(gt=0.0, le=1000.0), NOISE_BOUND]
 Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 Memory = Annotated[int, Field(ge=2, le=2000)]
 Pole = Annotated[float, Field(gt=0.0, lt=1.0)]
 Functions = Annotated[int, Field(ge=0, le=50)]
 
 
-class Situation(BaseModel):
-    """Patient, meals, sensor and pump: what all controllers of a comparison share."""
+class Surroundings(BaseModel):
+    """Patient, meals, sensor and pump, whoever or whatever doses."""
 
     model_config = STRICT
 
     operating_point: str = "setpoint-81"
-    setpoint_mg_dl: Glucose | None = None
+    setpoint_mg_dl: Setpoint | None = None
     """Target; None: the patient's own."""
     initial_glucose_mg_dl: Glucose | None = None
-    """Where the patient rests at the start; None: at his setpoint."""
+    """Where the patient rests at the start; None: at the setpoint."""
     meals: tuple[str, ...] = ("50g@50min",)
-    announce_meals: bool = False
-    duration_min: Annotated[float, Field(gt=0.0, le=LONGEST_RUN_MIN)] = 600.0
+    duration_min: Duration = 600.0
     sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
     noise_variance: Variance = 0.0
+    dead_time_min: DeadTime = 0.0
+    max_change_mU_min: RateChange = 16.7
+    min_insulin_mU_min: LeastRate = 0.0
+    max_insulin_mU_min: LargestRate = 66.9
+    allow_unusual: bool = False
+    """Whether values that are hardly meant are taken as they are."""
+
+    def eaten(self) -> tuple[Meal, ...]:
+        """The meals."""
+        return tuple(parse_meal(text) for text in self.meals)
+
+
+class Situation(Surroundings):
+    """What all controllers of a comparison share."""
+
+    announce_meals: bool = False
     noise_bound_mg_dl: NoiseBound = 5.0
-    dead_time_min: Minutes = 0.0
-    max_change_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 16.7
-    min_insulin_mU_min: Infusion = 0.0
-    max_insulin_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] = 66.9
-    pump_resolution_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
+    pump_resolution_mU_min: RateStep | None = None
     """Smallest step of the pump; None: any rate."""
     faults: tuple[str, ...] = ()
     """Of sensor and pump, the first innermost; around noise and dead time."""
@@ -87,10 +123,6 @@ class Situation(BaseModel):
             Unless it is a whole number of samples.
         """
         return whole_samples(self.dead_time_min, self.sample_time_min)
-
-    def eaten(self) -> tuple[Meal, ...]:
-        """The meals."""
-        return tuple(parse_meal(text) for text in self.meals)
 
 
 class Case(BaseModel):
@@ -153,11 +185,32 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     """
     refuse_unknown(keys)
     situation = checked(Situation, _only(keys, Situation), names)
+    if not situation.allow_unusual:
+        ask_about_surroundings(situation, situation.eaten(), names)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
-    faults = faults_told(situation.faults, situation.duration_min)
+    faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
     situation = situation.model_copy(update={"meals": meals, "faults": faults})
     return Run(situation=situation, case=read_case(keys, situation, names))
+
+
+def ask_about_surroundings(situation: Surroundings, meals: Iterable[Meal], names: Names = None) -> None:
+    """Ask about what is hardly meant.
+
+    Raises
+    ------
+    ValueError
+        For the first value outside the range in which people mean it.
+    """
+    ask_about_pump(
+        situation.operating_point,
+        situation.setpoint_mg_dl,
+        min_insulin_mU_min=situation.min_insulin_mU_min,
+        max_insulin_mU_min=situation.max_insulin_mU_min,
+        names=names,
+    )
+    ask_about(situation, names)
+    ask_about_meals(meals, names)
 
 
 def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[str, str] | None = None) -> Case:
@@ -171,7 +224,11 @@ def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[s
     if catalogue.controller_entry(str(controller)).uses_model and own.get("model") is None:
         own = {**_identification(situation), **own}
     guard = _guard_limits(keys, bool(own.get("guard", False)), names)
-    return checked(Case, {**own, "tuning": tuning, "guard_limits": guard}, names)
+    case = checked(Case, {**own, "tuning": tuning, "guard_limits": guard}, names)
+    if not situation.allow_unusual:
+        ask_about(case, names)
+        ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
+    return case
 
 
 def _guard_limits(
@@ -187,16 +244,20 @@ def _guard_limits(
     return {}
 
 
-def faults_told(texts: Iterable[str], duration_min: float) -> tuple[str, ...]:
+def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: bool = False) -> tuple[str, ...]:
     """Faults in full.
 
     Raises
     ------
     ValueError
-        For a text that is no fault, or one that begins after the end of the run.
+        For a text that is no fault, one that begins after the end of the run, or a setting that is hardly meant,
+        unless that is allowed.
     """
     faults = [parse_fault(text) for text in texts]
     for told in faults:
+        if not allow_unusual:
+            called = {setting.name: f"{setting.name} of the fault {told.name}" for setting in told.entry.settings}
+            ask_about_settings(told.entry.settings, told.settings, called)
         start_min = float(told.settings.get(START, 0.0))
         if start_min >= duration_min:
             raise ValueError(

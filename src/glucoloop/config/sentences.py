@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 _KINDS: Final = {
     "int": "a whole number",
@@ -75,18 +76,22 @@ def _bounds(record: type[BaseModel], key: str) -> str:
     found = record.model_fields.get(key)
     if found is None:
         return ""
-    # An optional field keeps its bounds with the branch that is not None.
-    metadata = [*found.metadata, *(item for branch in get_args(found.annotation) for item in _of_branch(branch))]
     words = {"gt": "above", "ge": "of at least", "lt": "below", "le": "at most"}
     parts = [
         f"{text} {bound:g}" if isinstance(bound, float) else f"{text} {bound}"
-        for item in metadata
+        for item in metadata_of(found)
         for side, text in words.items()
         if (bound := getattr(item, side, None)) is not None
     ]
     return " and ".join(parts)
 
 
+def metadata_of(field: FieldInfo) -> list[Any]:
+    """Bounds and plausible range of a field; an optional one keeps them with the branch that is not None."""
+    return [*field.metadata, *(item for branch in get_args(field.annotation) for item in _of_branch(branch))]
+
+
 def _of_branch(branch: Any) -> list[Any]:
-    """Metadata of a branch of a union; those of a field are grouped in one."""
-    return [part for item in getattr(branch, "__metadata__", ()) for part in getattr(item, "metadata", ())]
+    """Metadata of a branch of a union; the bounds of a field are grouped in one."""
+    items = getattr(branch, "__metadata__", ())
+    return [part for item in items for part in (item.metadata if isinstance(item, FieldInfo) else [item])]

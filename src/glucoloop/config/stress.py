@@ -10,6 +10,7 @@ from typing import Any, Final
 from glucoloop.config.comparison import CASES_KEY
 from glucoloop.config.run import faults_told
 from glucoloop.config.trial import CONTROLLERS_KEY, overlay_trial, read_trial, trial_keys
+from glucoloop.config.unusual import ask_about_settings
 from glucoloop.trials.catalogue import Value
 from glucoloop.trials.guard_catalogue import GUARD, complete_guard
 from glucoloop.trials.stress import STANDARD_FAULTS, Guards, Stress, stress_of
@@ -71,11 +72,14 @@ def read_stress(
     guards = keys.get("guards", "both")
     if guards not in GUARDS:
         raise ValueError(f"{called['guards']} is {guards!r}; give {', '.join(GUARDS[:-1])} or {GUARDS[-1]}")
-    limits = complete_guard({key: value for key, value in keys.items() if key in GUARD})
+    given = {key: value for key, value in keys.items() if key in GUARD}
+    limits = complete_guard(given)
     plain = overlay_trial(_USUAL, {key: value for key, value in keys.items() if key not in STRESS_KEYS}, names)
     if not cases and not plain.get(CONTROLLERS_KEY):
         plain[CONTROLLERS_KEY] = list(PAPER_CONTROLLERS)
     base = read_trial(plain, cases, names)
+    if not base.allow_unusual:
+        ask_about_settings(GUARD.values(), given, names)
     if "shard_people" not in keys:
         # Slow controllers under many faults: so that not much is lost when a run is cut short.
         base = dataclasses.replace(base, shard_people=min(base.people, _SHARD_PEOPLE))
@@ -90,4 +94,4 @@ def _faults(told: object, name: str, base: Trial) -> tuple[str, ...]:
         return faults_told(STANDARD_FAULTS, base.plan.horizon_min)
     if not isinstance(told, list | tuple) or not told or not all(isinstance(text, str) for text in told):
         raise ValueError(f"{name} is {told!r}; give a list of faults, like ['missing, start_min=60, duration_min=30']")
-    return faults_told(told, base.plan.horizon_min)
+    return faults_told(told, base.plan.horizon_min, allow_unusual=base.allow_unusual)

@@ -11,10 +11,11 @@ from glucoloop.config.comparison import CASES_KEY, MOST_CASES
 from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.population import named_population, population_keys, read_population
 from glucoloop.config.run import (
-    LONGEST_RUN_MIN,
     STRICT,
     Case,
+    Duration,
     Situation,
+    ask_about_surroundings,
     case_key_names,
     checked,
     faults_told,
@@ -22,6 +23,7 @@ from glucoloop.config.run import (
     read_case,
     whole_samples,
 )
+from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about
 from glucoloop.meals.plan import MOST_DAYS, MealPlan
 from glucoloop.patients.population import PRESETS, Population
 from glucoloop.simulation.closed_loop import sample_grid
@@ -49,6 +51,7 @@ SITUATION_KEYS: Final = (
     "pump_resolution_mU_min",
     "faults",
     "seed",
+    ALLOW_UNUSUAL,
 )
 """What a trial has in common with a single run."""
 _LENGTHS: Final = ("days", "duration_min")
@@ -64,7 +67,7 @@ class TrialKeys(BaseModel):
     first_person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] = 0
     meals: tuple[str, ...] = USUAL_DAY
     days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
-    duration_min: Annotated[float, Field(gt=0.0, le=LONGEST_RUN_MIN)] | None = None
+    duration_min: Duration | None = None
     """None: the days."""
     meal_size_spread_pct: Annotated[float, Field(ge=0.0, lt=100.0)] = 0.0
     meal_time_spread_min: Annotated[float, Field(ge=0.0, lt=MIN_PER_DAY)] = 0.0
@@ -105,6 +108,9 @@ def read_trial(
     situation = checked(Situation, {key: keys[key] for key in SITUATION_KEYS if key in keys}, names)
     samples = whole_samples(situation.dead_time_min, situation.sample_time_min)
     meals = [parse_meal(text) for text in own.meals]
+    if not situation.allow_unusual:
+        ask_about(own, names)
+        ask_about_surroundings(situation, meals, names)
     if "meals" not in keys and own.duration_min is not None:
         meals = [meal for meal in meals if meal.t_min < own.duration_min]
     plan = MealPlan(
@@ -133,11 +139,12 @@ def read_trial(
         min_insulin_mU_min=situation.min_insulin_mU_min,
         max_insulin_mU_min=situation.max_insulin_mU_min,
         pump_resolution_mU_min=situation.pump_resolution_mU_min,
-        faults=faults_told(situation.faults, plan.horizon_min),
+        faults=faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual),
         sample_time_min=situation.sample_time_min,
         precision=own.precision,
         design=own.design,
         traces=traces,
+        allow_unusual=situation.allow_unusual,
         shard_people=own.shard_people
         or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0),
     )
@@ -185,6 +192,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         "precision": trial.precision,
         "traces": trial.traces,
         "shard_people": trial.shard_people,
+        **({ALLOW_UNUSUAL: True} if trial.allow_unusual else {}),
         CASES_KEY: [_case_keys(case) for case in trial.cases],
     }
 

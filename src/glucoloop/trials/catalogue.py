@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from glucoloop.plausible import GLUCOSE_BOUND, Quantity
+
 Value = int | float | str
 
 MOST_NAMES_TOLD: Final = 12
@@ -60,6 +62,8 @@ class Setting:
     """With the paper's symbol, if it has one."""
     default: Default
     choices: tuple[str, ...] = ()
+    quantity: Quantity | None = None
+    """The range in which people mean it; None: any value that its type allows."""
 
     def check(self, value: object) -> Value:
         """The value in the setting's type; its bounds are the design's to check.
@@ -166,6 +170,7 @@ def soft_floor(floor: Default = Default(0.0)) -> tuple[Setting, ...]:
             float,
             "Floor under predicted glucose, kept as far as it pays, in mg/dl; 0: none. Implies the moves of qp.",
             floor,
+            quantity=GLUCOSE_BOUND,
         ),
         Setting("floor_weight", float, "Weight on what predicted glucose lacks of the floor, w.", Default(10.0)),
     )

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
 from glucoloop.trials.catalogue import Default, Setting, Value, known_names
 
 START: Final = "start_min"
@@ -136,8 +137,8 @@ FAULTS: Final[dict[str, FaultEntry]] = {
             "readings end at the ends of a range",
             "saturation",
             (
-                Setting("low_mg_dl", float, "Its lower end.", Default(40.0)),
-                Setting("high_mg_dl", float, "Its upper end.", Default(400.0)),
+                Setting("low_mg_dl", float, "Its lower end.", Default(40.0), quantity=GLUCOSE_BOUND),
+                Setting("high_mg_dl", float, "Its upper end.", Default(400.0), quantity=GLUCOSE_BOUND),
             ),
         ),
         FaultEntry(
@@ -169,7 +170,7 @@ FAULTS: Final[dict[str, FaultEntry]] = {
             "only whole steps are delivered, and nothing below a least dose; what is left is owed",
             "resolution",
             (
-                Setting("step_mU_min", float, "The step.", Default(0.5)),
+                Setting("step_mU_min", float, "The step.", Default(0.5), quantity=RATE_STEP),
                 Setting("least_mU_min", float, "The least dose.", Default(0.0)),
             ),
             timed=False,

@@ -5,27 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from glucoloop.plausible import GLUCOSE_BOUND, Quantity
 from glucoloop.trials.catalogue import Default, Setting, Value, known_names
 
 PREFIX: Final = "guard_"
 
 
-def _setting(name: str, summary: str, default: float) -> Setting:
-    return Setting(f"{PREFIX}{name}", float, summary, Default(default))
+def _setting(name: str, summary: str, default: float, quantity: Quantity | None = None) -> Setting:
+    return Setting(f"{PREFIX}{name}", float, summary, Default(default), quantity=quantity)
 
 
 GUARD: Final[dict[str, Setting]] = {
     setting.name: setting
     for setting in (
-        _setting("lowest_reading_mg_dl", "A lower reading is not believed.", 20.0),
-        _setting("highest_reading_mg_dl", "A higher reading is not believed.", 600.0),
+        _setting("lowest_reading_mg_dl", "A lower reading is not believed.", 20.0, GLUCOSE_BOUND),
+        _setting("highest_reading_mg_dl", "A higher reading is not believed.", 600.0, GLUCOSE_BOUND),
         _setting("fastest_mg_dl_min", "Fastest rise of a reading that is believed.", 3.0),
         _setting("stuck_min", "A reading that stays the same for so long under much insulin is not believed.", 20.0),
         _setting("stuck_on_board", "How much insulin that is, on board, as a part of the basal rate.", 0.25),
         _setting("gap_min", "Minutes without a believed reading after which the basal rate is given.", 20.0),
         _setting("long_gap_min", "Minutes after which a part of it is given.", 90.0),
         _setting("reduced_fraction", "That part.", 0.5),
-        _setting("low_mg_dl", "Insulin is suspended if glucose is predicted to be lower.", 65.0),
+        _setting("low_mg_dl", "Insulin is suspended if glucose is predicted to be lower.", 65.0, GLUCOSE_BOUND),
         _setting("ahead_min", "How far ahead that is predicted.", 40.0),
         _setting("hysteresis_mg_dl", "Insulin is given again above the bound and this.", 5.0),
         _setting("max_hour", "Largest dose in an hour, in basal hours.", 2.4),

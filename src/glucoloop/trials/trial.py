@@ -93,6 +93,8 @@ class Trial:
     traces: Literal["none", "all"] | int = "none"
     """Whose glucose and insulin are kept over time; a number: of so many, from the first person on."""
     shard_people: int = SHARD_PATIENT_DAYS
+    allow_unusual: bool = False
+    """Whether values that are hardly meant were confirmed; no result depends on it."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.people <= MOST_PEOPLE:
@@ -151,8 +153,10 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0) -> i
 
 
 def plain(trial: Trial) -> dict[str, Any]:
-    """The trial as plain values."""
-    return {**dataclasses.asdict(trial), "format": FORMAT}
+    """What the results depend on, as plain values."""
+    values = dataclasses.asdict(trial)
+    del values["allow_unusual"]
+    return {**values, "format": FORMAT}
 
 
 def fingerprint(trial: Trial) -> str:

@@ -1,0 +1,92 @@
+"""Values of a configuration that are possible but hardly meant: each is asked about in the error.
+
+The plausible range of a key stands in its type, beside its bounds; that of a setting of a controller, a guard or a
+fault stands in the catalogue. `allow_unusual` in the configuration confirms all of them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from pydantic import BaseModel
+
+from glucoloop.config.sentences import metadata_of
+from glucoloop.meals import Meal
+from glucoloop.patients import patient
+from glucoloop.plausible import CONFIRM_KEY, CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
+from glucoloop.trials.catalogue import Setting
+
+Names = Mapping[str, str] | None
+"""What a key is called where it was given."""
+ALLOW_UNUSUAL: Final = "allow_unusual"
+
+
+def ask_about(record: BaseModel, names: Names = None) -> None:
+    """Ask about the values of a record that lie outside the ranges in which people mean them.
+
+    Raises
+    ------
+    ValueError
+        For the first such value, with the unit that it looks like and how it is confirmed.
+    """
+    for key, field in type(record).model_fields.items():
+        value = getattr(record, key)
+        quantity = next((item for item in metadata_of(field) if isinstance(item, Quantity)), None)
+        if quantity is not None and value is not None:
+            _ask(value, quantity, key, names)
+
+
+def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object], names: Names = None) -> None:
+    """The same for settings of a catalogue that were given."""
+    for setting in settings:
+        value = given.get(setting.name)
+        if setting.quantity is not None and isinstance(value, int | float):
+            _ask(value, setting.quantity, setting.name, names)
+
+
+def ask_about_meals(meals: Iterable[Meal], names: Names = None) -> None:
+    """The same for the size of each meal."""
+    for meal in meals:
+        called = f"the size of the meal at {meal.t_min:g} min"
+        ask(meal.carbs_g, MEAL, called, _confirm("meals", names))
+
+
+def ask_about_pump(
+    operating_point: str,
+    setpoint_mg_dl: float | None,
+    *,
+    min_insulin_mU_min: float,
+    max_insulin_mU_min: float,
+    names: Names = None,
+) -> None:
+    """Ask about a pump that cannot give the rate at which the patient rests.
+
+    A target above the patient's own needs less insulin than that, so that a smaller pump will do for it.
+    """
+    basal, resting = _at_rest(operating_point)
+    if setpoint_mg_dl is not None and setpoint_mg_dl > resting:
+        return
+    rest = f"{basal:.1f} mU/min to rest at {resting:.1f} mg/dl"
+    if max_insulin_mU_min < basal:
+        most = LARGEST_RATE.within(least=basal, reason=f"the patient needs {rest}")
+        _ask(max_insulin_mU_min, most, "max_insulin_mU_min", names)
+    if basal < min_insulin_mU_min < max_insulin_mU_min:
+        least = LEAST_RATE.within(most=basal, reason=f"the patient needs only {rest}")
+        _ask(min_insulin_mU_min, least, "min_insulin_mU_min", names)
+
+
+@functools.cache
+def _at_rest(operating_point: str) -> tuple[float, float]:
+    person = patient(operating_point)
+    return float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
+
+
+def _ask(value: float, quantity: Quantity, key: str, names: Names) -> None:
+    ask(value, quantity, (names or {}).get(key, key), _confirm(key, names))
+
+
+def _confirm(key: str, names: Names) -> str:
+    """A value that came as an option is confirmed by one, and a value in a file by a key."""
+    return CONFIRM_OPTION if (names or {}).get(key, key).startswith("--") else CONFIRM_KEY
