@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.native.flatten import UnsupportedError
+from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.kernel import compile_kernel
 
 NOT = [np.nan, np.inf, -np.inf]

@@ -11,6 +11,8 @@ from typing import Any
 
 import jax
 
+from glucoloop.native.primitives import bind
+
 
 class Chance:
     """An array that rests on random keys alone, so that it can be computed before the loop: its shape and type."""
@@ -37,7 +39,6 @@ class Drawing:
             return found[id(given)] if isinstance(given, Chance) else given
 
         for equation, inputs, outputs in self.equations:
-            results = equation.primitive.bind(*map(read, inputs), **equation.params)
-            several = results if equation.primitive.multiple_results else [results]
-            found.update((id(of), result) for of, result in zip(outputs, several, strict=True))
+            results = bind(equation, [read(given) for given in inputs])
+            found.update((id(of), result) for of, result in zip(outputs, results, strict=True))
         return [found[id(of)] for of in self.wanted]

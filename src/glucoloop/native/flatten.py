@@ -18,8 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from jax.extend import core
 
+from glucoloop.native import primitives
 from glucoloop.native.drawing import Chance, Drawing
 from glucoloop.native.functions import Functions
+from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
 
 Values = npt.NDArray[np.int64]
@@ -74,33 +76,7 @@ _MOVES: Final = (
     "unstack",
     "tile",
 )
-_CALLS: Final = (
-    "jit",
-    "pjit",
-    "closed_call",
-    "core_call",
-    "custom_jvp_call",
-    "custom_vjp_call",
-    "remat",
-    "remat2",
-    "checkpoint",
-)
 _UNUSED: Final = -1
-
-
-class UnsupportedError(ValueError):
-    """The function does something that a scalar program cannot."""
-
-
-def inner_jaxpr(equation: Any) -> Any:
-    """The function that a call calls, or None if the equation is no call."""
-    if equation.primitive.name not in _CALLS:
-        return None
-    for name in ("jaxpr", "call_jaxpr", "fun_jaxpr"):
-        if name in equation.params:
-            found = equation.params[name]
-            return found if hasattr(found, "consts") else core.ClosedJaxpr(found, ())
-    return None
 
 
 class Flattener:
@@ -187,8 +163,8 @@ class Flattener:
         return results
 
     def _equation(self, equation: Any, inputs: list[Any]) -> list[Any]:
-        name, params = equation.primitive.name, equation.params
-        called = inner_jaxpr(equation)
+        name = equation.primitive.name
+        called = primitives.called(equation)
         if called is not None:
             return self._run(called, inputs)
         inputs = [self._ask(given) for given in inputs]
@@ -199,7 +175,7 @@ class Flattener:
             return [self._elementwise(getattr(self._functions, _FUNCTIONS[name]), *inputs)]
         if name in _REDUCTIONS:
             _refuse_other_than_floats(_REDUCTIONS[name], equation.invars[0].aval.dtype)
-            return [self._reduce(_REDUCTIONS[name], inputs[0], params["axes"])]
+            return [self._reduce(_REDUCTIONS[name], inputs[0], primitives.axes(equation))]
         if name in _MOVES:
             return self._move(equation, inputs)
         handler = getattr(self, f"_do_{name}", None)
@@ -230,9 +206,8 @@ class Flattener:
     def _move(self, equation: Any, inputs: list[Values]) -> list[Values]:
         """Let JAX move the places about."""
         with jax.ensure_compile_time_eval():
-            moved = equation.primitive.bind(*(jnp.asarray(a) for a in inputs), **equation.params)
-        results = moved if equation.primitive.multiple_results else [moved]
-        return [np.asarray(result, np.int64) for result in results]
+            moved = primitives.bind(equation, [jnp.asarray(a) for a in inputs])
+        return [np.asarray(result, np.int64) for result in moved]
 
     def _known(self, values: Values, what: str) -> npt.NDArray[np.int64]:
         constants = self.program.constants
@@ -243,30 +218,23 @@ class Flattener:
     def _do_gather(self, equation: Any, operand: Values, indices: Values) -> Values:
         where = self._known(indices, "a place in an array")
         with jax.ensure_compile_time_eval():
-            params = {**equation.params, "fill_value": _UNUSED}
-            moved = equation.primitive.bind(jnp.asarray(operand), jnp.asarray(where), **params)
-        if (np.asarray(moved) == _UNUSED).any():
+            moved = primitives.gathered(equation, operand, where, _UNUSED)
+        if (moved == _UNUSED).any():
             raise UnsupportedError("a place outside an array")
-        return np.asarray(moved, np.int64)
+        return moved
 
     def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
-        where = self._known(indices, "a place in an array")
-        params = {**equation.params, "update_jaxpr": None}
-        with jax.ensure_compile_time_eval():
-            moved = equation.primitive.bind(jnp.asarray(operand), jnp.asarray(where), jnp.asarray(updates), **params)
-        return np.asarray(moved, np.int64)
+        (moved,) = self._move(equation, [operand, self._known(indices, "a place in an array"), updates])
+        return moved
 
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
-        sizes = equation.params["slice_sizes"]
+        sizes = primitives.slice_sizes(equation)
         at = [int(self._known(s, "a place in an array")) for s in starts]
         at = [min(max(i, 0), n - size) for i, n, size in zip(at, operand.shape, sizes, strict=True)]
         return operand[tuple(slice(i, i + size) for i, size in zip(at, sizes, strict=True))]
 
     def _do_iota(self, equation: Any) -> Values:
-        p = equation.params
-        shape = p["shape"]
-        line = np.arange(shape[p["dimension"]]).reshape([-1 if i == p["dimension"] else 1 for i in range(len(shape))])
-        return self.constants(np.broadcast_to(line, shape))
+        return self.constants(primitives.iota(equation))
 
     def _do_gt(self, equation: Any, a: Values, b: Values) -> Values:
         _refuse_other_than_floats("lt", equation.invars[0].aval.dtype)
@@ -281,7 +249,7 @@ class Flattener:
         return self._elementwise(lambda x: self.program.apply("mul", x, x), a)
 
     def _do_integer_pow(self, equation: Any, a: Values) -> Values:
-        power = equation.params["y"]
+        power = primitives.exponent(equation)
 
         def of(x: Value) -> Value:
             product = functools.reduce(lambda total, _: self.program.apply("mul", total, x), range(abs(power) - 1), x)
@@ -321,7 +289,7 @@ class Flattener:
         return self._elementwise(of, which, *cases)
 
     def _do_argmax(self, equation: Any, a: Values) -> Values:
-        (axis,), p = equation.params["axes"], self.program
+        (axis,), p = primitives.axes(equation), self.program
         rows = np.moveaxis(a, axis, -1)
 
         def first_largest(row: Values) -> Value:
@@ -339,7 +307,7 @@ class Flattener:
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
 
     def _do_convert_element_type(self, equation: Any, a: Values) -> Values:
-        source, target = equation.invars[0].aval.dtype, equation.params["new_dtype"]
+        source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)
         p = self.program
         if source == target:
             return a
@@ -352,7 +320,8 @@ class Flattener:
         return a  # whole numbers are held as numbers
 
     def _do_dot_general(self, equation: Any, a: Values, b: Values) -> Values:
-        (contract_a, contract_b), (batch_a, batch_b) = equation.params["dimension_numbers"]
+        product = primitives.dot_general(equation)
+        (contract_a, contract_b), (batch_a, batch_b) = product.summed, product.batched
         letters = iter("abcdefghijklmnopqrstuvwxyz")
         of_a: list[str] = [""] * a.ndim
         of_b: list[str] = [""] * b.ndim
@@ -372,16 +341,16 @@ class Flattener:
         return self._reduce("add", products, range(len(out), len(out) + len(summed)))
 
     def _do_scan(self, equation: Any, *inputs: Values) -> list[Values]:
-        p = equation.params
-        if not 0 < p["length"] <= LONGEST_LOOP:
-            raise UnsupportedError(f"a loop of {p['length']} rounds")
-        constants, carry = list(inputs[: p["num_consts"]]), list(inputs[p["num_consts"] :][: p["num_carry"]])
-        each = inputs[p["num_consts"] + p["num_carry"] :]
-        rounds = range(p["length"])
+        loop = primitives.scan(equation)
+        if not 0 < loop.length <= LONGEST_LOOP:
+            raise UnsupportedError(f"a loop of {loop.length} rounds")
+        constants, rest = inputs[: loop.constants], inputs[loop.constants :]
+        carry, each = list(rest[: loop.carried]), rest[loop.carried :]
+        rounds = range(loop.length)
         stacked: dict[int, list[Values]] = {}
-        for k in reversed(rounds) if p["reverse"] else rounds:
-            results = self.run(p["jaxpr"], [*constants, *carry, *(a[k] for a in each)])
-            carry, stacked[k] = results[: p["num_carry"]], results[p["num_carry"] :]
+        for k in reversed(rounds) if loop.reverse else rounds:
+            results = self.run(loop.round, [*constants, *carry, *(a[k] for a in each)])
+            carry, stacked[k] = results[: loop.carried], results[loop.carried :]
         return [*carry, *(np.stack(parts) for parts in zip(*(stacked[k] for k in rounds), strict=True))]
 
 

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.flatten import UnsupportedError
+from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.kernel import compile_kernel
 
 Array = npt.NDArray[Any]

@@ -1,0 +1,152 @@
+"""What native code reads of JAX's primitives; the only module that looks into an equation's parameters.
+
+The parameters of a primitive are no public interface of JAX: from one version to the next they change their names and
+their form. Each is therefore read by one function here, which has a test of its own (``tests/native/test_primitives``):
+the test traces a public function of JAX and names the primitive if a new JAX keeps its parameters in another way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jax.extend import core
+
+CALLS: Final = {
+    "jit": "jaxpr",
+    "remat2": "jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+}
+"""The primitives that call another function, and the parameter which holds that function."""
+
+
+class UnsupportedError(ValueError):
+    """The function does something that a scalar program cannot."""
+
+
+def _unknown(equation: Any) -> UnsupportedError:
+    found = ", ".join(sorted(equation.params)) or "none"
+    return UnsupportedError(
+        f"the operation {equation.primitive.name!r} as JAX {jax.__version__} writes it, "
+        f"with parameters that glucoloop cannot read (found: {found})"
+    )
+
+
+def _parameter(equation: Any, name: str) -> Any:
+    try:
+        return equation.params[name]
+    except KeyError:
+        raise _unknown(equation) from None
+
+
+def _closed(function: Any) -> Any:
+    """The function with its constants."""
+    return function if hasattr(function, "consts") else core.ClosedJaxpr(function, ())
+
+
+def bind(equation: Any, inputs: Sequence[Any], **changed: Any) -> list[Any]:
+    """Let JAX carry out an equation on other inputs, with some of its parameters replaced."""
+    for name in changed:
+        _parameter(equation, name)
+    results = equation.primitive.bind(*inputs, **{**equation.params, **changed})
+    return list(results) if equation.primitive.multiple_results else [results]
+
+
+def called(equation: Any) -> Any:
+    """The function that a call calls, with its constants; None if the equation is no call."""
+    holder = CALLS.get(equation.primitive.name)
+    return None if holder is None else _closed(_parameter(equation, holder))
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A loop of known length. Its inputs are constants, what is carried, and what is taken row by row, in this order.
+
+    Each round takes the constants, what is carried and a row; it gives what is carried on, and a row of results.
+    """
+
+    round: Any
+    length: int
+    reverse: bool
+    constants: int
+    """How many inputs are constants."""
+    carried: int
+    """How many inputs are carried."""
+
+
+def scan(equation: Any) -> Scan:
+    """The parts of a ``scan``."""
+    params = equation.params
+    if "num_consts" in params and "num_carry" in params:  # up to JAX 0.10
+        constants, carried = params["num_consts"], params["num_carry"]
+    else:  # from JAX 0.11: a tree of three groups
+        try:
+            constants, carried, rows = map(len, _parameter(equation, "ft_in").unpack())
+        except (AttributeError, TypeError, ValueError):
+            raise _unknown(equation) from None
+        if constants + carried + rows != len(equation.invars):
+            raise _unknown(equation)
+    return Scan(
+        round=_closed(_parameter(equation, "jaxpr")),
+        length=_parameter(equation, "length"),
+        reverse=_parameter(equation, "reverse"),
+        constants=constants,
+        carried=carried,
+    )
+
+
+def axes(equation: Any) -> tuple[int, ...]:
+    """The axes along which a reduction, or a search for the largest, is taken."""
+    return tuple(_parameter(equation, "axes"))
+
+
+def exponent(equation: Any) -> int:
+    """The exponent of an ``integer_pow``."""
+    return int(_parameter(equation, "y"))
+
+
+def slice_sizes(equation: Any) -> tuple[int, ...]:
+    """The shape that a ``dynamic_slice`` takes out."""
+    return tuple(_parameter(equation, "slice_sizes"))
+
+
+def iota(equation: Any) -> npt.NDArray[np.int64]:
+    """The numbers of an ``iota``: 0, 1, ... along one axis."""
+    shape, along = _parameter(equation, "shape"), _parameter(equation, "dimension")
+    line = np.arange(shape[along]).reshape([-1 if axis == along else 1 for axis in range(len(shape))])
+    return np.broadcast_to(line, shape)
+
+
+def new_dtype(equation: Any) -> Any:
+    """The type that a ``convert_element_type`` converts to."""
+    return _parameter(equation, "new_dtype")
+
+
+@dataclass(frozen=True)
+class Product:
+    """The axes of the two factors of a product of arrays."""
+
+    summed: tuple[tuple[int, ...], tuple[int, ...]]
+    """The axes of the left and of the right factor that are multiplied and summed, pair by pair."""
+    batched: tuple[tuple[int, ...], tuple[int, ...]]
+    """The axes of the left and of the right factor that are held in common, pair by pair."""
+
+
+def dot_general(equation: Any) -> Product:
+    """The axes of a ``dot_general``."""
+    summed, batched = _parameter(equation, "dimension_numbers")
+    return Product(summed=summed, batched=batched)
+
+
+def gathered(
+    equation: Any, operand: npt.NDArray[np.int64], indices: npt.NDArray[np.int64], outside: int
+) -> npt.NDArray[np.int64]:
+    """What a ``gather`` takes of an array; `outside` where a place lies outside the array."""
+    (found,) = bind(equation, [jnp.asarray(operand), jnp.asarray(indices)], fill_value=outside)
+    return np.asarray(found, np.int64)

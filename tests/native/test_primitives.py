@@ -1,0 +1,234 @@
+"""What JAX keeps in the parameters of its primitives, as native code reads it.
+
+Each test traces a public function. If one fails with a new JAX, the primitive in its name keeps its parameters in
+another way there, and `glucoloop.native.primitives` is where to read the new one as well.
+"""
+
+import ast
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.extend import core
+
+from glucoloop.native import primitives
+from glucoloop.native.primitives import UnsupportedError
+
+X = jnp.arange(12.0).reshape(3, 4)
+
+
+def equations(function, *arguments):
+    """All equations of a traced function, by the names of their primitives."""
+    found = {}
+
+    def walk(closed):
+        for equation in closed.jaxpr.eqns:
+            found.setdefault(equation.primitive.name, equation)
+            inner = primitives.called(equation)
+            if inner is not None:
+                walk(inner)
+
+    walk(jax.make_jaxpr(function)(*arguments))
+    return found
+
+
+def evaluated(function, *arguments):
+    return jax.tree.leaves(core.jaxpr_as_fun(function)(*arguments))
+
+
+@jax.custom_jvp
+def with_a_derivative(x):
+    return x * 3.0
+
+
+with_a_derivative.defjvp(lambda x, t: (with_a_derivative(*x), t[0]))
+
+
+@jax.custom_vjp
+def with_a_pullback(x):
+    return x * 3.0
+
+
+with_a_pullback.defvjp(lambda x: (x * 3.0, None), lambda _, g: (g,))
+
+CALLS = {
+    "jit": jax.jit(lambda x: x * 3.0),
+    "remat2": jax.checkpoint(lambda x: x * 3.0),
+    "custom_jvp_call": with_a_derivative,
+    "custom_vjp_call": with_a_pullback,
+}
+
+
+def test_each_call_is_tried():
+    assert set(CALLS) == set(primitives.CALLS)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_function_that_a_call_calls(name):
+    inner = primitives.called(equations(CALLS[name], X)[name])
+    np.testing.assert_array_equal(evaluated(inner, X)[0], 3.0 * X)
+
+
+def test_a_call_of_a_function_with_constants():
+    table = np.asarray([1.0, 2.0, 4.0, 8.0])
+    inner = primitives.called(equations(jax.checkpoint(lambda x: x * table), X)["remat2"])
+    extra = len(inner.jaxpr.invars) - 1
+    np.testing.assert_array_equal(evaluated(inner, *[table] * extra, X)[0], X * table)
+
+
+def test_what_is_no_call():
+    assert primitives.called(equations(jnp.sin, X)["sin"]) is None
+
+
+@pytest.mark.parametrize("reverse", [False, True], ids=["forwards", "backwards"])
+def test_scan(reverse):
+    def function(gain, offset, start, rows):
+        def one(carry, row):
+            total, count = carry
+            return (gain * total + offset * row.sum(), count + 1.0), (total, -row)
+
+        return jax.lax.scan(one, start, rows, reverse=reverse)
+
+    gain, offset, start = jnp.asarray(0.5), jnp.asarray(2.0), (jnp.asarray(1.0), jnp.asarray(0.0))
+    equation = equations(function, gain, offset, start, X)["scan"]
+    loop = primitives.scan(equation)
+    assert (loop.length, loop.reverse, loop.constants, loop.carried) == (3, reverse, 2, 2)
+    total, count, before, row = evaluated(loop.round, gain, offset, *start, X[1])
+    assert (float(total), float(count), float(before)) == (0.5 + 2.0 * float(X[1].sum()), 1.0, 1.0)
+    np.testing.assert_array_equal(row, -X[1])
+
+
+def test_scan_without_rows_constants_or_results():
+    equation = equations(lambda x: jax.lax.scan(lambda c, _: (c + 1.0, None), x, None, length=7)[0], X)["scan"]
+    loop = primitives.scan(equation)
+    assert (loop.length, loop.reverse, loop.constants, loop.carried) == (7, False, 0, 1)
+
+
+def test_scan_of_a_loop_that_counts():
+    equation = equations(lambda x: jax.lax.fori_loop(0, 5, lambda i, c: c + i, x), X)["scan"]
+    loop = primitives.scan(equation)
+    assert (loop.length, loop.constants, loop.carried) == (5, 0, 2)
+
+
+REDUCTIONS = {
+    "reduce_sum": lambda x: jnp.sum(x, axis=(0, 2)),
+    "reduce_max": lambda x: jnp.max(x, axis=(0, 2)),
+    "reduce_min": lambda x: jnp.min(x, axis=(0, 2)),
+    "reduce_and": lambda x: jnp.all(x > 0.0, axis=(0, 2)),
+    "reduce_or": lambda x: jnp.any(x > 0.0, axis=(0, 2)),
+}
+
+
+@pytest.mark.parametrize("name", REDUCTIONS)
+def test_axes_of_a_reduction(name):
+    assert primitives.axes(equations(REDUCTIONS[name], X.reshape(3, 2, 2))[name]) == (0, 2)
+
+
+def test_axis_of_argmax():
+    assert primitives.axes(equations(lambda x: jnp.argmax(x, axis=1), X)["argmax"]) == (1,)
+
+
+@pytest.mark.parametrize("power", [-2, 3])
+def test_exponent_of_integer_pow(power):
+    assert primitives.exponent(equations(lambda x: x**power, X)["integer_pow"]) == power
+
+
+def test_sizes_of_dynamic_slice():
+    function = lambda x, i: jax.lax.dynamic_slice(x, (i, 0), (2, 3))  # noqa: E731
+    assert primitives.slice_sizes(equations(function, X, 1)["dynamic_slice"]) == (2, 3)
+
+
+def test_numbers_of_iota():
+    equation = equations(lambda: jax.lax.broadcasted_iota(float, (2, 3, 2), 1))["iota"]
+    np.testing.assert_array_equal(primitives.iota(equation), np.indices((2, 3, 2))[1])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "int32", "bool"])
+def test_type_of_convert_element_type(dtype):
+    equation = equations(lambda x: jax.lax.convert_element_type(x, dtype), X)["convert_element_type"]
+    assert primitives.new_dtype(equation) == np.dtype(dtype)
+
+
+def test_axes_of_dot_general():
+    equation = equations(lambda a, b: jnp.einsum("bij,jbk->bik", a, b), X.reshape(3, 2, 2), X.reshape(2, 3, 2))
+    product = primitives.dot_general(equation["dot_general"])
+    assert sorted(zip(*product.summed, strict=True)) in ([(2, 0)], [(0, 2)])
+    assert sorted(zip(*product.batched, strict=True)) in ([(0, 1)], [(1, 0)])
+
+
+@pytest.mark.parametrize("places", [(2, 0, 0), (1, 5)], ids=["inside", "outside"])
+def test_gather(places):
+    equation = equations(lambda x: x.at[jnp.asarray(places)].get(mode="fill"), X)["gather"]
+    numbers = np.arange(12).reshape(3, 4)
+    found = primitives.gathered(equation, numbers, np.asarray(places)[:, None], -1)
+    expected = [numbers[place] if place < 3 else np.full(4, -1) for place in places]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_scatter_is_carried_out_on_other_numbers():
+    equation = equations(lambda x: x.at[1, 2].set(9.0), X)["scatter"]
+    numbers = np.arange(12).reshape(3, 4)
+    (found,) = primitives.bind(equation, [jnp.asarray(numbers), jnp.asarray([1, 2]), jnp.asarray(-5)])
+    expected = numbers.copy()
+    expected[1, 2] = -5
+    np.testing.assert_array_equal(found, expected)
+
+
+class Changed:
+    """An equation of a JAX that is not known here."""
+
+    def __init__(self, equation, **params):
+        self.primitive, self.invars, self.params = equation.primitive, equation.invars, params
+
+
+READERS = {
+    "jit": primitives.called,
+    "scan": primitives.scan,
+    "reduce_sum": primitives.axes,
+    "integer_pow": primitives.exponent,
+    "dynamic_slice": primitives.slice_sizes,
+    "iota": primitives.iota,
+    "convert_element_type": primitives.new_dtype,
+    "dot_general": primitives.dot_general,
+    "gather": lambda equation: primitives.gathered(equation, X, X, -1),
+}
+
+
+@pytest.fixture(scope="module")
+def of_each_kind():
+    def function(x):
+        y = jax.lax.dynamic_slice(x**3, (x[0, 0].astype(int), 0), (2, 2)) + x[jnp.asarray([2, 0]), :2]
+        z = jax.lax.scan(lambda c, row: (c + row @ jnp.arange(2.0), None), 0.0, y)[0]
+        return z + jnp.sum(jnp.clip(x, 0.0, 1.0)) + x @ jnp.arange(4.0)
+
+    return equations(function, X)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_parameters_in_another_form_are_told_by_name(of_each_kind, name):
+    equation = Changed(of_each_kind[name], shape_of_things=1)
+    with pytest.raises(UnsupportedError, match=f"'{name}' as JAX {jax.__version__} .*found: shape_of_things"):
+        READERS[name](equation)
+
+
+@pytest.mark.parametrize("groups", [None, (1, 2), ((), (), ())], ids=["none", "two", "too few"])
+def test_a_scan_whose_groups_do_not_fit_is_refused(of_each_kind, groups):
+    class Tree:
+        def unpack(self):
+            return groups
+
+    with pytest.raises(UnsupportedError, match="'scan'"):
+        primitives.scan(Changed(of_each_kind["scan"], ft_in=Tree(), jaxpr=None, length=1, reverse=False))
+
+
+def test_no_other_module_reads_parameters():
+    folder = Path(primitives.__file__).parent
+    readers = {
+        path.name
+        for path in folder.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr == "params"
+    }
+    assert readers == {"primitives.py"}
