@@ -38,13 +38,6 @@ def test_folder_repeats_the_comparison(glucoloop, tmp_path):
     }  # fmt: skip
 
 
-def test_cases_of_a_file_and_of_the_command_line_add_up(glucoloop, tmp_path):
-    (tmp_path / "c.toml").write_text("duration_min = 100\n[[case]]\nlabel = 'a'\nmove_weight = 1.0\n")
-    cases = glucoloop("compare", "--config", "c.toml", "--case", "b: mpc", "--json").json["cases"]
-    assert list(cases) == ["a", "b"]
-    assert cases["a"]["config"]["move_weight"] == 1.0
-
-
 @pytest.mark.parametrize(
     ("content", "told"),
     [("[[case]]\n[[case]]\n", "has no label"), ("case = 3\n", "[[case]]"), ("[case]\na = 1\n", "[[case]]")],

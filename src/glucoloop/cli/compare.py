@@ -22,7 +22,7 @@ HELP: Final = (
     "Compare controllers or tunings: the same patient, meals, sensor and pump for each, one table, one picture.\n\n"
     "A case is a label and what is its own, [LABEL:] [CONTROLLER,] [KEY=VALUE, ...]; its keys are the controller and "
     "model options with underscores. Controller and model options given beside the cases hold for every case that "
-    "does not say otherwise.\n\n"
+    "does not say otherwise; given beside a file, they hold for every case of the file.\n\n"
     "  glucoloop compare --case mpc --case 'careful: mpc, move_weight=1'\n\n"
     "  glucoloop compare --noise 1.45 --case 'short: prediction_horizon=6' --case 'long: prediction_horizon=14'\n\n"
     "  glucoloop compare --dead-time 10 --case 'unknown: mpc' --case 'known: mpc, known_dead_time=true'\n\n"
@@ -33,7 +33,7 @@ _CASES: Final = Option(
     "cases",
     "--case",
     list[str],
-    "A case, like 'careful: mpc, move_weight=1'; two or more, with those of the file.",
+    "A case, like 'careful: mpc, move_weight=1'; give two or more, which take the place of the file's.",
     "Cases",
     metavar="CASE",
 )
@@ -96,12 +96,9 @@ def _bounded(keys: Given, of_file: Given) -> bool:
 
 def _read(keys: Given, of_file: Given) -> Comparison:
     from glucoloop.config import overlay, read_comparison
-    from glucoloop.config.case_text import parse_case
+    from glucoloop.config.cases import take_cases
 
-    of_file_cases = of_file.pop("case", [])
-    if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
-        raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
-    cases = [*of_file_cases, *(parse_case(text) for text in keys.pop("cases", None) or ())]
+    cases = take_cases(keys, of_file)
     called = names(_OPTIONS, keys)
     return read_comparison(overlay(of_file, keys, called), cases, called)
 

@@ -348,7 +348,14 @@ CASE: Final = (
 """A controller, its tuning and its model."""
 
 OUTPUT: Final = (
-    Option("config", "--config", str, "Read options from a TOML file; those given here win.", _OUTPUT, metavar="FILE"),
+    Option(
+        "config",
+        "--config",
+        str,
+        "Read options from a TOML file; those given here win, and a list given here takes the place of the file's.",
+        _OUTPUT,
+        metavar="FILE",
+    ),
     Option("out", "--out", str, "Folder for tables, figures and the configuration.", _OUTPUT, metavar="DIR"),
     Option("overwrite", "--overwrite", bool, "Replace an earlier result in that folder.", _OUTPUT),
     Option("json", "--json", bool, "Print one JSON object instead of a table.", _OUTPUT),

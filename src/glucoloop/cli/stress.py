@@ -92,11 +92,11 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> StressTest:
-    from glucoloop.cli.trial import cases_of
+    from glucoloop.config.cases import take_cases
     from glucoloop.config.stress import read_stress
     from glucoloop.config.trial import overlay_trial
 
-    cases = cases_of(keys, of_file)
+    cases = take_cases(keys, of_file)
     called = names(_OPTIONS, keys)
     return read_stress(overlay_trial(of_file, keys, called), cases, called)
 

@@ -74,28 +74,12 @@ def _work(keys: Given) -> _Work:
 
 
 def _read(keys: Given, of_file: Given) -> Trial:
+    from glucoloop.config.cases import take_cases
     from glucoloop.config.trial import overlay_trial, read_trial
 
-    cases = cases_of(keys, of_file)
+    cases = take_cases(keys, of_file)
     called = names(TRIAL, keys)
     return read_trial(overlay_trial(of_file, keys, called), cases, called)
-
-
-def cases_of(keys: Given, of_file: Given) -> list[Given]:
-    """Take the cases out of what was given: controllers of the command line join those of the file, as cases do."""
-    from glucoloop.config.case_text import parse_case
-    from glucoloop.config.comparison import CASES_KEY
-    from glucoloop.config.trial import CONTROLLERS_KEY
-
-    of_file_cases = of_file.pop(CASES_KEY, [])
-    if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
-        raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
-    named = keys.pop(CONTROLLERS_KEY, None) or []
-    return [
-        *of_file_cases,
-        *({"label": name, "controller": name} for name in named),
-        *(parse_case(text) for text in keys.pop("cases", None) or ()),
-    ]
 
 
 def _carry_out(trial: Trial, output: Output, out: Path, work: _Work) -> None:

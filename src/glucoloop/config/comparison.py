@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from glucoloop.config.cases import CASES_KEY, refuse_idle, under_shared
 from glucoloop.config.run import (
     Case,
     Run,
     Situation,
     case_key_names,
     case_keys,
-    overlay,
     read_case,
     read_run,
     refuse_unknown,
@@ -21,8 +21,6 @@ from glucoloop.trials import catalogue
 from glucoloop.trials.printable import is_printable
 
 MOST_CASES: Final = 20
-CASES_KEY: Final = "case"
-"""Of the tables in a file: ``[[case]]``."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,11 @@ def read_comparison(
         own = {key: value for key, value in case.items() if key != "label"}
         try:
             _refuse_shared(own)
-            read[label] = read_case(overlay(shared, {"controller": "mpc", **own}), situation)
+            read[label] = read_case(under_shared(shared, own), situation)
         except ValueError as error:
             raise ValueError(f"case {label!r}: {error}") from None
+    guarded = any(case.guard for case in read.values())
+    refuse_idle(shared, [case.controller for case in read.values()], guarded=guarded, names=names)
     return Comparison(situation=situation, cases=read)
 
 

@@ -234,14 +234,23 @@ def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[s
 def _guard_limits(
     keys: Mapping[str, object], guarded: bool, names: Mapping[str, str] | None
 ) -> dict[str, catalogue.Value]:
-    given = {key: value for key, value in keys.items() if key in GUARD}
-    if guarded:
-        return complete_guard(given)
-    for key in given:
-        raise ValueError(
-            f"{(names or {}).get(key, key)} is a limit of the guard, which is off; switch it on, or leave it out"
-        )
-    return {}
+    refuse_limits_without_guard(keys, guarded=guarded, names=names)
+    return complete_guard({key: value for key, value in keys.items() if key in GUARD}) if guarded else {}
+
+
+def refuse_limits_without_guard(keys: Mapping[str, object], *, guarded: bool, names: Names = None) -> None:
+    """Refuse a limit of a guard that is off.
+
+    Raises
+    ------
+    ValueError
+        For the first one.
+    """
+    for key in keys:
+        if key in GUARD and not guarded:
+            raise ValueError(
+                f"{(names or {}).get(key, key)} is a limit of the guard, which is off; switch it on, or leave it out"
+            )
 
 
 def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: bool = False) -> tuple[str, ...]:

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from glucoloop.config.comparison import CASES_KEY
+from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.run import faults_told
-from glucoloop.config.trial import CONTROLLERS_KEY, overlay_trial, read_trial, trial_keys
+from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
 from glucoloop.trials.catalogue import Value
 from glucoloop.trials.guard_catalogue import GUARD, complete_guard

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, Field
 
-from glucoloop.config.comparison import CASES_KEY, MOST_CASES
+from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, refuse_idle, under_shared
+from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.population import named_population, population_keys, read_population
 from glucoloop.config.run import (
@@ -35,8 +36,6 @@ from glucoloop.units import MIN_PER_DAY
 
 USUAL_DAY: Final = ("45g@420min", "70g@720min", "60g@1080min")
 """Breakfast at 7 h, lunch at 12 h and dinner at 18 h."""
-CONTROLLERS_KEY: Final = "controllers"
-"""Of a list of controllers, each a case with its usual tuning."""
 SITUATION_KEYS: Final = (
     "operating_point",
     "setpoint_mg_dl",
@@ -127,7 +126,7 @@ def read_trial(
         people=own.people,
         first_person=own.first_person,
         plan=plan,
-        cases=_cases(keys, cases, situation),
+        cases=_cases(keys, cases, situation, names),
         seed=situation.seed,
         operating_point=situation.operating_point,
         setpoint_mg_dl=situation.setpoint_mg_dl,
@@ -244,7 +243,10 @@ def _traces(told: object, name: str) -> Literal["none", "all"] | int:
 
 
 def _cases(
-    keys: Mapping[str, object], cases: Sequence[Mapping[str, object]], situation: Situation
+    keys: Mapping[str, object],
+    cases: Sequence[Mapping[str, object]],
+    situation: Situation,
+    names: Mapping[str, str] | None,
 ) -> tuple[TrialCase, ...]:
     named = keys.get(CONTROLLERS_KEY, [])
     if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
@@ -254,6 +256,8 @@ def _cases(
         raise ValueError(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
     shared = {key: value for key, value in keys.items() if key in _own_case_keys()}
     read = [_read_case(table, shared, situation) for table in tables or [{"label": "mpc"}]]
+    guarded = any(case.guard is not None for case in read)
+    refuse_idle(shared, [case.controller for case in read], guarded=guarded, names=names)
     return tuple(read)
 
 
@@ -270,7 +274,7 @@ def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situat
                 raise ValueError(f"{key} belongs to the trial, which all cases share; give it outside the cases")
             if key not in _own_case_keys():
                 raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, _own_case_keys())}")
-        case = read_case(overlay(shared, {"controller": "mpc", **own}), situation)
+        case = read_case(under_shared(shared, own), situation)
     except ValueError as error:
         raise ValueError(f"case {label!r}: {error}") from None
     return _trial_case(label, case)

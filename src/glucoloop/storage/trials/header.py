@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import glucoloop
-from glucoloop.config.comparison import CASES_KEY
+from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text

@@ -1,0 +1,103 @@
+"""Cases that a file and the command line tell of: what is given on the command line wins, here as everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from glucoloop.config.case_text import parse_case
+from glucoloop.config.run import case_key_names, overlay, refuse_limits_without_guard
+from glucoloop.trials import catalogue
+from glucoloop.trials.guard_catalogue import GUARD
+
+CASES_KEY: Final = "case"
+"""Of the tables in a file: ``[[case]]``."""
+CONTROLLERS_KEY: Final = "controllers"
+"""Of a list of controllers, each a case with its usual tuning."""
+_GIVEN_CASES: Final = "cases"
+
+
+def take_cases(given: dict[str, Any], of_file: dict[str, Any]) -> list[dict[str, Any]]:
+    """Take the cases out of what was given and out of the file.
+
+    Cases and controllers that are given take the place of the file's. Without any, the file's cases are taken, and a
+    setting that is given holds for each of them that has it, whatever the file says of it.
+
+    Parameters
+    ----------
+    given, of_file : dict
+        Flat keys of the command line and of the file; the cases are removed from both.
+
+    Raises
+    ------
+    ValueError
+        For cases that are no tables, or a given controller that makes different cases of the file alike.
+    """
+    of_file_cases = of_file.pop(CASES_KEY, [])
+    if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
+        raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
+    named = given.pop(CONTROLLERS_KEY, None) or []
+    own = [
+        *({"label": name, "controller": name} for name in named),
+        *(parse_case(text) for text in given.pop(_GIVEN_CASES, None) or ()),
+    ]
+    if own:
+        of_file.pop(CONTROLLERS_KEY, None)
+        return own
+    cases = [_with(given, case, of_file) for case in of_file_cases]
+    _refuse_alike(of_file_cases, cases, given)
+    return cases
+
+
+def under_shared(shared: Mapping[str, object], case: Mapping[str, object]) -> dict[str, object]:
+    """The keys of a case over those that all cases share; limits of a guard hold where there is one."""
+    keys = overlay(shared, {"controller": "mpc", **case})
+    if keys.get("guard") is True:
+        return keys
+    return {key: value for key, value in keys.items() if key not in GUARD or key in case}
+
+
+def refuse_idle(
+    keys: Mapping[str, object],
+    controllers: Iterable[str],
+    *,
+    guarded: bool,
+    names: Mapping[str, str] | None = None,
+) -> None:
+    """Refuse a setting beside the cases that none of them has."""
+    refuse_limits_without_guard(keys, guarded=guarded, names=names)
+    used = list(dict.fromkeys(controllers))
+    known = {setting.name for name in used for setting in catalogue.controller_entry(name).settings}
+    for key in keys:
+        if key in catalogue.all_settings() and key not in known:
+            raise ValueError(
+                f"{(names or {}).get(key, key)} is a setting of none of these controllers: {', '.join(used)}; "
+                "leave it out, or add a controller that has it"
+            )
+
+
+def _with(given: Mapping[str, Any], case: Mapping[str, Any], of_file: Mapping[str, Any]) -> dict[str, Any]:
+    """A case of the file under what was given: of that, what its controller and its guard have."""
+    upper = {key: value for key, value in given.items() if key in case_key_names()}
+    told = {**of_file, **case, **upper}
+    entry = catalogue.CONTROLLERS.get(str(told.get("controller", "mpc")))
+    own = catalogue.all_settings() if entry is None else {setting.name for setting in entry.settings}
+    foreign = {*(catalogue.all_settings().keys() - own), *(() if told.get("guard") is True else GUARD)}
+    return overlay(case, {key: value for key, value in upper.items() if key not in foreign})
+
+
+def _refuse_alike(before: list[dict[str, Any]], after: list[dict[str, Any]], given: Mapping[str, Any]) -> None:
+    if "controller" not in given:
+        return
+    for later in range(len(after)):
+        for earlier in range(later):
+            if _unlike(before[earlier], before[later]) and not _unlike(after[earlier], after[later]):
+                first, second = after[earlier].get("label"), after[later].get("label")
+                raise ValueError(
+                    f"--controller {given['controller']} makes the cases {first!r} and {second!r} of the file alike; "
+                    "leave it out, or give the cases with --case"
+                )
+
+
+def _unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    return {**one, "label": ""} != {**other, "label": ""}
