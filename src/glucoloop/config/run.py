@@ -352,8 +352,8 @@ def case_key_names() -> list[str]:
     return [*own, *catalogue.all_settings(), *GUARD]
 
 
-def whole_samples(minutes: float, sample_time_min: float) -> int:
-    """Minutes as samples.
+def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead time") -> int:
+    """Minutes as samples; `what` they are, for messages.
 
     Raises
     ------
@@ -364,7 +364,7 @@ def whole_samples(minutes: float, sample_time_min: float) -> int:
     if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
         below = int(minutes / sample_time_min) * sample_time_min
         raise ValueError(
-            f"a dead time of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
+            f"{what} of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
             f"give {below:g} or {below + sample_time_min:g} min"
         )
     return samples

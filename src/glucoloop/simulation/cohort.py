@@ -77,6 +77,10 @@ class CohortRun:
     """(samples + 1, people) free of noise, at each sample and at the horizon, in the engine's precision."""
     insulin_mU_min: Array
     """(samples, people) delivered from each sample to the next."""
+    reading_mg_dl: Array | None = None
+    """(samples, people) what the sensor said, if the cohort tells it."""
+    status: Array | None = None
+    """(samples, people) `control.protocol.Status` of each decision, if the cohort tells it."""
 
 
 @pytree
@@ -123,6 +127,8 @@ class Cohort:
         Of native code.
     substeps : int
         Steps of the integrator per sample.
+    tell_decisions : bool
+        Whether a run hands back readings and statuses too.
 
     Raises
     ------
@@ -149,7 +155,9 @@ class Cohort:
         engine: str | None = None,
         precision: str = "float64",
         substeps: int = SUBSTEPS,
+        tell_decisions: bool = False,
     ) -> None:
+        self._tells_decisions = tell_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
         self._substeps, self._own_meals = substeps, meals is None
         self._plants = PeoplePlant(nominal, varied, grid, substeps)
@@ -197,12 +205,16 @@ class Cohort:
             carry, keys = self._begin_people(own, x, insulin, jnp.asarray(first_told), people.key)
             for computed in jax.tree.leaves((own, carry, keys)):
                 computed.block_until_ready()
-        last, (glucose, delivered) = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
+        last, outputs = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
+        glucose, delivered, *decisions = outputs
+        reading, status = decisions or (None, None)
         end = np.asarray(self._nominal.glucose_mg_dl(last.loop.x))
         return CohortRun(
             fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
             glucose_mg_dl=np.concatenate([glucose, end[None]]),
             insulin_mU_min=delivered,
+            reading_mg_dl=reading,
+            status=None if status is None else status.astype(int),
         )
 
     # one person
@@ -221,7 +233,7 @@ class Cohort:
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, chance: Any) -> tuple[_Carry, Any]:
-        """One sample; what comes out of it is glucose and the delivered rate."""
+        """One sample: glucose and the delivered rate come out of it, and reading and status if they are told."""
         digestion, moments = carry.digestion, shared["moments"]
         if digestion is not None:
             of_steps = []
@@ -232,7 +244,9 @@ class Cohort:
         told = (reaching if self._own_meals else shared)["told"] if self._announced else jnp.zeros(())
         state, happened = sample(self._loop(own), carry.loop, moments, told, *chance)
         fold = self._fold.step(carry.fold, happened, shared["t_min"])
-        outputs = happened.glucose_mg_dl, happened.delivery.insulin_mU_min
+        outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.delivery.insulin_mU_min
+        if self._tells_decisions:
+            outputs += happened.reading.glucose_mg_dl, happened.decision.status
         return _Carry(loop=state, digestion=digestion, fold=fold), outputs
 
     def _make_engine(self, name: str | None, precision: str) -> Engine:

@@ -1,0 +1,105 @@
+"""A sensor whose errors are given, sample by sample, and which sticks for given stretches of time.
+
+It is what a search for the worst errors puts around a sensor: the errors are data, so that thousands of sequences are
+tried by one compiled program.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.sensors.ideal import IdealSensor
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+@pytree
+class _State:
+    inner: Any
+    errors: jax.Array
+    """(samples, ...) those still to come, the next first."""
+    index: jax.Array
+    """Number of the next sample, as a float."""
+    held: Reading
+
+
+@pytree
+class Erring:
+    """Multiplies what the sensor inside reads by one plus an error; make it with `erring`."""
+
+    inner: Sensor
+    errors: jax.Array
+    """(samples, ...) relative error of each reading; the last one stays for all samples after it."""
+    stuck_from: jax.Array
+    """(stretches, ...) number of the sample from which on the reading stays as it is."""
+    stuck_samples: jax.Array | float
+    """Readings that are the same in each stretch, the first one included."""
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """Before the first reading."""
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _State(
+            inner=self.inner.init(glucose_mg_dl, key),
+            errors=jnp.asarray(self.errors, zero.dtype),
+            index=zero,
+            held=Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.ones(jnp.shape(glucose_mg_dl), bool)),
+        )
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read what is inside with the error of this sample, or tell the last reading again while it is stuck."""
+        inner, reading = self.inner.read(state.inner, glucose_mg_dl, key)
+        since = state.index - self.stuck_from
+        stuck = jnp.any((since > 0.0) & (since < self.stuck_samples), axis=0)
+        told = Reading(
+            glucose_mg_dl=jnp.where(stuck, state.held.glucose_mg_dl, reading.glucose_mg_dl * (1.0 + state.errors[0])),
+            valid=jnp.where(stuck, state.held.valid, reading.valid),
+        )
+        errors = jnp.concatenate([state.errors[1:], state.errors[-1:]])
+        return _State(inner=inner, errors=errors, index=state.index + 1.0, held=told), told
+
+
+def erring(
+    errors: npt.ArrayLike,
+    stuck_from: npt.ArrayLike = (),
+    stuck_samples: int = 1,
+    inner: Sensor | None = None,
+) -> Erring:
+    """Sensor with given errors.
+
+    Parameters
+    ----------
+    errors : (samples,) or (samples, people) array
+        Relative error of each reading: 0.1 reads 10 % too high. The last one stays for all samples after it.
+    stuck_from : (stretches,) or (stretches, people) array
+        Numbers of the samples from which on the reading stays as it is; the first sample is number 0.
+    stuck_samples : int
+        Readings that are the same in each stretch, the first one included.
+    inner : Sensor, optional
+        What errs; an ideal sensor by default.
+
+    Raises
+    ------
+    ValueError
+        For no error, one that is not finite or makes readings negative, or a stretch that cannot be.
+    """
+    each, first = np.asarray(errors, float), np.asarray(stuck_from, float)
+    if each.ndim == 0 or not each.shape[0]:
+        raise ValueError("there is no error for any sample; give at least one, which then holds for all")
+    if not np.all(np.isfinite(each) & (each >= -1.0)):
+        worst = each[~(np.isfinite(each) & (each >= -1.0))].flat[0]
+        raise ValueError(f"a relative error of {worst:g} is not possible; give finite numbers of -1 or more")
+    if not np.all(np.isfinite(first) & (first >= 0.0) & (first == np.floor(first))):
+        raise ValueError(f"{stuck_from!r} are no numbers of samples; give whole numbers of 0 or more")
+    if isinstance(stuck_samples, bool) or not isinstance(stuck_samples, int) or stuck_samples < 1:
+        raise ValueError(f"{stuck_samples!r} readings of a stretch are not possible; give a whole number of 1 or more")
+    return Erring(
+        inner=IdealSensor() if inner is None else inner,
+        errors=jnp.asarray(each),
+        stuck_from=jnp.asarray(first),
+        stuck_samples=float(stuck_samples),
+    )

@@ -1,0 +1,34 @@
+"""The worst plausible sensor errors: what a search finds that makes a controller do the most harm."""
+
+from glucoloop.trials.adversary.attack import Attack, Harm, Lane
+from glucoloop.trials.adversary.random_errors import RandomErrors, random_errors
+from glucoloop.trials.adversary.search import (
+    EXTRA,
+    Effort,
+    Generation,
+    Judge,
+    Worst,
+    generations,
+    judge_of,
+    worst_errors,
+    worst_of,
+)
+from glucoloop.trials.adversary.space import ErrorSpace
+
+__all__ = [
+    "EXTRA",
+    "Attack",
+    "Effort",
+    "ErrorSpace",
+    "Generation",
+    "Harm",
+    "Judge",
+    "Lane",
+    "RandomErrors",
+    "Worst",
+    "generations",
+    "judge_of",
+    "random_errors",
+    "worst_errors",
+    "worst_of",
+]

@@ -1,0 +1,64 @@
+"""Which sensor errors are plausible: bounded in size, and a few stretches in which the reading is stuck."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ErrorSpace:
+    """All sequences of errors that a sensor may make.
+
+    A sequence is a point with coordinates from -1 to 1: the errors one after the other, each relative to the largest,
+    and then the moments at which the stuck stretches begin, from the first sample to the last.
+
+    Raises
+    ------
+    ValueError
+        For a number out of its bounds.
+    """
+
+    samples: int
+    error: float
+    """Largest relative error: 0.1 is 10 % of the true glucose."""
+    hold_samples: int = 3
+    """Samples for which an error stays the same."""
+    stretches: int = 3
+    """Stretches in which the reading is stuck."""
+    stretch_samples: int = 6
+    """Readings that are the same in each stretch."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.error) and 0.0 <= self.error < 1.0):
+            raise ValueError(f"a largest error of {100.0 * self.error:g} % is not possible; give 0 or more, below 100")
+        for name, least in (("samples", 1), ("hold_samples", 1), ("stretches", 0), ("stretch_samples", 1)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise ValueError(f"{name} of {value!r} is not possible; give a whole number of {least} or more")
+
+    @property
+    def pieces(self) -> int:
+        """Errors of a sequence, each of which holds for some samples."""
+        return -(-self.samples // self.hold_samples)
+
+    @property
+    def dimension(self) -> int:
+        """Coordinates of a point."""
+        return self.pieces + self.stretches
+
+    def errors(self, points: Array) -> Array:
+        """Relative error of each reading, ``(samples, n)``, of points ``(n, dimension)``, clipped to the bounds."""
+        pieces = self.error * np.clip(points[:, : self.pieces], -1.0, 1.0)
+        return np.repeat(pieces, self.hold_samples, axis=1)[:, : self.samples].T
+
+    def stuck_from(self, points: Array) -> Array:
+        """Sample at which each stuck stretch begins, ``(stretches, n)``."""
+        share = np.clip(0.5 * (points[:, self.pieces :] + 1.0), 0.0, 1.0)
+        return np.minimum(np.floor(share * self.samples), self.samples - 1.0).T
