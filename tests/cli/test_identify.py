@@ -44,6 +44,73 @@ def test_record_of_a_lively_input_is_fitted_by_least_squares(glucoloop, tmp_path
     assert answer.json["fit"]["gain_mg_dl_per_mU_min"] == pytest.approx(-2.8, abs=0.4)
 
 
+def written(path, insulin, glucose):
+    rows = [f"{5 * k},{u!r},{y!r}" for k, (u, y) in enumerate(zip(insulin.tolist(), glucose.tolist(), strict=True))]
+    path.write_text("t_min,insulin_mU_min,glucose_mg_dl\n" + "\n".join(rows))
+
+
+@pytest.fixture
+def moved():
+    """Rates that move every sample, and what a person answers to them."""
+    patient = gl.patient()
+    insulin = float(patient.basal_insulin_mU_min) + np.random.default_rng(0).uniform(-5, 5, 300)
+    return insulin, np.asarray(gl.excite(patient, insulin).glucose_mg_dl)[:300]
+
+
+def test_a_record_in_which_insulin_raises_glucose_gives_no_model_to_use(glucoloop, refused, tmp_path, moved):
+    insulin, glucose = moved
+    written(tmp_path / "r.csv", insulin, 162.0 - glucose)
+    out = glucoloop("identify", "--data", "r.csv", "--out", "m").out
+    assert "DO NOT USE THIS MODEL" in out
+    assert "more insulin would raise glucose" in out
+    assert "Use it" not in out
+    assert "more insulin would raise glucose" in refused("run", "--model", "m/model.json")
+
+
+def test_a_record_that_says_nothing_of_insulin_gives_no_model_to_use(glucoloop, refused, tmp_path, moved):
+    insulin, _ = moved
+    written(tmp_path / "r.csv", insulin, 120.0 + np.cumsum(np.random.default_rng(1).normal(0, 2, 300)))
+    answer = glucoloop("identify", "--data", "r.csv", "--out", "m", "--json")
+    assert answer.json["doubts"]
+    assert "DO NOT USE THIS MODEL" in answer.err
+    told = refused("run", "--model", "m/model.json")
+    assert answer.json["doubts"][0] in told
+    out = glucoloop("run", "--model", "m/model.json", "--allow-unusual", "--duration", 60).out
+    assert f"Doubtful model: {answer.json['doubts'][0]}" in out
+
+
+def test_meals_of_a_record_are_fitted_and_kept(glucoloop, tmp_path, moved):
+    insulin, glucose = moved
+    t_min = 5.0 * np.arange(300)
+    raised = np.where(t_min > 400, 60 * (t_min - 400) / 80 * np.exp(1 - (t_min - 400) / 80), 0.0)
+    written(tmp_path / "r.csv", insulin, glucose + raised)
+    rows = (tmp_path / "r.csv").read_text().splitlines()
+    (tmp_path / "r.csv").write_text(
+        "\n".join([f"{rows[0]},carbs_g", *(f"{row},{50 if k == 80 else ''}" for k, row in enumerate(rows[1:]))])
+    )
+    options = ("--basal-insulin", float(gl.patient().basal_insulin_mU_min))
+    answer = glucoloop("identify", "--data", "r.csv", "--out", "m", "--json", *options)
+    assert "Meals: 1 with 50 g in all" in answer.err
+    assert answer.json["doubts"] == []
+    assert answer.json["fit"]["gain_mg_dl_per_mU_min"] == pytest.approx(-2.7, abs=0.4)
+    again = glucoloop("identify", "--data", "m/record.csv", "--json", *options)
+    assert again.json["model"]["step_response"] == answer.json["model"]["step_response"]
+
+
+def test_rates_in_another_unit_are_asked_about(refused, tmp_path, moved):
+    insulin, glucose = moved
+    written(tmp_path / "r.csv", insulin * 0.06, glucose)
+    told = refused("identify", "--data", "r.csv")
+    assert "looks like U/h" in told
+    assert "or add --allow-unusual" in told
+
+
+def test_an_experiment_that_drowns_in_noise_gives_no_model_to_use(glucoloop):
+    out = glucoloop("identify", "--noise", 100, "--noise-bound", 50, "--seed", 1).out
+    assert "DO NOT USE THIS MODEL" in out
+    assert "--samples" in out
+
+
 def test_best_pole_dead_time_and_sample_time(glucoloop):
     report = glucoloop(
         "identify", "--best-pole", "--dead-time", 20, "--sample-time", 10, "--samples", 60, "--json"

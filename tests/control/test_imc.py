@@ -132,11 +132,12 @@ def test_table_i(patient_81, undershoot_and_settling):
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
-        ({"gain": 0.0}, r"gain of 0 mg/dl per mU/min is not possible; give a finite value that is not 0"),
+        ({"gain": 0.0}, r"gain of 0 mg/dl per mU/min is not possible; insulin lowers glucose"),
         ({"gain": np.nan}, "gain of nan"),
         ({"gain": -np.inf}, "gain of -inf"),
         ({"tau_min": 0.0}, "lag of 0 min is not possible; give a finite value above 0"),
         ({"tau_min": -80.0}, "lag of -80 min"),
+        ({"gain": 3.0}, r"gain of 3 mg/dl per mU/min is not possible; insulin lowers glucose.*below 0"),
         ({"tau_min": np.inf}, "lag of inf min"),
         ({"filter_min": 0.0}, "filter of 0 min is not possible; give a finite value above 0"),
         ({"filter_min": np.nan}, "filter of nan min"),

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -319,6 +321,12 @@ def test_a_tuning_out_of_bounds_is_refused(arguments, sentence):
 def test_an_unknown_way_of_handling_constraints_is_refused():
     with pytest.raises(ValueError, match=r"unknown constraint handling 'soft'; the known ones are: clip, qp"):
         design_linear_mpc(MODEL, constraints="soft")
+
+
+def test_a_model_in_which_insulin_raises_glucose_is_refused():
+    raised = dataclasses.replace(MODEL, step_response=-MODEL.step_response)
+    with pytest.raises(ValueError, match=r"gain of \S+ mg/dl per mU/min is not possible; insulin lowers glucose"):
+        design_linear_mpc(raised, TUNING)
 
 
 @pytest.mark.parametrize("samples", [7, 8, 20])

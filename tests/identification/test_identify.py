@@ -1,5 +1,7 @@
 """From a record to a model: known patients come back, unfit records are refused."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,7 @@ from glucoloop.identification import (
     design_csrs,
     identify_record,
     laguerre_smooth,
+    meal_answer,
     random_binary_sequence,
     validate,
 )
@@ -107,6 +110,39 @@ def test_smoothing_makes_a_noisy_model_predict_better():
         ]
     )
     assert np.median(sums[:, 0]) < 0.6 * np.median(sums[:, 1])
+
+
+def test_meals_do_not_bias_the_gain():
+    """Insulin given at meals, as people do: what meals add is the response of their own."""
+    rng = np.random.default_rng(0)
+    carbs = np.zeros(600)
+    carbs[rng.choice(500, 12, replace=False)] = rng.uniform(20, 80, 12)
+    t_min = 5.0 * np.arange(1, 73)
+    per_gram = 1.2 * (t_min / 80) * np.exp(1 - t_min / 80)  # rises for 80 min
+    insulin = rng.uniform(-5, 5, 600) + 0.5 * np.convolve(carbs, np.ones(6))[:600]
+    glucose = BASELINE + TRUTH.predict(insulin) + np.append(0.0, np.convolve(carbs, per_gram)[:600])
+    record = Record(
+        insulin_mU_min=jnp.asarray(BASAL + insulin),
+        glucose_mg_dl=glucose + rng.normal(0, 1.2, 601),
+        sample_time_min=5.0,
+        carbs_g=jnp.asarray(carbs),
+    )
+    settings = {"memory": MEMORY, "laguerre_pole": 0.7, "basal_insulin_mU_min": BASAL}
+    found = identify_record(record, "least-squares", **settings)
+    assert float(found.model.gain) == pytest.approx(float(TRUTH.gain), rel=0.1)
+    assert abs(float(found.model.gain - TRUTH.gain)) < found.reliability.gain_margin
+    assert found.baseline_glucose_mg_dl == pytest.approx(BASELINE, abs=2)
+    assert found.reliability.explained_percent > 95
+    np.testing.assert_allclose(found.meal_impulse_response, per_gram, atol=0.15)
+    left = record.glucose_mg_dl - meal_answer(record, found.meal_impulse_response) - found.baseline_glucose_mg_dl
+    assert float(jnp.sqrt(jnp.mean((left - found.model.predict(insulin)) ** 2))) == pytest.approx(found.model_rms_mg_dl)
+
+    blind = identify_record(dataclasses.replace(record, carbs_g=None), "least-squares", **settings)
+    assert "more insulin would raise glucose" in blind.doubts()[0]
+    late = identify_record(record, "least-squares", starts_at_rest=False, **settings)
+    assert float(late.model.gain) == pytest.approx(float(TRUTH.gain), rel=0.15)
+    with pytest.raises(ValueError, match="there are meals: use method='least-squares'"):
+        identify_record(record, **settings)
 
 
 def test_the_pipeline_over_noise_is_the_pipeline_at_each_noise():

@@ -90,7 +90,7 @@ def test_uneven_rows_keep_the_insulin_delivered_and_readings_on_a_line(gaps, see
     insulin = np.random.default_rng(seed).uniform(0, 60, times.size)
     if times[-1] < 5:
         return
-    record, notes = record_from_samples(times, insulin, 80 + 0.1 * times)
+    record, notes = record_from_samples(times, insulin, 80 + 0.1 * times, allow_unusual=True)
     end = 5.0 * len(record.insulin_mU_min)
     assert times[-1] - 5 < end <= times[-1] + 1e-5
     delivered = sum(u * max(0.0, min(b, end) - a) for u, a, b in zip(insulin, times, times[1:], strict=False))
@@ -133,7 +133,7 @@ def replaced(column, row, value):
         ({"y": replaced(GLUCOSE, 9, 2001.0)}, "reading in row 9 is 2001"),
         ({"y": replaced(GLUCOSE, 9, np.inf)}, "reading in row 9 is inf"),
         ({"y": replaced(GLUCOSE, 9, "LOW")}, "glucose in row 9 is 'LOW': .*NaN"),
-        ({"y": GLUCOSE / 18.0}, "median reading is .* looks like mmol/l"),
+        ({"y": GLUCOSE / 18.0}, "median of glucose_mg_dl is .* looks like mmol/l. Multiply the column by 18.02"),
         ({"y": np.full(145, np.nan)}, "0 readings that span 0 min do not fill one sample"),
         ({"t": TIMES[:1], "u": INSULIN[:1], "y": GLUCOSE[:1]}, "1 readings .* at least 2 readings"),
         ({"t": [], "u": [], "y": []}, "0 readings"),
@@ -147,6 +147,65 @@ def test_bad_rows_are_refused_by_name(columns, sentence):
     columns = {"t": TIMES, "u": INSULIN, "y": GLUCOSE, **columns}
     with pytest.raises(ValueError, match=sentence):
         record_from_samples(columns.pop("t"), columns.pop("u"), columns.pop("y"), **columns)
+
+
+BOLUSES = np.where(np.arange(145) % 40 == 3, 6.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        (
+            {"u": INSULIN * 0.06},
+            r"values from 0.9 to 1.5, on average 1\.\d+ mU/min, .*looks like U/h. Multiply .* by 16.67",
+        ),
+        ({"u": INSULIN * 60.0}, "looks like mU/h. Multiply the column by 0.01667"),
+        ({"u": BOLUSES}, "looks like boluses in U, each over the 5 min of its row. Multiply the column by 200"),
+        ({"u": INSULIN * 1e-5}, "usual is from 4 to 500 mU/min"),
+        ({"t": TIMES / 60.0}, "rows of t_min are 0.0833 min apart as a rule; that looks like h. Multiply .* by 60"),
+        ({"t": TIMES * 60.0, "max_gap_min": 900.0}, "300 min apart as a rule; that looks like s"),
+        ({"t": TIMES / 1440.0}, "looks like days. Multiply the column by 1440"),
+        ({"y": GLUCOSE / 18.0}, "looks like mmol/l"),
+    ],
+)
+def test_a_column_in_another_unit_is_asked_about_and_taken_if_it_is_meant(columns, sentence):
+    columns = {"t": TIMES, "u": INSULIN, "y": GLUCOSE, "max_gap_min": 15.0, "sample_time_min": 5.0, **columns}
+    table, gap = [columns[name] for name in ("t", "u", "y")], columns["max_gap_min"]
+    with pytest.raises(ValueError, match=f"(?s){sentence}.*, or pass allow_unusual=True"):
+        record_from_samples(*table, max_gap_min=gap)
+    finer = {"sample_time_min": 0.05} if columns["t"][-1] < 60 else {}
+    record, _ = record_from_samples(*table, max_gap_min=gap, allow_unusual=True, **finer)
+    assert record.glucose_mg_dl.shape[0] > 1
+
+
+def test_a_basal_rate_with_pauses_and_no_insulin_at_all_are_not_asked_about():
+    record_from_samples(TIMES, np.where(np.arange(145) % 3 == 0, 20.0, 0.0), GLUCOSE)
+    record_from_samples(TIMES, np.zeros(145), GLUCOSE)
+
+
+def test_meals_are_added_up_over_each_sample():
+    carbs = np.full(145, np.nan)
+    carbs[[0, 20, 144]] = [10.0, 50.0, 7.0]  # no reading follows the last row
+    record, _ = record_from_samples(TIMES, INSULIN, GLUCOSE, carbs)
+    np.testing.assert_array_equal(np.flatnonzero(record.carbs_g), [0, 20])
+    assert float(record.carbs_g[20]) == 50.0
+    longer, _ = record_from_samples(TIMES, INSULIN, GLUCOSE, carbs, sample_time_min=15.0)
+    np.testing.assert_array_equal(np.flatnonzero(longer.carbs_g), [0, 6])
+    assert record_from_samples(TIMES, INSULIN, GLUCOSE)[0].carbs_g is None
+
+
+@pytest.mark.parametrize(
+    ("carbs", "sentence"),
+    [
+        (np.full(145, -1.0), "carbohydrate in row 0 is -1: it must be from 0 to 1000 g"),
+        (np.full(145, np.inf), "carbohydrate in row 0 is inf"),
+        (["lunch"] * 145, "carbohydrate in row 0 is 'lunch': it must be a number"),
+        (np.zeros(3), "3 amounts of carbohydrate and 145 times do not pair up"),
+    ],
+)
+def test_bad_meals_are_refused(carbs, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        record_from_samples(TIMES, INSULIN, GLUCOSE, carbs)
 
 
 @pytest.mark.parametrize("drop_rows", [True, False])

@@ -13,6 +13,7 @@ from glucoloop.control import Controller
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.patients import SorensenPatient, patient
+from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits, dose_limits
 from glucoloop.simulation import Adaptive, Exponential, Trace, identify, simulate
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
@@ -141,6 +142,12 @@ def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
             f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
             f"run with --dead-time {held:g} or --unknown-dead-time, or identify again"
         )
+    doubts = model.doubts()
+    if doubts and not situation.allow_unusual:
+        raise ValueError(
+            f"no controller should be designed on the model {path}. {' '.join(doubts)} Identify it again from a record "
+            f"in which insulin moves glucose more, or {CONFIRM_OPTION} to use it all the same"
+        )
     return model
 
 
@@ -173,6 +180,7 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
         gain = f"gain {model.step_response[-1]:.4g} mg/dl per mU/min"
         where = f"from {case.model}, which was {model.provenance.source}" if case.model else model.provenance.source
         yield f"Model: {where}; {gain}."
+        yield from (f"Doubtful model: {doubt}" for doubt in model.doubts())
         yield from model.provenance.notes
         resting = model.operating_point
         if resting.name not in (None, situation.operating_point):

@@ -20,11 +20,13 @@ from glucoloop.identification import (
     design_csrs,
     fit_first_order,
     identify_record,
+    meal_answer,
     random_binary_sequence,
     record_from_samples,
     validate,
 )
 from glucoloop.patients import patient
+from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
@@ -64,6 +66,7 @@ class Identified:
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """Name, value and unit of what there is to know about the model."""
         yield "Gain", f"{float(self.identification.model.gain):.4f}", "mg/dl per mU/min"
+        yield "Gain, 95 % confidence", f"± {self.identification.reliability.gain_margin:.4f}", "mg/dl per mU/min"
         yield "Time constant, first-order fit", _time_constant(self.identification), "min"
         yield "Memory", f"{self.identification.model.memory}", f"samples of {self.record.sample_time_min:g} min"
         yield "Basal insulin", f"{self.identification.basal_insulin_mU_min:.3f}", "mU/min"
@@ -71,6 +74,7 @@ class Identified:
         yield "Laguerre pole", f"{self.identification.laguerre_pole:.4g}", ""
         yield "Laguerre functions", f"{self.identification.laguerre_coefficients.size}", ""
         yield "Misfit of the record, rms", f"{self.identification.model_rms_mg_dl:.3f}", "mg/dl"
+        yield "Variance explained, cross-validated", f"{self.identification.reliability.explained_percent:.1f}", "%"
         yield "Check: sum of |residual|", f"{float(self.validation.sum_absolute_residual_mg_dl):.2f}", "mg/dl"
         yield "Check: worst residual", f"{float(self.validation.worst_residual_mg_dl):.2f}", "mg/dl"
         yield "Check: fit", f"{float(self.validation.fit_percent):.1f}", "%"
@@ -87,11 +91,14 @@ class Identified:
             "model": self.model.model_dump(mode="json"),
             "fit": {
                 "gain_mg_dl_per_mU_min": float(self.identification.model.gain),
+                "gain_margin_mg_dl_per_mU_min": self.identification.reliability.gain_margin,
+                "explained_percent": self.identification.reliability.explained_percent,
                 "record_rms_mg_dl": self.identification.model_rms_mg_dl,
                 "laguerre_pole": self.identification.laguerre_pole,
                 "laguerre_coefficients": np.asarray(self.identification.laguerre_coefficients).tolist(),
             },
             "validation": {"on": self.validated_on, **validation},
+            "doubts": self.model.doubts(),
         }
 
 
@@ -158,7 +165,10 @@ def _from_patient(config: IdentificationConfig) -> Identified:
 def _from_data(config: IdentificationConfig, path: Path) -> Identified:
     try:
         record, notes = record_from_samples(
-            *read_record_columns(path).values(), sample_time_min=config.sample_time_min, max_gap_min=config.max_gap_min
+            *read_record_columns(path).values(),
+            sample_time_min=config.sample_time_min,
+            max_gap_min=config.max_gap_min,
+            allow_unusual=config.allow_unusual,
         )
         method, why = _method(config, record)
         identification = _fit(
@@ -171,9 +181,10 @@ def _from_data(config: IdentificationConfig, path: Path) -> Identified:
     except ValueError as error:
         raise ValueError(_in_options(str(error))) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
+    of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
     source = f"identified from {printable(path.name)}, {samples}"
-    notes = (why, *notes)
+    notes = (why, *notes, *_about_meals(record, identification))
     if not config.starts_at_rest:
         notes = (
             *notes,
@@ -187,18 +198,41 @@ def _from_data(config: IdentificationConfig, path: Path) -> Identified:
         model=_model_file(config, identification, source, notes),
         truth=None,
         validation=validate(
-            identification.model, insulin, record.glucose_mg_dl - identification.baseline_glucose_mg_dl
+            identification.model, insulin, record.glucose_mg_dl - identification.baseline_glucose_mg_dl - of_meals
         ),
         validation_insulin_mU_min=insulin,
-        validated_on="the record itself",
+        validated_on="the record itself, less the answer to meals" if of_meals.any() else "the record itself",
         notes=(f"Model: {source}.", *notes, "Checked on the record itself, since there is no other."),
+    )
+
+
+def _about_meals(record: Record, identification: Identification) -> Iterator[str]:
+    """What was done about meals, a sentence."""
+    if record.carbs_g is None:
+        yield (
+            "Meals: none are known. If something was eaten, name it in a column carbs_g; otherwise the rise of glucose "
+            "is put down to insulin."
+        )
+        return
+    eaten = np.asarray(record.carbs_g)
+    if not eaten.any():
+        yield "Meals: none, as the column carbs_g says."
+        return
+    answer = np.asarray(identification.meal_impulse_response)
+    yield (
+        f"Meals: {np.count_nonzero(eaten)} with {eaten.sum():g} g in all, whose response is fitted beside that to "
+        f"insulin; a gram raises glucose by {answer.max():.2g} mg/dl at most, "
+        f"{record.sample_time_min * (answer.argmax() + 1):g} min later."
     )
 
 
 def _method(config: IdentificationConfig, record: Record) -> tuple[str, str]:
     """The method for a record, and why in a sentence."""
+    eaten = record.carbs_g is not None and bool(record.carbs_g.any())
     if config.method != "auto":
         return config.method, f"Method: {config.method}, as asked."
+    if eaten:
+        return "least-squares", "Method: least squares, since cross-correlation takes the patient to fast."
     try:
         if config.starts_at_rest:
             identify_record(
@@ -274,6 +308,7 @@ _OPTIONS_OF: Final = {
     "starts_at_rest=False": "--not-from-rest",
     "method='least-squares'": "--method least-squares",
     "max_gap_min": "--max-gap",
+    CONFIRM_ARGUMENT: CONFIRM_OPTION,
 }
 
 

@@ -34,7 +34,9 @@ HELP: Final = (
     "Identify a step-response model, which `glucoloop run --model` uses.\n\n"
     "Without --data the virtual patient gets the paper's insulin test, a pulse up and a pulse down, and the model is "
     "checked on a random binary sequence. With --data the model comes from your record: a CSV file whose first line "
-    "names t_min, insulin_mU_min and glucose_mg_dl. A rate lasts until the next row; an empty reading is missing.\n\n"
+    "names t_min, insulin_mU_min, glucose_mg_dl and, where something was eaten, carbs_g. A rate lasts until the next "
+    "row (1 U/h is 16.67 mU/min; a bolus of 1 U over a row of 5 min is 200 mU/min more); an empty reading is missing. "
+    "If the record does not say enough about insulin for a model to be used, the answer says so, and why.\n\n"
     "  glucoloop identify --noise 1.45 --out model\n\n"
     "  glucoloop identify --data record.csv --out model\n\n"
     "  glucoloop run --model model/model.json"
@@ -154,7 +156,7 @@ def _write(folder: OutputFolder, identified: Identified) -> None:
 
 def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None:
     if output.json:
-        print_json(identified.report(), files, identified.notes)
+        print_json(identified.report(), files, (*identified.notes, *_warning(identified)))
         return
     from rich import box
     from rich.table import Table
@@ -169,5 +171,18 @@ def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None
     for line in identified.notes:
         print(line)
     print(where_written(output.out, files))
-    if "model.json" in files:
+    for line in _warning(identified):
+        print(line)
+    if "model.json" in files and not identified.model.doubts():
         print(f"Use it: glucoloop run --model {files['model.json']}{identified.run_hint}")
+
+
+def _warning(identified: Identified) -> tuple[str, ...]:
+    """What to say about a model that no controller should be designed on, a line each."""
+    doubts = identified.model.doubts()
+    if not doubts:
+        return ()
+    mend = "record for longer, or change insulin more, and more often, than meals and chance move glucose"
+    if identified.config.data is None:
+        mend = "lengthen the experiment with --samples, or give a lower --noise"
+    return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")

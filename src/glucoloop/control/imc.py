@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -103,7 +103,7 @@ def design_imc(
     Parameters
     ----------
     gain : float
-        K, mg/dl per mU/min; not 0.
+        K, mg/dl per mU/min; below 0, since insulin lowers glucose.
     tau_min : float
         Above 0.
     delay_min : float
@@ -126,8 +126,7 @@ def design_imc(
     (0.9454, 1)
     """
     check_sample_time(sample_time_min)
-    if not (math.isfinite(gain) and gain != 0.0):
-        raise ValueError(f"a gain of {gain:g} mg/dl per mU/min is not possible; give a finite value that is not 0")
+    check_gain(gain)
     for name, value in (("lag", tau_min), ("filter", filter_min)):
         if not 0.0 < value < math.inf:
             raise ValueError(f"a {name} of {value:g} min is not possible; give a finite value above 0")

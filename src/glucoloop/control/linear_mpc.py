@@ -14,7 +14,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import NOISE_FREE, MPCTuning
+from glucoloop.control.tuning import NOISE_FREE, MPCTuning, check_gain
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -122,8 +122,8 @@ def design_linear_mpc(
     Raises
     ------
     ValueError
-        For an unknown way of handling constraints, a floor that is not possible, a model that is not finite, or one
-        that does not answer within the prediction horizon, so that the moves are undetermined.
+        For an unknown way of handling constraints, a floor that is not possible, or a model that is not finite, whose
+        gain is not below 0, or that does not answer within the prediction horizon, so that the moves are undetermined.
 
     Examples
     --------
@@ -134,11 +134,9 @@ def design_linear_mpc(
     [-0.2, -0.36, -0.48]
     """
     S = _long_enough(np.asarray(model.step_response, float), tuning)
-    return LinearMPC(
-        step_response=jnp.asarray(S),
-        plan=plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight)),
-        sample_time_min=model.sample_time_min,
-    )
+    plan = plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight))
+    check_gain(S[-1])
+    return LinearMPC(step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min)
 
 
 def linear_mpc_of_people(

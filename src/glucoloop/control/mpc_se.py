@@ -19,7 +19,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import StateTuning
+from glucoloop.control.tuning import StateTuning, check_gain
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -173,8 +173,8 @@ def design_mpc_se(
     Raises
     ------
     ValueError
-        For an unknown option, a floor that is not possible, noise that is not a covariance, a model that cannot be
-        estimated from glucose, or a dead time that is negative.
+        For an unknown option, a floor that is not possible, noise that is not a covariance, a model whose gain is not
+        below 0 or that cannot be estimated from glucose, or a dead time that is negative.
 
     Examples
     --------
@@ -221,6 +221,7 @@ def design_mpc_se(
     own = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
     S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
     plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
+    check_gain(C[:, 0] @ rest[:, 0])
     return dataclasses.replace(one, plan=plan, **{name: getattr(one, name)[..., 0] for name in own})
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -76,10 +76,7 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
     ValueError
         For a gain that is not below 0 or a time that is not possible.
     """
-    if not gain < 0.0:
-        raise ValueError(
-            f"a gain of {gain:g} mg/dl per mU/min is not possible; insulin lowers glucose, give a value below 0"
-        )
+    check_gain(gain)
     if not (tau_min > 0.0 and delay_min >= 0.0 and closed_loop_min > 0.0):
         raise ValueError(
             f"a lag of {tau_min:g}, a dead time of {delay_min:g} and a closed loop of {closed_loop_min:g} min are not "

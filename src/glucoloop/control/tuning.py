@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+import jax
 import numpy as np
 import numpy.typing as npt
+from jax.typing import ArrayLike
 
 LONGEST_MOVE_HORIZON: Final = 50
 LONGEST_PREDICTION_HORIZON: Final = 288
@@ -21,6 +23,19 @@ def check_sample_time(sample_time_min: float) -> None:
     """Refuse a sample time that is not positive and finite."""
     if not 0.0 < sample_time_min < math.inf:
         raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+
+
+def check_gain(gain: ArrayLike) -> None:
+    """Refuse a model in which insulin raises glucose: a controller designed on it would give more insulin to a low.
+
+    A gain that JAX traces has no value yet, and passes.
+    """
+    if not isinstance(gain, jax.core.Tracer) and not -math.inf < float(np.asarray(gain)) < 0.0:
+        raise ValueError(
+            f"a gain of {float(np.asarray(gain)):g} mg/dl per mU/min is not possible; insulin lowers glucose, so the "
+            "gain of a model is below 0. Check the sign, or identify the model again from a record in which insulin "
+            "changes more"
+        )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ from glucoloop.identification.laguerre import (
     laguerre_functions,
     laguerre_smooth,
 )
+from glucoloop.identification.meal_response import meal_answer
 from glucoloop.identification.record import Record, record_from_samples
+from glucoloop.identification.reliability import Reliability, doubts
 from glucoloop.identification.validation import Validation, random_binary_sequence, validate
 
 __all__ = [
@@ -24,16 +26,19 @@ __all__ = [
     "Identification",
     "PoleSearch",
     "Record",
+    "Reliability",
     "Validation",
     "best_pole",
     "cross_correlation",
     "design_csrs",
+    "doubts",
     "fit_first_order",
     "identify_record",
     "laguerre_coefficients",
     "laguerre_functions",
     "laguerre_smooth",
     "least_squares",
+    "meal_answer",
     "random_binary_sequence",
     "record_from_samples",
     "validate",

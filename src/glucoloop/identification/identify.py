@@ -10,7 +10,9 @@ from glucoloop._pytree import pytree, static
 from glucoloop.identification import _check
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
 from glucoloop.identification.laguerre import laguerre_coefficients, laguerre_functions
+from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
+from glucoloop.identification.reliability import Reliability, doubts, reliability
 from glucoloop.models.step_response import StepResponseModel, lagged_inputs
 
 METHODS = ("csrs", "least-squares")
@@ -43,6 +45,10 @@ class Identification:
         2-norm of the estimate minus its projection [mg/dl per mU/min].
     estimate_rms_mg_dl, model_rms_mg_dl : float
         Root mean square of the readings minus the prediction by the raw estimate, and by the model [mg/dl].
+    meal_impulse_response : Array, shape (K,)
+        Rise of glucose 1, 2, .. samples after a gram of carbohydrate; empty for a record without meals [mg/dl per g].
+    reliability : Reliability
+        What the record says about the quality of the model.
     method : str
         How the impulse response was estimated.
     """
@@ -57,7 +63,18 @@ class Identification:
     smoothing_residual_norm: float
     estimate_rms_mg_dl: float
     model_rms_mg_dl: float
+    meal_impulse_response: Array
+    reliability: Reliability
     method: str = static()
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why no controller should be designed on the model, one sentence each; empty for a model that will do."""
+        return doubts(
+            float(self.model.gain),
+            self.reliability,
+            basal_insulin_mU_min=self.basal_insulin_mU_min,
+            glucose_mg_dl=self.baseline_glucose_mg_dl,
+        )
 
 
 def identify_record(
@@ -78,8 +95,8 @@ def identify_record(
     record : Record
         N samples of insulin and N + 1 readings.
     method : {"csrs", "least-squares"}
-        Cross-correlation, for a record of pulses from `design_csrs` that starts at rest; or least squares, for any
-        input that excites the patient enough.
+        Cross-correlation, for a record of pulses from `design_csrs` without meals that starts at rest; or least
+        squares, for any input that excites the patient enough, with meals or without.
     memory : int
         M, the samples after which the patient's response has died out.
     laguerre_pole : float
@@ -93,13 +110,13 @@ def identify_record(
         Steady glucose at that rate [mg/dl]. By default the mean reading for "csrs", as in the paper, where the
         estimate doesn't depend on it, and a value fitted along with the impulse response for "least-squares".
     starts_at_rest : bool
-        Whether insulin was at the basal rate for the memory before the record. If not, least squares leaves out the
-        first M readings.
+        Whether insulin was at the basal rate for the memory before the record, and nothing was eaten in the six hours
+        before it. If not, least squares leaves out the first M readings, or those of six hours in a record with meals.
 
     Returns
     -------
     Identification
-        Model, raw and smoothed impulse response, and their residuals.
+        Model, raw and smoothed impulse response, their residuals, and what the record says about their quality.
 
     Raises
     ------
@@ -120,54 +137,90 @@ def identify_record(
             f"Readings of shape {np.shape(record.glucose_mg_dl)} are not one-dimensional: use one record at a time."
         )
     by_pulses = method == "csrs"
+    meals = meal_columns(record)
     if by_pulses and not starts_at_rest:
         raise ValueError("Cross-correlation takes the record to start at rest: use method='least-squares'.")
+    if by_pulses and meals.shape[1]:
+        raise ValueError(
+            "Cross-correlation takes the patient to fast, but there are meals: use method='least-squares'."
+        )
     if basal_insulin_mU_min is None:
         basal = _median_rate(record, by_pulses or not starts_at_rest)
     else:
         basal = _finite("basal insulin rate", basal_insulin_mU_min)
     insulin = jnp.asarray(record.insulin_mU_min, dtype=float) - basal
     glucose = jnp.asarray(record.glucose_mg_dl, dtype=float)
+    if meals.shape[1] and not starts_at_rest:
+        # What was eaten before the record is as unknown as what was infused, and acts for longer.
+        unknown = max(0, meal_memory(record.sample_time_min) - memory)
+        insulin, glucose, meals = insulin[unknown:], glucose[unknown:], meals[unknown:]
+    free_baseline = baseline_glucose_mg_dl is None
     offset = glucose.mean() if baseline_glucose_mg_dl is None else _finite("baseline glucose", baseline_glucose_mg_dl)
 
+    basis = _basis(laguerre_pole, laguerre_functions, memory)
     if by_pulses:
         _refuse_correlated(np.asarray(insulin), memory)
         estimate = cross_correlation(insulin, glucose - offset, memory)
+        coefficients = None if basis is None else laguerre_coefficients(estimate, laguerre_pole, basis.shape[0])
     else:
-        estimate = least_squares(
-            insulin,
-            glucose - offset,
-            memory,
-            starts_at_rest=starts_at_rest,
-            free_baseline=baseline_glucose_mg_dl is None,
-        )
-    coefficients, smoothed = _smooth(estimate, laguerre_pole, laguerre_functions)
+
+        def fit(rows: Array | None) -> Array:
+            return least_squares(
+                insulin,
+                glucose - offset,
+                memory,
+                starts_at_rest=starts_at_rest,
+                free_baseline=free_baseline,
+                basis=rows,
+                beside=meals,
+            )
+
+        estimate, coefficients = fit(None), None if basis is None else fit(basis)
+    smoothed = estimate if basis is None or coefficients is None else basis.T @ coefficients
+    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min)
 
     first = 0 if starts_at_rest else memory
-    past = lagged_inputs(insulin, memory)[first:]
-    left = glucose[first:] - past @ estimate
-    baseline = offset if by_pulses or baseline_glucose_mg_dl is not None else left.mean()
+    past, readings, meals = lagged_inputs(insulin, memory)[first:], (glucose - offset)[first:], meals[first:]
+    constant = jnp.ones((len(readings), int(free_baseline)))
+    # Cross-correlation takes the mean reading for the baseline, as the paper does.
+    beside = meals if by_pulses else jnp.concatenate([meals, constant], axis=1)
+    left_by_estimate, _ = _left(readings - past @ estimate, beside)
+    left_by_model, of_beside = _left(readings - past @ smoothed, beside)
+    sought = past if basis is None else past @ basis.T
     return Identification(
-        model=StepResponseModel.from_impulse_response(smoothed, record.sample_time_min),
+        model=model,
         impulse_response=estimate,
         smoothed_impulse_response=smoothed,
-        laguerre_coefficients=coefficients,
+        laguerre_coefficients=jnp.zeros(0) if coefficients is None else coefficients,
         laguerre_pole=float(laguerre_pole),
         basal_insulin_mU_min=basal,
-        baseline_glucose_mg_dl=float(baseline),
+        baseline_glucose_mg_dl=float(offset + of_beside[meals.shape[1] :].sum()),
         smoothing_residual_norm=float(jnp.linalg.norm(estimate - smoothed)),
-        estimate_rms_mg_dl=_rms(left - baseline),
-        model_rms_mg_dl=_rms(glucose[first:] - past @ smoothed - baseline),
+        estimate_rms_mg_dl=_rms(left_by_estimate),
+        model_rms_mg_dl=_rms(left_by_model),
+        meal_impulse_response=meal_impulse_response(of_beside[: meals.shape[1]], record.sample_time_min),
+        reliability=reliability(
+            np.concatenate([sought, meals, constant], axis=1),
+            np.asarray(readings),
+            np.append(
+                np.ones(memory) if basis is None else basis.sum(axis=1), np.zeros(meals.shape[1] + free_baseline)
+            ),
+        ),
         method=method,
     )
 
 
-def _smooth(estimate: Array, pole: float, functions: int | None) -> tuple[Array, Array]:
-    """Laguerre coefficients and projection of an estimate, or none and the estimate itself."""
-    if functions is None:
-        return jnp.zeros(0), estimate
-    coefficients = laguerre_coefficients(estimate, pole, functions)
-    return coefficients, laguerre_functions(pole, functions, len(estimate)).T @ coefficients
+def _basis(pole: float, functions: int | None, memory: int) -> Array | None:
+    """Rows in whose span the impulse response is sought, or None where it is left as it is estimated."""
+    return None if functions is None else laguerre_functions(pole, functions, memory)
+
+
+def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
+    """What a fit of the columns leaves of the readings, and its coefficients."""
+    if not columns.shape[1]:
+        return readings, jnp.zeros(0)
+    coefficients = jnp.linalg.lstsq(columns, readings)[0]
+    return readings - columns @ coefficients, coefficients
 
 
 def _median_rate(record: Record, median_will_do: bool) -> float:

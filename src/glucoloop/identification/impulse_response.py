@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from numpy.typing import NDArray
 
 from glucoloop.identification import _check
 from glucoloop.models.step_response import lagged_inputs
@@ -67,12 +68,14 @@ def least_squares(
     *,
     starts_at_rest: bool = True,
     free_baseline: bool = False,
+    basis: ArrayLike | None = None,
+    beside: ArrayLike | None = None,
 ) -> Array:
     """Finite impulse response that fits the readings best, for any persistently exciting input.
 
     ::
 
-        minimise over h, b   sum_k (y_k - b - sum_{i=1..M} h_i u_(k-i))^2
+        minimise over h, g, b   sum_k (y_k - b - sum_{i=1..M} h_i u_(k-i) - sum_j g_j x_kj)^2
 
     Parameters
     ----------
@@ -87,38 +90,61 @@ def least_squares(
         are left out.
     free_baseline : bool
         Whether a constant b is fitted along with h; otherwise it is 0.
+    basis : array_like, shape (L, M), optional
+        Rows in whose span h is sought, as from `laguerre_functions`; any h by default.
+    beside : array_like, shape (N + 1, K), optional
+        Further regressors x, fitted along with h: what else moves glucose, such as meals.
 
     Returns
     -------
-    Array, shape (M,) or (M, R)
-        h_1..h_M [mg/dl per mU/min].
+    Array, shape (M,) or (M, R), or (L,) or (L, R) with a basis
+        h_1..h_M, or the coefficients of the basis [mg/dl per mU/min].
 
     Raises
     ------
     ValueError
-        If the shapes don't agree, a value isn't finite, the record is too short for M coefficients, or the input
-        doesn't excite them all.
+        If the shapes don't agree, a value isn't finite, the record is too short for as many coefficients, or the
+        input doesn't excite them all.
     """
     memory = _check.whole_number("The memory", memory, 1)
     _check.input_and_readings(insulin_deviation, glucose_deviation)
+    samples = np.shape(insulin_deviation)[0]
+    others = jnp.zeros((samples + 1, 0)) if beside is None else jnp.asarray(beside, dtype=float)
+    sought = memory if basis is None else np.shape(basis)[0]
     first = 0 if starts_at_rest else memory
-    least = memory if starts_at_rest else 2 * memory - 1
-    least += free_baseline and not starts_at_rest  # at rest, the first reading alone shows the baseline
-    if np.shape(insulin_deviation)[0] < least:
+    unknowns = sought + others.shape[1]
+    # The first reading at rest shows the baseline and nothing else.
+    least = unknowns if starts_at_rest else memory + unknowns - 1 + free_baseline
+    if samples < least:
         raise ValueError(
-            f"A record of {np.shape(insulin_deviation)[0]} samples is too short for {memory} coefficients: "
+            f"A record of {samples} samples is too short for {unknowns} coefficients: "
             f"at least {least} samples are needed. Lengthen the record or shorten the memory."
         )
 
     regressors = lagged_inputs(insulin_deviation, memory)[first:]
+    if basis is not None:
+        regressors = regressors @ jnp.asarray(basis, dtype=float).T
     readings = jnp.asarray(glucose_deviation, dtype=float)[first:]
+    whole = regressors
     if free_baseline:
         # A fitted constant is the same as the deviation of every column from its mean.
+        others = others - others[first:].mean(axis=0)
         regressors, readings = regressors - regressors.mean(axis=0), readings - readings.mean(axis=0)
+    if others.shape[1]:
+        # What is fitted along with h is the same as what it leaves of every column (Frisch and Waugh, 1933).
+        others = others[first:]
+        regressors = regressors - others @ jnp.linalg.lstsq(others, regressors)[0]
+        readings = readings - others @ jnp.linalg.lstsq(others, readings)[0]
     known = None if _check.concrete(insulin_deviation) is None else _check.concrete(regressors)
-    if known is not None and (rank := int(np.linalg.matrix_rank(known))) < memory:
+    if known is not None and (rank := _rank(known, float(jnp.linalg.norm(whole)))) < sought:
         raise ValueError(
-            f"The insulin record excites only {rank} of the {memory} coefficients asked for: shorten the memory, "
+            f"The insulin record excites only {rank} of the {sought} coefficients asked for: shorten the memory, "
             "or use an input that changes more often (design_csrs, random_binary_sequence)."
         )
     return jnp.linalg.lstsq(regressors, readings)[0]
+
+
+def _rank(columns: NDArray[np.float64], size: float) -> int:
+    """Rank of what is left of columns whose norm was `size`: rounding is no information."""
+    left = np.linalg.svd(columns, compute_uv=False)
+    return int(np.sum(left > max(columns.shape) * np.finfo(float).eps * size))

@@ -10,14 +10,13 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from glucoloop._pytree import pytree, static
-from glucoloop.identification import _check
+from glucoloop.identification import _check, _unusual
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0
 HIGHEST_INSULIN_MU_MIN = 10_000.0
+LARGEST_MEAL_G = 1000.0
 # Two thousand years; beyond it a float no longer tells the parts of a minute apart.
 LATEST_MIN = 1e9
-# No record of a living person has its median below this; one in mmol/l always has.
-LOWEST_MEDIAN_GLUCOSE_MG_DL = 30.0
 # Times within this part of a sample are the same time.
 ON_GRID = 1e-6
 
@@ -40,27 +39,32 @@ class Record:
         Glucose readings, absolute [mg/dl].
     sample_time_min : float
         Sample time [min].
+    carbs_g : Array, shape (N,), optional
+        Carbohydrate eaten in each sample [g]; None where nothing is known of meals.
     """
 
     insulin_mU_min: Array
     glucose_mg_dl: Array
     sample_time_min: float = static()
+    carbs_g: Array | None = None
 
 
 def record_from_samples(
     t_min: ArrayLike | Sequence[object],
     insulin_mU_min: ArrayLike | Sequence[object],
     glucose_mg_dl: ArrayLike | Sequence[object],
+    carbs_g: ArrayLike | Sequence[object] | None = None,
     *,
     sample_time_min: float = 5.0,
     max_gap_min: float = 15.0,
+    allow_unusual: bool = False,
 ) -> tuple[Record, tuple[str, ...]]:
     """Bring a table of times, insulin rates and readings to a record at a constant sample time.
 
     Insulin is a held input: each row's rate lasts until the next row, and the record carries its exact time average
     over each sample. Glucose is interpolated linearly between readings. A reading that is NaN or None is missing.
     Rows before the first reading and after the last, and what is left over after the last whole sample, are left out;
-    so is the rate of the last row, which no reading follows.
+    so is the rate of the last row, which no reading follows. Carbohydrate is added up over each sample.
 
     Parameters
     ----------
@@ -70,10 +74,15 @@ def record_from_samples(
         Rate from this row to the next, from 0 to 10 000 [mU/min].
     glucose_mg_dl : array_like, shape (n,)
         Reading at this row, above 0 and at most 2000, or NaN where it is missing [mg/dl].
+    carbs_g : array_like, shape (n,), optional
+        Carbohydrate eaten at this row, from 0 to 1000, or NaN for nothing [g].
     sample_time_min : float
         Sample time of the record [min].
     max_gap_min : float
         Longest time between two readings that is bridged by interpolation [min].
+    allow_unusual : bool
+        Whether columns are taken as they are that look like another unit: hours or seconds, U/h or boluses in U,
+        mmol/l.
 
     Returns
     -------
@@ -86,7 +95,7 @@ def record_from_samples(
     ------
     ValueError
         If a column isn't numeric or the columns differ in length, times don't increase, a rate or a reading is out
-        of bounds, a gap is too long, or less than one sample remains.
+        of bounds, a column looks like another unit, a gap is too long, or less than one sample remains.
     """
     sample_time = _check.positive("The sample time", sample_time_min, "min")
     if not np.isfinite(max_gap_min) or max_gap_min < sample_time:
@@ -94,6 +103,10 @@ def record_from_samples(
             f"The longest gap is {max_gap_min} min: it must be at least the sample time, {sample_time:g} min."
         )
     times, insulin, glucose = _columns(t_min, insulin_mU_min, glucose_mg_dl)
+    carbs = None if carbs_g is None else _carbs(carbs_g, times.size)
+    if not allow_unusual:
+        _unusual.ask_about_times(times)
+        _unusual.ask_about_glucose(glucose)
     read = np.flatnonzero(~np.isnan(glucose))
     _refuse_gaps(times[read], max_gap_min)
     span = times[read[-1]] - times[read[0]] if read.size else 0.0
@@ -110,7 +123,10 @@ def record_from_samples(
         insulin_mU_min=jnp.asarray(_average_held(times, insulin, grid, sample_time)),
         glucose_mg_dl=jnp.asarray(np.interp(grid, times[read], glucose[read])),
         sample_time_min=sample_time,
+        carbs_g=None if carbs is None else jnp.asarray(_eaten(times, carbs, grid, sample_time)),
     )
+    if not allow_unusual:
+        _unusual.ask_about_insulin(insulin, float(record.insulin_mU_min.mean()), float(np.median(np.diff(times))))
     return record, notes
 
 
@@ -151,12 +167,31 @@ def _columns(*columns: ArrayLike | Sequence[object]) -> list[Floats]:
         f"above 0 and at most {HIGHEST_GLUCOSE_MG_DL:g} mg/dl",
         "mark a missing reading as NaN",
     )
-    if not np.isnan(glucose).all() and np.nanmedian(glucose) < LOWEST_MEDIAN_GLUCOSE_MG_DL:
-        raise ValueError(
-            f"The median reading is {np.nanmedian(glucose):.3g}, below {LOWEST_MEDIAN_GLUCOSE_MG_DL:g} mg/dl: "
-            "it looks like mmol/l, convert it first."
-        )
     return [times, insulin, glucose]
+
+
+def _carbs(column: ArrayLike | Sequence[object], rows: int) -> Floats:
+    """Carbohydrate of each row, nothing where the cell is empty."""
+    carbs = np.nan_to_num(_numbers("carbohydrate", column), nan=0.0, posinf=np.inf, neginf=-np.inf)
+    if carbs.size != rows:
+        raise ValueError(f"{carbs.size} amounts of carbohydrate and {rows} times do not pair up: give one per row.")
+    _refuse_rows(
+        ~((carbs >= 0) & (carbs <= LARGEST_MEAL_G)),
+        "carbohydrate",
+        carbs,
+        f"from 0 to {LARGEST_MEAL_G:g} g",
+        "give what was eaten at this row, or leave the cell empty",
+    )
+    return carbs
+
+
+def _eaten(times: Floats, carbs: Floats, grid: Floats, sample_time: float) -> Floats:
+    """Carbohydrate of each sample, its own beginning included."""
+    sample = np.floor((times - grid[0]) / sample_time + ON_GRID).astype(int)
+    within = (sample >= 0) & (sample < len(grid) - 1)
+    eaten = np.zeros(len(grid) - 1)
+    np.add.at(eaten, sample[within], carbs[within])
+    return eaten
 
 
 def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:

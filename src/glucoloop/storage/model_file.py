@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 import glucoloop
 from glucoloop.config.run import STRICT, SampleTime
 from glucoloop.config.sentences import one_sentence
-from glucoloop.identification import Identification
+from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
@@ -54,6 +54,17 @@ class Provenance(BaseModel):
     """What was done to the record."""
 
 
+class Quality(BaseModel):
+    """What the record says about the model; see `identification.Reliability`."""
+
+    model_config = STRICT
+
+    gain_margin: Annotated[float, Field(ge=0.0)]
+    """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
+    explained_percent: Annotated[float, Field(le=100.0)]
+    """Part of the variance that is predicted of readings left out of the fit."""
+
+
 class ModelFile(BaseModel):
     """Contents of a model file."""
 
@@ -67,6 +78,8 @@ class ModelFile(BaseModel):
     impulse_response: Response
     """h_1 .. h_M, its increments."""
     operating_point: RestingPoint
+    quality: Quality | None = None
+    """None in a file that somebody else wrote."""
     provenance: Provenance
 
     @model_validator(mode="after")
@@ -88,6 +101,18 @@ class ModelFile(BaseModel):
     def step_response_model(self) -> StepResponseModel:
         """The model proper."""
         return StepResponseModel(step_response=jnp.asarray(self.step_response), sample_time_min=self.sample_time_min)
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why no controller should be designed on the model, one sentence each; empty for a model that will do."""
+        quality, resting = self.quality, self.operating_point
+        return doubts(
+            self.step_response[-1],
+            None
+            if quality is None
+            else Reliability(gain_margin=quality.gain_margin, explained_percent=quality.explained_percent),
+            basal_insulin_mU_min=resting.basal_insulin_mU_min,
+            glucose_mg_dl=resting.glucose_mg_dl,
+        )
 
     def text(self) -> str:
         """JSON from which the same model is read, to the last bit."""
@@ -113,6 +138,10 @@ def model_file(
             name=operating_point,
             basal_insulin_mU_min=identification.basal_insulin_mU_min,
             glucose_mg_dl=identification.baseline_glucose_mg_dl,
+        ),
+        quality=Quality(
+            gain_margin=identification.reliability.gain_margin,
+            explained_percent=identification.reliability.explained_percent,
         ),
         provenance=Provenance(
             glucoloop=glucoloop.__version__,

@@ -16,6 +16,8 @@ from glucoloop.simulation import Trace
 from glucoloop.storage.files import read_text
 
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
+MEAL_COLUMN: Final = "carbs_g"
+"""A record may have it."""
 
 
 def sample_table(trace: Trace) -> pl.DataFrame:
@@ -47,13 +49,18 @@ def minute_table(trace: Trace) -> pl.DataFrame:
 
 
 def record_table(record: Record) -> pl.DataFrame:
-    """A record with a row for each reading; the last one has no insulin rate after it, and repeats the one before."""
+    """A record with a row for each reading; the last one has no insulin rate after it, and repeats the one before.
+
+    It has meals only if something is known of them.
+    """
     insulin, glucose = np.asarray(record.insulin_mU_min), np.asarray(record.glucose_mg_dl)
+    meals = {} if record.carbs_g is None else {MEAL_COLUMN: np.append(np.asarray(record.carbs_g), 0.0)}
     return pl.DataFrame(
         {
             "t_min": record.sample_time_min * np.arange(glucose.size),
             "insulin_mU_min": np.append(insulin, insulin[-1]),
             "glucose_mg_dl": glucose,
+            **meals,
         }
     )
 
@@ -78,7 +85,7 @@ def csv(table: pl.DataFrame) -> bytes:
 
 
 def read_record_columns(path: Path) -> dict[str, list[object]]:
-    """The columns of a record from a CSV file, numbers where they are numbers.
+    """The columns of a record from a CSV file, numbers where they are numbers: meals last, if there are any.
 
     Further columns and empty rows are left out.
 
@@ -93,16 +100,17 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
         raise ValueError(f"{path} is not a CSV table: {next(iter(str(error).splitlines()), 'it is damaged')}") from None
-    for column in RECORD_COLUMNS:
+    for column in (*RECORD_COLUMNS, MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one
             raise ValueError(f"{path} has the column {column!r} twice; leave one out")
-        if column not in table.columns:
+        if column not in table.columns and column != MEAL_COLUMN:
             raise ValueError(
                 f"{path} has no column {column!r}, only {', '.join(table.columns)}; "
                 f"its first line must name {', '.join(RECORD_COLUMNS)}"
             )
-    table = table.select(RECORD_COLUMNS).filter(~pl.all_horizontal(pl.all().is_null()))
-    return {column: [_number(text) for text in table[column].to_list()] for column in RECORD_COLUMNS}
+    columns = (*RECORD_COLUMNS, *({MEAL_COLUMN} & set(table.columns)))
+    table = table.select(columns).filter(~pl.all_horizontal(pl.all().is_null()))
+    return {column: [_number(text) for text in table[column].to_list()] for column in columns}
 
 
 def _number(text: str | None) -> object:

@@ -1,0 +1,89 @@
+"""Questions about a record whose columns are hardly in the units that they should be in.
+
+A whole column is in another unit, not one row of it. So a column is judged by one number that is the same for all
+people within a factor of some tens: the usual step of time, the median of glucose, the mean rate of insulin.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.plausible import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity
+from glucoloop.units import MIN_PER_H, MU_PER_U
+
+Floats = npt.NDArray[np.float64]
+
+_DAY_MIN = 1440.0
+ROW_STEP = Quantity(
+    "the time from row to row",
+    "min",
+    0.9,
+    240.0,
+    (OtherUnit("h", MIN_PER_H), OtherUnit("s", 1.0 / MIN_PER_H), OtherUnit("days", _DAY_MIN)),
+)
+"""Sensors tell glucose every 1 to 15 minutes; by hand it is measured every few hours."""
+MOSTLY = 0.5
+"""Part of the rows without insulin above which the column is taken to hold boluses."""
+
+
+def ask_about_times(times_min: Floats) -> None:
+    """Ask about times that look like hours, seconds or days."""
+    if times_min.size > 1:
+        step = float(np.median(np.diff(times_min)))
+        _ask(step, ROW_STEP, f"the rows of t_min are {_short(step)} min apart as a rule")
+
+
+def ask_about_glucose(glucose_mg_dl: Floats) -> None:
+    """Ask about readings that look like mmol/l."""
+    if not np.isnan(glucose_mg_dl).all():
+        median = float(np.nanmedian(glucose_mg_dl))
+        _ask(median, GLUCOSE, f"the median of glucose_mg_dl is {_short(median)} mg/dl")
+
+
+def ask_about_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: float) -> None:
+    """Ask about rates that look like U/h or mU/h, and about boluses in U.
+
+    Parameters
+    ----------
+    insulin_mU_min : (n,) array
+        The column.
+    mean_mU_min : float
+        Its mean over time.
+    step_min : float
+        Usual time from row to row, over which a bolus of a row would have been given as a rate.
+    """
+    given = insulin_mU_min[insulin_mU_min > 0.0]
+    if not given.size:
+        return
+    quantity = INSULIN_RATE
+    # Between boluses the rows are 0; a basal rate hardly ever is.
+    if given.size < MOSTLY * insulin_mU_min.size:
+        bolus = OtherUnit(f"boluses in U, each over the {_short(step_min)} min of its row", MU_PER_U / step_min)
+        quantity = dataclasses.replace(quantity, others=(bolus, *quantity.others))
+    told = (
+        f"insulin_mU_min has values from {_short(insulin_mU_min.min())} to {_short(insulin_mU_min.max())}, on average "
+        f"{_short(mean_mU_min)} mU/min, which is {_short(mean_mU_min * _DAY_MIN / MU_PER_U)} U a day"
+    )
+    _ask(mean_mU_min, quantity, told)
+
+
+def _ask(value: float, quantity: Quantity, told: str) -> None:
+    """Refuse a column that one number of it shows to be in another unit, or in none that is known."""
+    if quantity.plausible(value):
+        return
+    confirm = f"or {CONFIRM_ARGUMENT} if {quantity.unit} are meant"
+    for other, _ in quantity.meant(value):
+        raise ValueError(
+            f"{told}; that looks like {other.name}. Multiply the column by {other.factor:.4g} to have {quantity.unit}, "
+            f"{confirm}"
+        )
+    raise ValueError(
+        f"{told}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
+    )
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
