@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.kernel import compile_kernel
+from glucoloop.native.primitives import UnsupportedError
 
 NOT = [np.nan, np.inf, -np.inf]
 ROWS = np.array(

@@ -26,8 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.kernel import compile_kernel
+from glucoloop.native.primitives import UnsupportedError
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
