@@ -5,10 +5,17 @@
     python3 dev.py test                all checks: format, lint, types, layers, tests, documentation
     python3 dev.py test PYTEST_ARGS    only pytest, with these arguments (paths from the repository root)
     python3 dev.py test -m long        the tests that are left out above because they take long
-    python3 dev.py setup               only create or refresh the environment
+    python3 dev.py try                 the first commands and tests/native on the newest other Python, then
+                                       with the newest release of every package
+    python3 dev.py setup               only create or refresh the environment, with the tools of developers
+    python3 dev.py lock                renew the two locks (needs uv)
 
-The first call creates .venv beside this file and installs what requirements.lock names; later calls
-reuse it until requirements.lock, pyproject.toml or the Python version changes.
+The first call creates .venv beside this file and installs what requirements.lock names; ``test`` and
+``setup`` add what requirements-dev.lock names. Later calls reuse the environment until a lock,
+pyproject.toml or the Python version changes.
+
+``--python 3.13`` (or a path) before or after run, test or setup takes another Python, in an environment
+of its own like .venv-3.13; ``test`` then runs only the tests.
 """
 
 from __future__ import annotations
@@ -16,21 +23,70 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 OLDEST_PYTHON = (3, 11)
 ROOT = Path(__file__).resolve().parent
 LOCK = ROOT / "requirements.lock"
+DEV_LOCK = ROOT / "requirements-dev.lock"
 PROJECT = ROOT / "pyproject.toml"
-VENV = ROOT / ".venv"
-STAMP = VENV / "glucoloop-stamp.json"
-BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
-VENV_PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+WINDOWS = os.name == "nt"
+ON_PATH = re.compile(r"python3?(\.\d+)?(\.exe)?")
+
+
+@dataclass(frozen=True)
+class Python:
+    """An interpreter that works."""
+
+    path: str
+    version: tuple[int, int]
+
+    @property
+    def name(self) -> str:
+        return ".".join(map(str, self.version))
+
+
+@dataclass(frozen=True)
+class Environment:
+    """A virtual environment: its folder, and the Python that it is made of."""
+
+    folder: Path
+    python: Python
+
+    @property
+    def stamp(self) -> Path:
+        return self.folder / "glucoloop-stamp.json"
+
+    @property
+    def programs(self) -> Path:
+        return self.folder / ("Scripts" if WINDOWS else "bin")
+
+    def path(self, name: str) -> Path:
+        return self.programs / (f"{name}.exe" if WINDOWS else name)
+
+    def program(self, name: str) -> str:
+        if not self.path(name).exists():
+            stop(f"{self.path(name)} is missing. Delete {self.folder} and run this again.")
+        return str(self.path(name))
+
+    def variables(self) -> dict[str, str]:
+        """Variables as an activated environment would have them, without outside import paths."""
+        variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONPATH")}
+        variables["VIRTUAL_ENV"] = str(self.folder)
+        variables["PATH"] = os.pathsep.join([str(self.programs), variables.get("PATH", os.defpath)])
+        return variables
+
+    def call(self, command: Sequence[str], cwd: Path | None = None) -> int:
+        return subprocess.run(command, cwd=cwd, env=self.variables(), check=False).returncode
 
 
 def stop(message: str, code: int = 1) -> NoReturn:
@@ -43,23 +99,80 @@ def say(message: str) -> None:
     print(message, flush=True)
 
 
+def probe(path: str | Path) -> Python | None:
+    """The interpreter at a path, if there is one that works and can make environments.
+
+    It is asked, not believed: a name like python3.13 on PATH may be a shim of a version that is not activated.
+    """
+    asked = (
+        "import ensurepip, sys, venv; print(getattr(sys, '_base_executable', None) or sys.executable); "
+        "print(*sys.version_info[:2])"
+    )
+    try:
+        said = subprocess.run(
+            [str(path), "-c", asked], capture_output=True, text=True, timeout=60, check=False, stdin=subprocess.DEVNULL
+        )
+        executable, version = said.stdout.splitlines()
+        major, minor = map(int, version.split())
+    except (OSError, ValueError, subprocess.TimeoutExpired):
+        return None
+    return Python(executable, (major, minor)) if said.returncode == 0 and (major, minor) >= OLDEST_PYTHON else None
+
+
+def this_python() -> Python:
+    # Started from inside another virtual environment, build on the Python beneath it.
+    return Python(getattr(sys, "_base_executable", None) or sys.executable, sys.version_info[:2])
+
+
+def candidates() -> Iterator[Path]:
+    """Where interpreters may lie: on PATH, and in the folder of pyenv, whether activated there or not."""
+    for folder in map(Path, os.environ.get("PATH", os.defpath).split(os.pathsep)):
+        if folder.is_dir():
+            yield from sorted(path for path in folder.iterdir() if ON_PATH.fullmatch(path.name))
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
+    if pyenv.is_dir():
+        yield from sorted(folder / "bin" / "python" for folder in pyenv.iterdir())
+
+
+def other_pythons() -> list[Python]:
+    """One interpreter of each version that this is not, the newest first."""
+    found: dict[tuple[int, int], Python] = {}
+    for path in candidates():
+        python = probe(path)
+        if python is not None and python.version != sys.version_info[:2]:
+            found.setdefault(python.version, python)
+    return [found[version] for version in sorted(found, reverse=True)]
+
+
+def find_python(asked: str) -> Python:
+    """The interpreter that ``--python`` asks for, by version or by path."""
+    if not re.fullmatch(r"\d+(\.\d+)*", asked):
+        python = probe(shutil.which(asked) or Path(asked).expanduser())
+        if python is None:
+            oldest = ".".join(map(str, OLDEST_PYTHON))
+            stop(f"--python is {asked!r}, which is no Python {oldest} or newer with the module venv.", 2)
+        return python
+    known = [this_python(), *other_pythons()]
+    for python in known:
+        if python.name == asked:
+            return python
+    names = ", ".join(sorted((python.name for python in known), key=lambda name: int(name.split(".")[1])))
+    stop(
+        f"--python is {asked!r}, and no such Python was found on PATH or among pyenv's versions (found: {names}). "
+        "Give one of these, or the path of an interpreter.",
+        2,
+    )
+
+
 def check_python() -> None:
     if sys.version_info[:2] >= OLDEST_PYTHON:
         return
     oldest = ".".join(map(str, OLDEST_PYTHON))
     message = f"glucoloop needs Python {oldest} or newer; this is {sys.version.split()[0]}."
-    newer = next((f"python3.{minor}" for minor in range(20, 10, -1) if shutil.which(f"python3.{minor}")), None)
-    if newer is None:
+    newer = other_pythons()
+    if not newer:
         stop(f"{message} Install a newer Python, then run this again with it.")
-    stop(f"{message} This machine has a newer one: {newer} dev.py {' '.join(sys.argv[1:])}")
-
-
-def environment() -> dict[str, str]:
-    """Environment variables as an activated .venv would have them, without outside import paths."""
-    variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONPATH")}
-    variables["VIRTUAL_ENV"] = str(VENV)
-    variables["PATH"] = os.pathsep.join([str(BIN), variables.get("PATH", os.defpath)])
-    return variables
+    stop(f"{message} This machine has a newer one: {newer[0].path} dev.py {' '.join(sys.argv[1:])}")
 
 
 def digest(path: Path) -> str:
@@ -68,57 +181,60 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def wanted_stamp() -> dict[str, str]:
-    # A virtual environment holds absolute paths, so a moved repository needs a new one.
-    python = ".".join(map(str, sys.version_info[:2]))
-    return {"lock": digest(LOCK), "project": digest(PROJECT), "python": python, "root": str(ROOT)}
+def wanted_stamp(env: Environment, *, dev: bool) -> dict[str, str]:
+    return {
+        "lock": digest(LOCK),
+        "dev": digest(DEV_LOCK) if dev else "",
+        "project": digest(PROJECT),
+        "python": env.python.name,
+        "root": str(ROOT),  # a virtual environment holds absolute paths, so a moved repository needs a new one
+    }
 
 
-def found_stamp() -> dict[str, str]:
+def found_stamp(env: Environment) -> dict[str, str]:
     """Return the stamp of the last complete installation; empty when there is none that can be trusted."""
     try:
-        stamp = json.loads(STAMP.read_text(encoding="utf-8"))
+        stamp = json.loads(env.stamp.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return stamp if isinstance(stamp, dict) and VENV_PYTHON.exists() else {}
+    return stamp if isinstance(stamp, dict) and env.path("python").exists() else {}
 
 
-def write_stamp(stamp: dict[str, str]) -> None:
-    part = STAMP.with_suffix(".part")
+def write_stamp(env: Environment, stamp: dict[str, str]) -> None:
+    part = env.stamp.with_suffix(".part")
     part.write_text(json.dumps(stamp), encoding="utf-8")
-    part.replace(STAMP)
+    part.replace(env.stamp)
 
 
-def create_venv() -> None:
+def create_venv(env: Environment) -> None:
+    folder = env.folder
+    say(f"Renewing {folder}" if folder.exists() else f"Creating {folder}")
     try:
-        if STAMP.exists():  # first, so that a removal cut short is not taken for a complete environment
-            STAMP.unlink()
-        if VENV.is_symlink():
-            VENV.unlink()
-        elif VENV.exists():
-            shutil.rmtree(VENV)
+        if env.stamp.exists():  # first, so that a removal cut short is not taken for a complete environment
+            env.stamp.unlink()
+        if folder.is_symlink():
+            folder.unlink()
+        elif folder.exists():
+            shutil.rmtree(folder)
     except OSError as error:
-        stop(f"the old environment {VENV} cannot be removed ({error.strerror}). Remove it by hand and try again.")
-    # Started from inside another virtual environment, build on the Python beneath it.
-    python = getattr(sys, "_base_executable", None) or sys.executable
-    made = subprocess.run([python, "-m", "venv", str(VENV)], capture_output=True, text=True, check=False)
+        stop(f"the old environment {folder} cannot be removed ({error.strerror}). Remove it by hand and try again.")
+    made = subprocess.run([env.python.path, "-m", "venv", str(folder)], capture_output=True, text=True, check=False)
     if made.returncode == 0:
         return
-    shutil.rmtree(VENV, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     said = f"{made.stdout}\n{made.stderr}".strip()
     if "No module named venv" in said or "ensurepip" in said:
-        minor = ".".join(map(str, sys.version_info[:2]))
         stop(
-            f"this Python lacks the venv module. On Debian and Ubuntu: sudo apt install python{minor}-venv "
+            f"this Python lacks the venv module. On Debian and Ubuntu: sudo apt install python{env.python.name}-venv "
             "(elsewhere: a Python that includes venv and ensurepip), then try again."
         )
-    stop(f"the environment {VENV} could not be created:\n{said}")
+    stop(f"the environment {folder} could not be created:\n{said}")
 
 
 def pip_trouble(output: str) -> str:
     """Say in one sentence what most likely went wrong."""
     signs = {
-        "DO NOT MATCH THE HASHES": "a downloaded package is not the one that requirements.lock names; "
+        "DO NOT MATCH THE HASHES": "a downloaded package is not the one that the lock names; "
         "if it happens again, clear pip's cache (python3 -m pip cache purge).",
         "No space left": "the disk is full.",
         "Temporary failure in name resolution": "the package index cannot be reached. Is there a network connection?",
@@ -126,22 +242,23 @@ def pip_trouble(output: str) -> str:
         "Connection": "the connection to the package index failed. Is there a network connection, or a proxy to set?",
         "SSLError": "the package index's certificate was refused. Is there a proxy that pip must be told about?",
         "Read timed out": "the package index answers too slowly. Try again.",
-        "No matching distribution": "a package in requirements.lock is not offered for this Python and system, "
+        "No matching distribution": "a package of the lock is not offered for this Python and system, "
         "or the package index cannot be reached.",
     }
     return next((text for sign, text in signs.items() if sign in output), "pip failed.")
 
 
-def pip_install(what: str, *arguments: str) -> None:
+def pip_install(env: Environment, what: str, *arguments: str) -> None:
     """Run pip behind one line of progress; show its output only when it fails."""
-    command = [str(VENV_PYTHON), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", *arguments]
+    pip_command = ("-m", "pip", "install", "--disable-pip-version-check", "--no-input")
+    command = [env.program("python"), *pip_command, *arguments]
     live = sys.stdout.isatty()
     started, seen, lines = time.monotonic(), 0, []
     print(f"Installing {what} ...", end="", flush=True)
     with subprocess.Popen(
         command,
         cwd=ROOT,
-        env=environment(),
+        env=env.variables(),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -163,34 +280,28 @@ def pip_install(what: str, *arguments: str) -> None:
     stop(f"{pip_trouble(output)}")
 
 
-def setup() -> None:
-    """Bring .venv to what the lock and the project file ask for; each step is stamped when it is complete."""
-    wanted, found = wanted_stamp(), found_stamp()
+def setup(env: Environment, *, dev: bool) -> None:
+    """Bring an environment to what the locks and the project file ask for; each step is stamped when it is complete."""
+    found = found_stamp(env)
+    # The tools of developers stay where they are up to date, though nobody asks for them.
+    wanted = wanted_stamp(env, dev=dev or found.get("dev") == digest(DEV_LOCK))
     if found == wanted:
         return
-    if any(found.get(key) != wanted[key] for key in ("lock", "python", "root")):
-        say(f"Creating {VENV}" if not VENV.exists() else f"Renewing {VENV}")
-        create_venv()
-        pip_install("packages from requirements.lock", "--require-hashes", "-r", str(LOCK))
-        write_stamp({**wanted, "project": ""})
-    pip_install("glucoloop", "--no-deps", "--no-build-isolation", "--no-index", "--editable", str(ROOT))
-    write_stamp(wanted)
+    fresh = any(found.get(key) != wanted[key] for key in ("lock", "python", "root"))
+    if fresh or found.get("dev") not in ("", wanted["dev"]):
+        create_venv(env)
+        found = {}
+    if found.get("dev") != wanted["dev"]:
+        lock = DEV_LOCK if wanted["dev"] else LOCK
+        pip_install(env, f"packages from {lock.name}", "--require-hashes", "-r", str(lock))
+        write_stamp(env, {**wanted, "project": ""})
+    pip_install(env, "glucoloop", "--no-deps", "--no-build-isolation", "--no-index", "--editable", str(ROOT))
+    write_stamp(env, wanted)
 
 
-def tool(name: str) -> str:
-    path = BIN / (f"{name}.exe" if os.name == "nt" else name)
-    if not path.exists():
-        stop(f"{path} is missing. Delete {VENV} and run: python3 dev.py setup")
-    return str(path)
-
-
-def call(command: list[str], cwd: Path | None = None) -> int:
-    return subprocess.run(command, cwd=cwd, env=environment(), check=False).returncode
-
-
-def check(heading: str, command: list[str]) -> None:
+def check(env: Environment, heading: str, command: Sequence[str]) -> None:
     say(f"\n=== {heading} ===")
-    code = call(command, cwd=ROOT)
+    code = env.call(command, cwd=ROOT)
     if code == 0:
         return
     if Path(command[0]).stem == "pytest" and code == 5:
@@ -198,38 +309,127 @@ def check(heading: str, command: list[str]) -> None:
     stop(f"'{heading}' failed (exit status {code}).", code if code > 0 else 1)
 
 
-def test(pytest_arguments: list[str]) -> None:
-    if pytest_arguments:
-        check("pytest", [tool("pytest"), *pytest_arguments])
-        return
-    check("ruff format --check", [tool("ruff"), "format", "--check"])
-    check("ruff check", [tool("ruff"), "check"])
-    check("mypy", [tool("mypy")])
-    check("lint-imports", [tool("lint-imports"), "--no-logo"])
+def quick_tests(env: Environment) -> None:
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
-    check("pytest", [tool("pytest"), "-n", "2", "--dist", "worksteal", "-m", "not long"])
+    check(env, "pytest", [env.program("pytest"), "-n", "2", "--dist", "worksteal", "-m", "not long"])
+
+
+def all_checks(env: Environment) -> None:
+    check(env, "ruff format --check", [env.program("ruff"), "format", "--check"])
+    check(env, "ruff check", [env.program("ruff"), "check"])
+    check(env, "mypy", [env.program("mypy")])
+    check(env, "lint-imports", [env.program("lint-imports"), "--no-logo"])
+    quick_tests(env)
     docs = ROOT / "docs"
     if (docs / "conf.py").is_file():
-        check("documentation", [tool("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")])
+        sphinx = [env.program("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")]
+        check(env, "documentation", sphinx)
     say("\nAll checks passed.")
+
+
+def first_commands(env: Environment) -> None:
+    """What a newcomer does first: a run, a trial and a stress test."""
+    glucoloop = env.program("glucoloop")
+    with tempfile.TemporaryDirectory(prefix="glucoloop-") as folder:
+        for name, *options in (("run",), ("trial", "--people", "50"), ("stress", "--people", "4")):
+            out = ["--out", str(Path(folder) / name)]
+            check(env, f"{env.folder.name}: glucoloop {name}", [glucoloop, name, *options, *out])
+
+
+def native_tests(env: Environment, *options: str) -> None:
+    check(env, f"{env.folder.name}: tests/native", [env.program("pytest"), "-q", "tests/native", *options])
+
+
+def try_elsewhere() -> None:
+    """What must hold on other machines: another Python with the locked packages, and the newest of all packages."""
+    others = other_pythons()
+    if others:
+        env = environment(others[0])
+        say(f"Python {env.python.name} ({env.python.path}) with the packages of the lock")
+        setup(env, dev=False)
+        first_commands(env)
+        setup(env, dev=True)
+        native_tests(env)
+    else:
+        say("No other Python that works was found, on PATH or among pyenv's versions.")
+    newest = Environment(ROOT / ".venv-newest", others[0] if others else this_python())
+    say(f"\nPython {newest.python.name} ({newest.python.path}) with the newest release of every package")
+    create_venv(newest)
+    pip_install(newest, "glucoloop as its users do", f"{ROOT}[pages,query]", "pytest", "hypothesis")
+    newest.call([newest.program("python"), "-m", "pip", "freeze", "--disable-pip-version-check"])
+    first_commands(newest)
+    native_tests(newest, "-W", "default")  # what another package is about to drop is no error here
+
+
+def renew_locks() -> None:
+    """Resolve both locks together: one set of versions for all Pythons, and the second adds to the first."""
+    uv = shutil.which("uv")
+    if uv is None:
+        stop("lock needs uv, which is not installed; install it with: python3 -m pip install uv")
+    oldest = ".".join(map(str, OLDEST_PYTHON))
+    options = f"--universal --fork-strategy fewest --python-version {oldest} --generate-hashes --no-emit-index-url "
+    options += "--no-emit-find-links --quiet --extra pages --extra query"
+    header = ["--custom-compile-command", "python3 dev.py lock"]
+    for lock, own in (
+        (DEV_LOCK, "--group dev --extra dask --extra search"),
+        (LOCK, f"--group build --constraints {DEV_LOCK.name}"),
+    ):
+        command = [uv, "pip", "compile", PROJECT.name, *options.split(), *own.split(), *header, "-o", lock.name]
+        code = subprocess.run(command, cwd=ROOT, check=False).returncode
+        if code != 0:
+            stop(f"uv could not renew {lock.name}.", code)
+        say(f"Renewed {lock.name}")
+
+
+def environment(python: Python | None = None) -> Environment:
+    """The environment of this Python, or that of another."""
+    if python is None:
+        return Environment(ROOT / ".venv", this_python())
+    return Environment(ROOT / f".venv-{python.name}", python)
+
+
+def take_python(arguments: list[str]) -> tuple[Environment, list[str], bool]:
+    """Take ``--python`` out of the arguments: the environment, the other arguments, whether it was there."""
+    for place, argument in enumerate(arguments):
+        name, equals, value = argument.partition("=")
+        if name != "--python":
+            continue
+        rest = arguments[place + 1 :]
+        if not equals:
+            if not rest:
+                stop("--python needs a version like 3.13, or the path of an interpreter.", 2)
+            value, *rest = rest
+        return environment(find_python(value)), arguments[:place] + rest, True
+    return environment(), arguments, False
 
 
 def main(arguments: list[str]) -> int:
     check_python()
+    env, arguments, chosen = take_python(arguments)
     verb, rest = (arguments[0], arguments[1:]) if arguments else ("", [])
     if verb in ("-h", "--help", "help"):
         say((__doc__ or "").strip())
         return 0
-    if verb not in ("run", "test", "setup"):
+    if verb not in ("run", "test", "try", "setup", "lock"):
         stop(f"{'unknown command ' + repr(verb) if verb else 'a command is missing'}.\n\n{(__doc__ or '').strip()}", 2)
-    setup()
+    if verb == "try":
+        try_elsewhere()
+        return 0
+    if verb == "lock":
+        renew_locks()
+        return 0
+    setup(env, dev=verb != "run")
     if verb == "run":
-        return call([tool("glucoloop"), "run", *rest])
-    if verb == "test":
-        test(rest)
+        return env.call([env.program("glucoloop"), "run", *rest])
+    if verb == "setup":
+        say(f"Ready: {env.folder}")
+    elif rest:
+        check(env, "pytest", [env.program("pytest"), *rest])
+    elif chosen:
+        quick_tests(env)
     else:
-        say(f"Ready: {VENV}")
+        all_checks(env)
     return 0
 
 
