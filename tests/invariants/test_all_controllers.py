@@ -4,6 +4,8 @@ On a patient small enough that all of them take seconds: glucose, remote insulin
 R. N. Bergman et al., "Quantitative estimation of insulin sensitivity", Am. J. Physiol. 236, 1979.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -286,6 +288,21 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonse
     else:
         np.testing.assert_allclose(doses, expected, atol=1e-3)
     assert np.all(np.isin(decision.status[-8:], [Status.OK, Status.SATURATED]))
+
+
+def test_it_starts_without_a_rate_and_goes_on_after_a_missing_setpoint(controller):
+    rest = float(PATIENT.setpoint_mg_dl)
+    ordinary = observe(rest + 2.0, True, np.nan)
+    lost = dataclasses.replace(ordinary, setpoint_mg_dl=jnp.asarray(np.nan))
+    state, doses, statuses = controller.init(ordinary), [], []
+    for observation in (ordinary, ordinary, lost, ordinary, ordinary, ordinary):
+        state, decision = step(controller, state, observation)
+        doses.append(float(decision.insulin_mU_min))
+        statuses.append(int(decision.status))
+    assert np.all((np.array(doses) >= LEAST) & (np.array(doses) <= MOST))
+    assert set(statuses[:2] + statuses[-2:]) <= {Status.OK, Status.SATURATED}
+    for leaf in jax.tree.leaves(state):
+        assert np.all(np.isfinite(leaf))
 
 
 def test_people_may_trail(controller):

@@ -18,6 +18,11 @@ def is_known(observation: Observation) -> jax.Array:
     return observation.valid & jnp.isfinite(observation.glucose_mg_dl)
 
 
+def rate_at_start(observation: Observation, otherwise_mU_min: jax.Array | float) -> jax.Array:
+    """Rate in force when a controller starts, or another where the pump reports none."""
+    return delivered_since(observation, jnp.asarray(otherwise_mU_min))
+
+
 def delivered_since(observation: Observation, previous_mU_min: jax.Array) -> jax.Array:
     """Rate that the pump delivered since the last sample, or the one before where the pump's word is no number."""
     return jnp.where(jnp.isfinite(observation.delivered_mU_min), observation.delivered_mU_min, previous_mU_min)

@@ -10,14 +10,16 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.guard_doses import Given, first_given, most, take_in
-from glucoloop.control.guard_readings import Seen, first_seen, near, possible, see
+from glucoloop.control.guard_doses import Given, first_given, heal_given, most, take_in
+from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation, Status
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 _ORDINARY_MG_DL: Final = 100.0
 """Setpoint while none was told that could be one."""
+_ABSURD: Final = 1e15
+"""No controller remembers a number as large."""
 _MOST_CARBS_G: Final = 1000.0
 """More than anybody eats at once."""
 
@@ -28,8 +30,6 @@ class GuardState:
 
     inner: Any
     """State of the controller inside."""
-    sound: jax.Array
-    """1 if all of it is finite; where it is 0, it is lost, and the controller wakes anew at the next sample."""
     seen: Seen
     given: Given
     command_mU_min: jax.Array
@@ -76,7 +76,6 @@ class Guard:
         clean = _clean(observation, seen, believed, setpoint, delivered)
         return GuardState(
             inner=self.inner.init(clean),
-            sound=jnp.ones_like(delivered),
             seen=seen,
             given=first_given(basal, self.sample_time_min),
             command_mU_min=delivered,
@@ -87,6 +86,7 @@ class Guard:
     def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
         """Believe or reject what is told, let the controller inside decide, and bound its dose."""
         settings, every = self.settings, self.sample_time_min
+        state = self._healed(state)
         # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
         word = observation.delivered_mU_min
         delivered = jnp.where(self._is_rate(word), word, state.command_mU_min)
@@ -96,19 +96,25 @@ class Guard:
             state.seen, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
         )
         clean = _clean(observation, seen, believed, setpoint, delivered)
-        # What is lost is put right before it is used and not when it is stored, which makes native code faster.
+        # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
         heals = getattr(self.inner, "heals", False)
-        before = state.inner if heals else _where_sound(state.sound > 0.5, state.inner, self.inner.init(clean))
+        sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape)
+        before = state.inner if heals else _where_sound(sound, state.inner, self.inner.init(clean))
         inner, decision = self.inner.step(before, clean)
-        sound = _all_finite((() if heals else inner, decision.insulin_mU_min), delivered.shape)
+        sound = sound & jnp.isfinite(decision.insulin_mU_min)
 
-        above = seen.glucose_mg_dl - setpoint
-        given = take_in(state.given, delivered, above, jump, settings, every)
+        # A reading that is not believed may take insulin away, and never add any.
+        told = possible(observation.glucose_mg_dl, observation.valid, settings)
+        lowest = jnp.where(told, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
+        above = lowest - setpoint
+        given = take_in(state.given, delivered, seen.glucose_mg_dl - setpoint, jump, settings, every)
+        allowed = most(given, above, settings, self.limits.max_change_mU_min, every)
+        allowed = jnp.where(believed, allowed, given.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
-        allowed = most(given, above, settings, every)
         unseen, long_unseen = seen.unseen_min > settings.gap_min, seen.unseen_min > settings.long_gap_min
+        predicted = seen.glucose_mg_dl + settings.ahead_min * seen.trend_mg_dl_min
         bound = settings.low_mg_dl + settings.hysteresis_mg_dl * state.suspended
-        suspended = seen.glucose_mg_dl + settings.ahead_min * seen.trend_mg_dl_min < bound
+        suspended = jnp.minimum(predicted, lowest) < bound
         dose = jnp.minimum(wanted, allowed)
         fallback = jnp.where(long_unseen, settings.reduced_fraction * given.basal_mU_min, given.basal_mU_min)
         dose = jnp.where(unseen, fallback, dose)
@@ -129,7 +135,6 @@ class Guard:
             status = jnp.where(holds, int(of), status)
         state = GuardState(
             inner=inner,
-            sound=sound.astype(dose.dtype),
             seen=seen,
             given=given,
             command_mU_min=dose,
@@ -138,14 +143,38 @@ class Guard:
         )
         return state, Decision(insulin_mU_min=dose, status=status)
 
+    def _healed(self, state: GuardState) -> GuardState:
+        """The state with every number replaced that cannot be one of it."""
+        told, suspended = state.setpoint_mg_dl, state.suspended
+        setpoint = jnp.where(self._is_setpoint(told), told, _ORDINARY_MG_DL)
+        basal = jnp.asarray(self.basal_mU_min, told.dtype)
+        given = heal_given(state.given, basal, self.settings, self._highest_rate)
+        command = state.command_mU_min
+        return GuardState(
+            inner=state.inner,
+            seen=heal_seen(state.seen, setpoint, self.settings),
+            given=given,
+            command_mU_min=jnp.where(self._is_rate(command), command, given.basal_mU_min),
+            setpoint_mg_dl=setpoint,
+            suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
+        )
+
+    @property
+    def _highest_rate(self) -> jax.Array | float:
+        """A pump may deliver some way above limits that are not its own."""
+        return 2.0 * self.limits.max_mU_min
+
     def _is_rate(self, insulin_mU_min: jax.Array) -> jax.Array:
-        """Whether a pump can mean what it says: it may be some way above limits that are not its own."""
-        return (insulin_mU_min >= 0.0) & (insulin_mU_min <= 2.0 * self.limits.max_mU_min)
+        """Whether a pump can mean what it says."""
+        return (insulin_mU_min >= 0.0) & (insulin_mU_min <= self._highest_rate)
+
+    def _is_setpoint(self, told_mg_dl: jax.Array) -> jax.Array:
+        lowest, highest = self.settings.lowest_reading_mg_dl, self.settings.highest_reading_mg_dl
+        return (told_mg_dl >= lowest) & (told_mg_dl <= highest)
 
     def _setpoint(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
         told = observation.setpoint_mg_dl
-        within = (told >= self.settings.lowest_reading_mg_dl) & (told <= self.settings.highest_reading_mg_dl)
-        return jnp.where(within, told, otherwise)
+        return jnp.where(self._is_setpoint(told), told, otherwise)
 
     def _keeps(self, dose: jax.Array, delivered: jax.Array) -> jax.Array:
         """Whether a dose keeps the limits, but for the rounding of who clipped it to the rate limit before."""
@@ -185,13 +214,13 @@ def _of_people(leaf: jax.Array, people: tuple[int, ...]) -> bool:
     return leaf.shape[leaf.ndim - len(people) :] == people
 
 
-def _all_finite(tree: Any, people: tuple[int, ...]) -> jax.Array:
-    """Whether all numbers are finite, for each person: a sum is finite only if its parts are."""
+def _all_sound(tree: Any, people: tuple[int, ...]) -> jax.Array:
+    """Whether all numbers are finite and none is absurdly large, for each person: whether their sum is."""
     rows = [
         leaf.reshape(-1, *people) if _of_people(leaf, people) else jnp.broadcast_to(jnp.sum(leaf), (1, *people))
         for leaf in _floats(tree)
     ]
-    return jnp.isfinite(_pairwise_sum(jnp.concatenate(rows)))
+    return jnp.abs(_pairwise_sum(jnp.concatenate(rows))) < _ABSURD
 
 
 def _pairwise_sum(rows: jax.Array) -> jax.Array:

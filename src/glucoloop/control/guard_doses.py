@@ -1,11 +1,26 @@
-"""How much insulin a guard allows: by the hour, on board, and against a sensor that may read too high.
+"""How much insulin a guard allows: in an hour, on board, and for what is read.
 
-Insulin on board is told in basal rates beyond the basal rate: it is 1 after long at twice the basal rate.
+Insulin on board is counted in basal rates beyond the basal rate: it is 1 after long at twice the basal rate.
+
+Two caps are bounds that hold at every sample: insulin in an hour, and insulin on board. A pump can lower its rate only
+by ``D`` per sample, so a rate may be allowed only if the caps still hold while the rate goes down from it to the basal
+rate as fast as the pump can. Call a state safe if that is so for the rate in force. Then:
+
+1. In a safe state the next rate on the way down is allowed, by the definition of safe.
+2. Both caps grow with every rate, so every rate below an allowed one is allowed too, the basal rate included.
+3. The guard gives at most the largest allowed rate, or the next one on the way down. Either leaves a safe state.
+
+So from a safe state every later one is safe, for any readings and any controller, as long as the pump gives no more
+than it was asked for. If it gives more, the guard takes the rate down as fast as the pump can until the caps hold.
+
+A rate below the basal rate counts as the basal rate in both caps. So insulin that was withheld is never owed, and the
+way down never has to go below the basal rate.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import jax
 import jax.numpy as jnp
@@ -17,29 +32,71 @@ from glucoloop.units import MIN_PER_H
 
 @pytree
 class Given:
-    """What was given, and what is thought of it."""
+    """The insulin of the past, and how far the readings that asked for it are doubted."""
 
     basal_mU_min: jax.Array
     per_basal: jax.Array
-    """One over it; 0 where it is 0."""
+    """One over the basal rate; 0 where that is 0."""
     on_board: jax.Array
+    """Insulin on board, below 0 after less than the basal rate."""
+    counted: jax.Array
+    """Insulin on board as the cap counts it: it never falls below 0."""
     hour_mU_min: jax.Array
-    """(samples, ...) rates of the last hour but one sample, the oldest first."""
+    """(samples, ...) rates of the last hour but one sample, the oldest first, each at least the basal rate."""
     doubted_mg_dl: jax.Array
-    """What is put down to the sensor, of what seems to need insulin; below 0 it has jumped down and may jump back."""
+    """Part of the reading that is put down to the sensor; below 0 the sensor jumped down and may jump back."""
+
+
+def samples_per_hour(sample_time_min: float) -> int:
+    """Samples in an hour, at least 1."""
+    return max(round(MIN_PER_H / sample_time_min), 1)
 
 
 def first_given(basal_mU_min: jax.Array, sample_time_min: float) -> Given:
-    """After long at the basal rate."""
-    others = max(round(MIN_PER_H / sample_time_min), 1) - 1
+    """State after a long time at the basal rate."""
     zero = jnp.zeros_like(basal_mU_min)
-    some = basal_mU_min > 0.0
+    others = samples_per_hour(sample_time_min) - 1
     return Given(
         basal_mU_min=basal_mU_min,
-        per_basal=jnp.where(some, 1.0 / jnp.where(some, basal_mU_min, 1.0), 0.0),
+        per_basal=_inverse(basal_mU_min),
         on_board=zero,
+        counted=zero,
         hour_mU_min=jnp.broadcast_to(basal_mU_min, (others, *basal_mU_min.shape)),
         doubted_mg_dl=zero,
+    )
+
+
+def heal_given(given: Given, basal_mU_min: jax.Array, settings: GuardSettings, most_mU_min: jax.Array | float) -> Given:
+    """Replace every number that cannot be one of this state; where a number is unknown, take what allows the least.
+
+    Parameters
+    ----------
+    given : Given
+    basal_mU_min : (...) array
+        The basal rate the guard was built with; not a number where it was built with none.
+    settings : GuardSettings
+    most_mU_min : float
+        No rate is higher.
+    """
+
+    def rate(value: jax.Array) -> jax.Array:
+        return (value >= 0.0) & (value <= most_mU_min)
+
+    # The basal rate is in the state twice. If the two disagree, the rate of the guard holds, or else the lower one.
+    one, other = given.basal_mU_min, _inverse(given.per_basal)
+    none = (one == 0.0) & (given.per_basal == 0.0)
+    sound = rate(one) & ((jnp.abs(one * given.per_basal - 1.0) < _AGREE) | none)
+    other = jnp.where(rate(other) & (other > _AGREE), other, most_mU_min)
+    lower = jnp.where(rate(one), jnp.minimum(one, other), jnp.where(other < most_mU_min, other, 0.0))
+    basal = jnp.where(sound, one, jnp.where(rate(basal_mU_min), basal_mU_min, lower))
+    cap = settings.max_on_board
+    return Given(
+        basal_mU_min=basal,
+        per_basal=jnp.where(sound, given.per_basal, _inverse(basal)),
+        on_board=jnp.where(jnp.abs(given.on_board) < _ABSURD, given.on_board, cap),
+        counted=jnp.where((given.counted >= 0.0) & (given.counted < _ABSURD), given.counted, cap),
+        hour_mU_min=jnp.where(rate(given.hour_mU_min), given.hour_mU_min, settings.max_hour * basal),
+        doubted_mg_dl=jnp.where(jnp.abs(given.doubted_mg_dl) < _ABSURD, given.doubted_mg_dl, _ABSURD),
     )
 
 
@@ -60,31 +117,39 @@ def take_in(
     above_setpoint_mg_dl : (...) array
         Glucose less the setpoint.
     jump_mg_dl : (...) array
-        By how much the reading jumped, if it did. Glucose does not: it is put down to the sensor, as far as more
-        insulin seems to be needed, and forgotten little by little.
+        By how much the reading jumped, if it did. Glucose does not jump: the jump is put down to the sensor, as far as
+        more insulin seems to be needed, and forgotten little by little.
     settings : GuardSettings
     sample_time_min : float
     """
-    kept = math.exp(-sample_time_min / settings.on_board_tau_min)
+    kept = _kept(settings, sample_time_min)
     beyond = (delivered_mU_min - given.basal_mU_min) * given.per_basal
     on_board = kept * given.on_board + (1.0 - kept) * beyond
-    # What glucose is above the setpoint, and what insulin on board has taken off it.
+    # How far glucose is above the setpoint, and how far insulin on board has lowered it.
     need = above_setpoint_mg_dl + settings.fall_mg_dl * on_board
     doubted = math.exp(-sample_time_min / settings.doubt_tau_min) * given.doubted_mg_dl + jump_mg_dl
+    counted = jnp.maximum(delivered_mU_min, given.basal_mU_min)
     return Given(
         basal_mU_min=given.basal_mU_min,
         per_basal=given.per_basal,
         on_board=on_board,
-        hour_mU_min=jnp.concatenate([given.hour_mU_min, delivered_mU_min[None]])[1:],
+        counted=jnp.maximum(kept * given.counted + (1.0 - kept) * beyond, 0.0),
+        hour_mU_min=jnp.concatenate([given.hour_mU_min, counted[None]])[1:],
         doubted_mg_dl=jnp.minimum(doubted, jnp.maximum(need, 0.0)),
     )
 
 
-def most(given: Given, above_setpoint_mg_dl: jax.Array, settings: GuardSettings, sample_time_min: float) -> jax.Array:
-    """Largest rate allowed for the coming sample; never less than the basal rate.
+def most(
+    given: Given,
+    above_setpoint_mg_dl: jax.Array,
+    settings: GuardSettings,
+    max_change_mU_min: jax.Array | float,
+    sample_time_min: float,
+) -> jax.Array:
+    """Largest rate that is allowed for the coming sample, never less than the basal rate.
 
-    Insulin on board may grow by as much as takes glucose down to the setpoint, if the sensor reads too high by its
-    error and by what is doubted.
+    Insulin on board may reach what takes glucose down to the setpoint if the sensor reads too high by its error and by
+    what is doubted. A little more than the basal rate is always allowed, as long as no more is on board.
 
     Parameters
     ----------
@@ -92,15 +157,66 @@ def most(given: Given, above_setpoint_mg_dl: jax.Array, settings: GuardSettings,
     above_setpoint_mg_dl : (...) array
         Glucose less the setpoint.
     settings : GuardSettings
+    max_change_mU_min : float
+        By which the pump can lower its rate from one sample to the next.
     sample_time_min : float
     """
-    kept = math.exp(-sample_time_min / settings.on_board_tau_min)
+    kept = _kept(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
-    on_board = jnp.minimum(given.on_board + surely * (1.0 / settings.fall_mg_dl), settings.max_on_board)
-    by_board = 1.0 + (on_board - kept * given.on_board) * (1.0 / (1.0 - kept))
+    target = jnp.minimum(surely * (1.0 / settings.fall_mg_dl), settings.max_on_board)
+    by_reading = _most_beyond(target, given, max_change_mU_min, kept, samples_per_hour(sample_time_min))
+    little = min(settings.always_basal - 1.0, settings.max_on_board)
+    always = jnp.minimum(little, (little - kept * given.counted) * (1.0 / (1.0 - kept)))
+    by_board = (1.0 + jnp.maximum(by_reading, always)) * given.basal_mU_min
+    return jnp.maximum(jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min)), given.basal_mU_min)
+
+
+def _most_beyond(
+    target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, kept: float, samples: int
+) -> jax.Array:
+    """Largest rate beyond the basal rate, in basal rates, from which insulin on board does not pass a target.
+
+    After n more samples of the rate ``z`` going down by ``D`` at each, ``k^(n+1) B + (1 - k) sum_i k^(n-i) (z - i D)``
+    is on board. While ``z - i D`` is above 0 that is what the pump gives, and afterwards it is less than that of an
+    earlier n; so z is allowed if none of these passes the target. Beyond the last n looked at, a rate below the target
+    cannot pass it.
+    """
+    steep = max_change_mU_min * given.per_basal
+    largest = target + samples * steep
+    for n in range(samples):
+        left = kept ** (n + 1)
+        lowered = (1.0 - kept) * sum(i * kept ** (n - i) for i in range(n + 1))
+        z = (target - left * given.counted + lowered * steep) * (1.0 / (1.0 - left))
+        largest = jnp.minimum(largest, z)
+    return largest
+
+
+def _most_of_hour(given: Given, settings: GuardSettings, max_change_mU_min: jax.Array | float) -> jax.Array:
+    """Largest rate from which no hour passes its cap, while the rate goes down to the basal rate.
+
+    The hour that ends n samples after the coming one holds ``(n + 1) d - D n (n + 1) / 2`` and the rest of the past.
+    """
     others = given.hour_mU_min.shape[0]
-    by_hour = settings.max_hour * (others + 1) * given.basal_mU_min
-    if others:
-        by_hour = by_hour - jnp.sum(given.hour_mU_min, axis=0)
-    most_mU_min = jnp.maximum(by_board, settings.always_basal) * given.basal_mU_min
-    return jnp.maximum(jnp.minimum(most_mU_min, by_hour), given.basal_mU_min)
+    cap = settings.max_hour * (others + 1) * given.basal_mU_min
+    largest, past = cap * (1.0 / (others + 1)) + 0.5 * others * max_change_mU_min, jnp.zeros_like(cap)
+    for n in range(others - 1, -1, -1):
+        past = past + given.hour_mU_min[n]
+        largest = jnp.minimum(largest, (cap - past) * (1.0 / (n + 1)) + 0.5 * n * max_change_mU_min)
+    return largest
+
+
+def _kept(settings: GuardSettings, sample_time_min: float) -> float:
+    """Part of the insulin on board that is left after a sample."""
+    return math.exp(-sample_time_min / settings.on_board_tau_min)
+
+
+def _inverse(value: jax.Array) -> jax.Array:
+    """One over a value; 0 where it is not above 0."""
+    some = value > 0.0
+    return jnp.where(some, 1.0 / jnp.where(some, value, 1.0), 0.0)
+
+
+_ABSURD: Final = 1e4
+"""No number that these states hold is as large."""
+_AGREE: Final = 1e-3
+"""By how much the basal rate times its inverse may differ from 1."""

@@ -15,6 +15,9 @@ _TREND: Final = 0.5
 """Part of each change of the reading that is taken for a trend: half of the noise of one reading is left."""
 _FALLS: Final = 2.0
 """A fall is believed up to so many times the rate of a rise: to doubt it costs more than to believe it."""
+_FIRST_MG_DL: Final = 20.0
+"""Distance from the setpoint up to which a first reading is believed at once. Of the readings below 70 mg/dl of an
+integrated sensor more than 85 % must be right to 15 mg/dl (21 CFR 862.1355)."""
 _FORGET_MIN: Final = 60.0
 """Time constant with which glucose unseen is thought to go back to the setpoint, as it does under the basal rate."""
 _NEVER_MG_DL: Final = 1e4
@@ -56,11 +59,25 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
     )
 
 
+def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) -> Seen:
+    """Begin anew, with no reading believed yet, where any number cannot be one of this state."""
+    glucose, trend, told = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
+    sound = (glucose >= settings.lowest_reading_mg_dl) & (glucose <= settings.highest_reading_mg_dl)
+    sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(told) <= _NEVER_MG_DL)
+    for time in (seen.unseen_min, seen.same_min):
+        sound = sound & (time >= 0.0) & (time < math.inf)
+    for flag in (seen.jumped, seen.awake):
+        sound = sound & ((flag == 0.0) | (flag == 1.0))
+    fresh = first_seen(setpoint_mg_dl, jnp.zeros_like(sound), setpoint_mg_dl)
+    healed: Seen = jax.tree.map(lambda value, anew: jnp.where(sound, value, anew), seen, fresh)
+    return healed
+
+
 def near(
     glucose_mg_dl: jax.Array, setpoint_mg_dl: jax.Array, settings: GuardSettings, sample_time_min: float
 ) -> jax.Array:
     """Whether a first reading needs no second one: it is where glucose should be, but for what may be an error."""
-    most = max(settings.error_mg_dl, settings.fastest_mg_dl_min * sample_time_min)
+    most = max(_FIRST_MG_DL, settings.fastest_mg_dl_min * sample_time_min)
     return jnp.abs(glucose_mg_dl - setpoint_mg_dl) <= most
 
 
@@ -118,6 +135,7 @@ def see(
     trend = seen.trend_mg_dl_min + _TREND * (slope - seen.trend_mg_dl_min)
     back = 1.0 - math.exp(-sample_time_min / _FORGET_MIN)
     ahead = seen.glucose_mg_dl + back * (setpoint_mg_dl - seen.glucose_mg_dl) + sample_time_min * seen.trend_mg_dl_min
+    ahead = jnp.clip(ahead, settings.lowest_reading_mg_dl, settings.highest_reading_mg_dl)
     fading = math.exp(-sample_time_min / _TREND_MIN) * seen.trend_mg_dl_min
     return (
         Seen(

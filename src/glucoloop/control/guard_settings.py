@@ -50,12 +50,11 @@ class GuardSettings:
     """Largest insulin on board beyond the basal rate, as a multiple of it."""
     on_board_tau_min: float = 90.0
     """Time constant with which insulin on board is forgotten: that of glucose after a step of insulin, 89 min."""
-    fall_mg_dl: float = 240.0
-    """Fall of glucose, in the end, under twice the basal rate, as it is thought of: three times that of the nominal
-    person, whose glucose would fall by 77 mg/dl."""
-    error_mg_dl: float = 20.0
-    """Error of the sensor: insulin is added for what a reading exceeds the setpoint by more than this. Of the readings
-    below 70 mg/dl of an integrated sensor more than 85 % must be right to 15 mg/dl (21 CFR 862.1355)."""
+    fall_mg_dl: float = 60.0
+    """Glucose above the setpoint, beyond the error, for which one basal rate may be on board. Glucose of the nominal
+    patient falls by 77 mg/dl, in the end, under twice the basal rate."""
+    error_mg_dl: float = 5.0
+    """Error of the sensor: insulin is added for what a reading exceeds the setpoint by more than this."""
     always_basal: float = 1.2
     """Multiple of the basal rate that is allowed whatever is read, but for a predicted low."""
     doubt_tau_min: float = 480.0

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -46,7 +46,7 @@ class IMC:
 
     def init(self, observation: Observation) -> IMCState:
         """At rest under what the pump delivers."""
-        delivered = observation.delivered_mU_min
+        delivered = rate_at_start(observation, self.limits.min_mU_min)
         zero = jnp.zeros_like(delivered)
         return IMCState(
             model_mg_dl=zero,
@@ -63,7 +63,9 @@ class IMC:
         line = jnp.concatenate([state.pending_mU_min, (delivered - state.basal_mU_min)[None]])
         model = self.pole * state.model_mg_dl + self.gain * line[0]
         known = is_known(observation)
-        error = jnp.where(known, model - (observation.glucose_mg_dl - observation.setpoint_mg_dl), state.error_mg_dl)
+        error = model - (observation.glucose_mg_dl - observation.setpoint_mg_dl)
+        # Without a reading or a setpoint there is no error to take in; the filter would never forget what is no number.
+        error = jnp.where(known & jnp.isfinite(error), error, state.error_mg_dl)
         filtered = self.filter_pole * state.filtered_mg_dl + (1.0 - self.filter_pole) * error
         wanted = state.basal_mU_min + (filtered - self.pole * state.filtered_mg_dl) / self.gain
         state = IMCState(

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import NOISE_FREE, MPCTuning, check_gain
@@ -51,7 +51,7 @@ class LinearMPC:
         return LinearMPCState(
             free_response=jnp.zeros((self.step_response.shape[0], *reading.shape), reading.dtype),
             disturbance_mg_dl=jnp.where(is_known(observation), reading, observation.setpoint_mg_dl),
-            insulin_mU_min=observation.delivered_mU_min,
+            insulin_mU_min=rate_at_start(observation, self.plan.limits.min_mU_min),
         )
 
     def step(self, state: LinearMPCState, observation: Observation) -> tuple[LinearMPCState, Decision]:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import MPCTuning
 from glucoloop.estimation.unknown_meal import (
@@ -166,8 +166,7 @@ class MealMPC:
 
     def init(self, observation: Observation) -> MealMPCState:
         """At rest under what the pump delivers; glucose that this does not explain is taken for a disturbance."""
-        known, delivered = is_known(observation), observation.delivered_mU_min
-        delivered = jnp.where(jnp.isfinite(delivered), delivered, self.model.insulin_mU_min)
+        known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)
         delivered = jnp.clip(delivered, self.limits.min_mU_min, self.limits.max_mU_min)
         sensed = Sensed(
             glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),

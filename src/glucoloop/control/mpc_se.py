@@ -16,7 +16,7 @@ import numpy.typing as npt
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import StateTuning, check_gain
@@ -71,7 +71,7 @@ class MPCSE:
 
     def init(self, observation: Observation) -> MPCSEState:
         """At rest under what the pump delivers."""
-        delivered = observation.delivered_mU_min
+        delivered = rate_at_start(observation, self.basal_mU_min)
         return MPCSEState(
             estimate=jnp.multiply.outer(self.rest, delivered - self.basal_mU_min), insulin_mU_min=delivered
         )

@@ -16,7 +16,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.planning import (
     DEFAULT_FLOOR_WEIGHT,
     GlucoseFloor,
@@ -74,7 +74,8 @@ class NLQDMC:
 
     def init(self, observation: Observation) -> NLQDMCState:
         """At rest at the model's operating point."""
-        return NLQDMCState(estimate=self.model.state, insulin_mU_min=observation.delivered_mU_min)
+        basal = self.model.insulin_mU_min + self.beyond_model_mU_min
+        return NLQDMCState(estimate=self.model.state, insulin_mU_min=rate_at_start(observation, basal))
 
     def step(self, state: NLQDMCState, observation: Observation) -> tuple[NLQDMCState, Decision]:
         """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""

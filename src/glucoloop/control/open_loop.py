@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -25,7 +25,7 @@ class OpenLoop:
     def init(self, observation: Observation) -> jax.Array:
         """The rate to keep."""
         if self.insulin_mU_min is None:
-            return observation.delivered_mU_min
+            return rate_at_start(observation, self.limits.min_mU_min)
         return jnp.broadcast_to(self.insulin_mU_min, observation.delivered_mU_min.shape)
 
     def step(self, state: jax.Array, observation: Observation) -> tuple[jax.Array, Decision]:

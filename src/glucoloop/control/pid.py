@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -117,7 +117,7 @@ class PID:
             last_mg_dl=reading,
             before_last_mg_dl=reading,
             setpoint_mg_dl=jnp.broadcast_to(observation.setpoint_mg_dl, reading.shape),
-            insulin_mU_min=observation.delivered_mU_min,
+            insulin_mU_min=rate_at_start(observation, self.limits.min_mU_min),
         )
 
     def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:

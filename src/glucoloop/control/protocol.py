@@ -55,12 +55,30 @@ _STATUS_TEXTS = {
     Status.READING_MISSING: "There was no valid reading; the dose rests on the model's prediction. Check the sensor.",
     Status.NOT_CONVERGED: "The optimisation did not converge; the best allowed dose found was taken. Check the tuning.",
     Status.NON_FINITE: "The computation gave no finite number; the last dose was kept. Check the model.",
-    Status.READING_REJECTED: "The guard did not believe the reading; the dose rests on the model. Check the sensor.",
-    Status.FALLBACK_BASAL: "No believable reading for long: the guard gives the basal rate. Check the sensor.",
-    Status.FALLBACK_REDUCED: "None for very long: the guard gives a part of the basal rate. Check glucose by hand.",
-    Status.SUSPENDED: "Glucose is low or about to be; the guard suspends insulin. Check glucose; be ready to eat.",
-    Status.DOSE_LIMITED: "The guard cut the dose to what may be given per hour or be on board. Check the sensor.",
-    Status.RESTARTED: "The controller's memory was no longer finite; the guard restarted it. Check the model.",
+    Status.READING_REJECTED: (
+        "The guard did not believe this reading, which is out of range, too fast or stuck; "
+        "until one is believed it gives at most the basal rate. Check the sensor."
+    ),
+    Status.FALLBACK_BASAL: (
+        "No reading could be believed for longer than the guard's gap (20 min, if not set otherwise); "
+        "the guard gives the basal rate. Check the sensor, and glucose by another means."
+    ),
+    Status.FALLBACK_REDUCED: (
+        "No reading could be believed for longer than the guard's long gap (90 min, if not set otherwise); "
+        "the guard gives a part of the basal rate. Check glucose by another means, and replace the sensor."
+    ),
+    Status.SUSPENDED: (
+        "Glucose is low, may be low or is about to be; the guard gives no insulin until that has passed. "
+        "Check glucose; be ready to eat."
+    ),
+    Status.DOSE_LIMITED: (
+        "The controller asked for more insulin than the guard allows on board, in an hour or for this reading; "
+        "the guard gives the largest dose that it allows. Check glucose if this lasts."
+    ),
+    Status.RESTARTED: (
+        "The controller's memory or dose was no number; the guard started the controller anew and gives the basal "
+        "rate for this sample. Check the model."
+    ),
 }
 
 

@@ -32,8 +32,8 @@ GUARD: Final[dict[str, Setting]] = {
         _setting("max_hour", "Largest dose in an hour, in basal hours.", 2.4),
         _setting("max_on_board", "Largest insulin on board beyond the basal rate, as a multiple of it.", 1.3),
         _setting("on_board_tau_min", "Time constant with which insulin on board is forgotten.", 90.0),
-        _setting("fall_mg_dl", "Fall of glucose, in the end, under twice the basal rate.", 240.0),
-        _setting("error_mg_dl", "Error of the sensor that insulin is not added for.", 20.0),
+        _setting("fall_mg_dl", "Glucose above the setpoint for which one basal rate may be on board.", 60.0),
+        _setting("error_mg_dl", "Error of the sensor that insulin is not added for.", 5.0),
         _setting("always_basal", "Multiple of the basal rate that is allowed whatever is read.", 1.2),
         _setting("doubt_tau_min", "Time constant with which a jump of the reading is forgotten.", 480.0),
     )
