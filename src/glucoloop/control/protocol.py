@@ -26,6 +26,10 @@ class Observation:
     """Rate that the pump really delivered since the last sample."""
     announced_carbs_g: jax.Array
     """Carbohydrate of a meal that begins during the coming sample, if the scenario announces meals; else 0."""
+    number: jax.Array | None = None
+    """Counts the readings, in a loop that runs in real time; None: not told, as in a simulation. See `timing`."""
+    read_t_min: jax.Array | None = None
+    """When the reading was taken, likewise."""
 
 
 class Status(enum.IntEnum):
@@ -89,6 +93,8 @@ class Decision:
     insulin_mU_min: jax.Array
     status: jax.Array
     """A `Status`, as an integer."""
+    holds_until_min: jax.Array | None = None
+    """Time after which a pump goes back to the basal rate by itself; None: until the next decision. See `timing`."""
 
 
 class Controller(Protocol):

@@ -24,6 +24,8 @@ def observation(
     delivered_mU_min: object,
     announced_carbs_g: object = 0.0,
     valid: object = True,
+    number: object = None,
+    read_t_min: object = None,
 ) -> Observation:
     """Observation of one person from whatever was received; never raises.
 
@@ -43,12 +45,16 @@ def observation(
         Carbohydrate of a meal that begins during the coming sample [g].
     valid : object
         Whether the sensor stands by its reading; what is neither true nor false counts as false.
+    number : object
+        Counts the readings of the sensor; see `timing.receive`.
+    read_t_min : object
+        When the reading was taken [min].
 
     Returns
     -------
     Observation
         With scalars. A reading that is no number is NaN and not valid; a setpoint or a rate that is none is NaN, and
-        an announcement that is none, or below 0, is 0 g.
+        an announcement that is none, or below 0, is 0 g. A number or a time that is given but is none is NaN.
 
     Examples
     --------
@@ -66,6 +72,8 @@ def observation(
         setpoint_mg_dl=jnp.asarray(_number(setpoint_mg_dl)),
         delivered_mU_min=jnp.asarray(_number(delivered_mU_min)),
         announced_carbs_g=jnp.asarray(carbs if carbs > 0.0 else 0.0),
+        number=None if number is None else jnp.asarray(_number(number)),
+        read_t_min=None if read_t_min is None else jnp.asarray(_number(read_t_min)),
     )
 
 

@@ -1,5 +1,6 @@
 """Insulin pumps: limits of rate and magnitude, delivery resolution, and faults."""
 
+from glucoloop.pumps.expiring import Expiring, expiring, rate_in_force
 from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits, dose_limits
@@ -10,12 +11,15 @@ __all__ = [
     "PARKER_1999_LIMITS",
     "Delivery",
     "DoseLimits",
+    "Expiring",
     "LimitedPump",
     "Pump",
     "Resolution",
     "battery_gap",
     "dose_limits",
+    "expiring",
     "missed_pulses",
     "occlusion",
+    "rate_in_force",
     "with_resolution",
 ]

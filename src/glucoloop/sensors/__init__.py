@@ -1,6 +1,7 @@
 """Glucose sensors and their faults: small objects around one another."""
 
 from glucoloop.sensors.dead_time import DeadTime, dead_time
+from glucoloop.sensors.erring import Erring, erring
 from glucoloop.sensors.faults import (
     calibration,
     compression,
@@ -20,6 +21,7 @@ from glucoloop.sensors.white_noise import WhiteNoise, white_noise
 
 __all__ = [
     "DeadTime",
+    "Erring",
     "IdealSensor",
     "Reading",
     "Sensor",
@@ -28,6 +30,7 @@ __all__ = [
     "compression",
     "dead_time",
     "drift",
+    "erring",
     "late",
     "missing",
     "nonsense",

@@ -1,0 +1,91 @@
+"""A pump that goes back to the basal rate by itself when it hears nothing: a dose expires."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.pumps.limited import LimitedPump
+from glucoloop.pumps.protocol import Delivery, Pump
+
+
+def rate_in_force(
+    command_mU_min: jax.Array, holds_until_min: jax.Array, now_min: jax.Array, basal_mU_min: jax.Array
+) -> jax.Array:
+    """The rate that was last asked for while that holds, and the basal rate after it.
+
+    Parameters
+    ----------
+    command_mU_min : (...) array
+        The rate of the last decision; one that is not a number never holds.
+    holds_until_min : (...) array
+        `control.Decision.holds_until_min`; what is not a number is over.
+    now_min : (...) array
+        Time now, on the pump's clock.
+    basal_mU_min : (...) array
+    """
+    return jnp.where(jnp.isfinite(command_mU_min) & (now_min < holds_until_min), command_mU_min, basal_mU_min)
+
+
+@pytree
+class _State:
+    inner: Any
+    command_mU_min: jax.Array
+    """The last that was heard."""
+    unheard: jax.Array
+    """Samples since then."""
+    basal_mU_min: jax.Array
+
+
+@pytree
+class Expiring:
+    """Keeps the last command for some samples and then gives the basal rate; make it with `expiring`.
+
+    A command that is not a number is one that was not heard. The pump inside keeps its limits on the way back to the
+    basal rate, and the report tells what it delivers.
+    """
+
+    inner: Pump
+    samples: jax.Array | float
+    """For which a command holds, that in which it came included."""
+
+    def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _State:
+        """The rate that has long been delivered is the basal rate."""
+        return _State(
+            inner=self.inner.init(insulin_mU_min, key),
+            command_mU_min=insulin_mU_min,
+            unheard=jnp.zeros_like(insulin_mU_min),
+            basal_mU_min=insulin_mU_min,
+        )
+
+    def deliver(self, state: _State, command_mU_min: jax.Array, key: jax.Array) -> tuple[_State, Delivery]:
+        """Deliver the command, the one before while it holds, or the basal rate."""
+        heard = jnp.isfinite(command_mU_min)
+        unheard = jnp.where(heard, 0.0, state.unheard + 1.0)
+        command = jnp.where(heard, command_mU_min, state.command_mU_min)
+        rate = rate_in_force(command, jnp.asarray(self.samples), unheard, state.basal_mU_min)
+        inner, delivery = self.inner.deliver(state.inner, rate, key)
+        return _State(inner=inner, command_mU_min=command, unheard=unheard, basal_mU_min=state.basal_mU_min), delivery
+
+
+def expiring(samples: int = 2, inner: Pump | None = None) -> Expiring:
+    """Pump whose commands expire.
+
+    Parameters
+    ----------
+    samples : int
+        For which a command holds, that in which it came included; with 2, one lost command changes nothing.
+    inner : Pump, optional
+        What delivers; a pump with the limits of the paper by default.
+
+    Raises
+    ------
+    ValueError
+        Unless `samples` is a whole number of 1 or more.
+    """
+    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
+        raise ValueError(f"a command that holds for {samples!r} samples is not possible; give a whole number from 1 on")
+    return Expiring(inner=LimitedPump() if inner is None else inner, samples=float(samples))
