@@ -6,7 +6,8 @@ import io
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from glucoloop.report import interactive_page, plot
+from glucoloop.cli.screen import note
+from glucoloop.report import interactive_page, plot, plots_lack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,10 +36,18 @@ def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
         folder.write(file, data)
 
 
+def tell_what_plots_lack() -> None:
+    """Say why a page is written without its plots."""
+    lacking = plots_lack()
+    if lacking:
+        note([f"The page is written without its plots. {lacking}"])
+
+
 def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:
     """The figure for print and the page to zoom into, of runs in the same situation."""
     limits = next(iter(outcomes.values())).limits
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
     write_figure(folder, "figure", plot(traces, title=title, mmol=mmol, limits=limits))
+    tell_what_plots_lack()
     folder.write("figure.html", interactive_page(traces, metrics, title=title, limits=limits))

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 import glucoloop
-from glucoloop.cli.pictures import figure_files
+from glucoloop.cli.pictures import figure_files, tell_what_plots_lack
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.patients import patient
 from glucoloop.report import CaseReport, Distribution, TrialReport, WorstPerson, plot_trial, trial_page
@@ -54,6 +54,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
             for label, of_label in summary.cases.items()
         },
     )
+    tell_what_plots_lack()
     return {
         BANDS: parquet(pl.concat(_band_tables(trial, bands))),
         SUMMARY: _summary_text(folder, summary, setpoint).encode(),

@@ -1,5 +1,6 @@
 """What people look at: tables, figures and pages. Plotting libraries are imported only when something is drawn."""
 
+from glucoloop.report._page import plots_lack
 from glucoloop.report.figure import plot
 from glucoloop.report.identification_figure import plot_identification, plot_validation
 from glucoloop.report.page import interactive_page
@@ -24,6 +25,7 @@ __all__ = [
     "plot_stress",
     "plot_trial",
     "plot_validation",
+    "plots_lack",
     "stress_page",
     "stress_table",
     "trial_page",

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._extras import missing
 from glucoloop.report._style import OKABE_ITO
 
 FOOTER: Final = "Research software, not a medical device."
@@ -42,7 +43,7 @@ def picture(
     buttons: Sequence[str],
     library: bool = True,
 ) -> str:
-    """HTML of a plot whose words follow the reader's theme.
+    """HTML of a plot whose words follow the reader's theme; without plotly, a sentence in its place.
 
     Parameters
     ----------
@@ -56,6 +57,9 @@ def picture(
     library : bool
         Whether plotly itself comes with it, as it must with the first plot of a page.
     """
+    lacking = plots_lack()
+    if lacking:
+        return f'<p class="lacking">{html.escape(lacking, quote=False)}</p>'
     import plotly.io
 
     drawn: str = plotly.io.to_html(
@@ -75,6 +79,11 @@ def picture(
         post_script=_FOLLOW_THEME,
     )
     return drawn
+
+
+def plots_lack() -> str | None:
+    """What the plots of pages lack to be drawn, and how to get it; None if nothing."""
+    return missing("A plot to zoom into", "plotly")
 
 
 def plain_layout(**layout: Any) -> dict[str, Any]:

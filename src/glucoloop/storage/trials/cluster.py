@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import glucoloop
+from glucoloop._extras import needed_for
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.run import Progress
 from glucoloop.storage.trials.shard import compute_shard
@@ -72,10 +73,8 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     ValueError
         If Dask is not installed, or nobody answers at the address.
     """
-    try:
+    with needed_for("a cluster"):
         distributed = importlib.import_module("distributed")  # untyped
-    except ImportError:
-        raise ValueError("Dask is not installed; install it with: pip install 'glucoloop[dask]'") from None
     with contextlib.ExitStack() as stack:
         if address == LOCAL:
             with _workers_deaf_to_interrupts():

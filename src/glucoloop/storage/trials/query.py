@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import duckdb
-
+from glucoloop._extras import needed_for
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards
 from glucoloop.storage.trials.header import read_header
 from glucoloop.trials.printable import is_printable
+
+with needed_for("a question in SQL"):
+    import duckdb
 
 VIEWS: Final = {
     "people": "one row a person and controller: parameters, basal rate, metrics",

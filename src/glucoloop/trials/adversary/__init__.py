@@ -3,7 +3,6 @@
 from glucoloop.trials.adversary.attack import Attack, Harm, Lane
 from glucoloop.trials.adversary.random_errors import RandomErrors, random_errors
 from glucoloop.trials.adversary.search import (
-    EXTRA,
     Effort,
     Generation,
     Judge,
@@ -16,7 +15,6 @@ from glucoloop.trials.adversary.search import (
 from glucoloop.trials.adversary.space import ErrorSpace
 
 __all__ = [
-    "EXTRA",
     "Attack",
     "Effort",
     "ErrorSpace",

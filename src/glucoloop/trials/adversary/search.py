@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._extras import needed_for
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.trials.adversary.attack import Attack, Harm, Lane
 from glucoloop.trials.adversary.space import ErrorSpace
@@ -27,7 +28,6 @@ Array = npt.NDArray[Any]
 Judge = Callable[[Array, Array], Array]
 """Harm ``(n,)`` of sequences of errors ``(samples, n)`` with stuck stretches from the samples ``(stretches, n)`` on."""
 
-EXTRA: Final = "search"
 """The optional dependency that holds the search."""
 _FIRST_STEP: Final = 0.5
 """Standard deviation of the first generation, of a range from -1 to 1."""
@@ -217,10 +217,6 @@ def _worst(errors: Array, stuck_from: Array, lane: Lane, harm: Harm, tried: int)
 
 
 def _import() -> Any:
-    try:
+    with needed_for("the search for the worst errors"):
         import cmaes
-    except ImportError:
-        raise ValueError(
-            f"the search for the worst errors needs cmaes, which is not installed; pip install 'glucoloop[{EXTRA}]'"
-        ) from None
     return cmaes

@@ -14,11 +14,11 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from glucoloop._extras import needed_for
 from glucoloop.trials.robust.space import Tuned
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
 """Parzen estimators, an evolutionary algorithm, and chance."""
-EXTRA: Final = "search"
 """The optional dependency of all but chance."""
 
 
@@ -148,12 +148,7 @@ def _violation(trial: Any) -> Sequence[float]:
 
 
 def _import() -> Any:
-    try:
+    with needed_for("a sampler other than random"):
         import optuna
-    except ImportError:
-        raise ValueError(
-            "the samplers tpe and nsga2 need Optuna, which is not installed; "
-            f"pip install 'glucoloop[{EXTRA}]', or search by chance with the sampler random"
-        ) from None
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     return optuna

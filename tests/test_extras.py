@@ -1,0 +1,88 @@
+"""What glucoloop does without the packages that only an extra installs."""
+
+import ast
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import glucoloop
+from glucoloop._extras import EXTRAS, MissingExtraError, missing, needed_for
+from glucoloop.report import plots_lack
+from glucoloop.report._page import picture
+
+SOURCE = Path(glucoloop.__file__).parent
+PROJECT = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_each_package_is_of_its_extra_and_not_always_installed():
+    extras = PROJECT["optional-dependencies"]
+    for package, extra in EXTRAS.items():
+        assert any(requirement.startswith(f"{package}>=") for requirement in extras[extra])
+        assert not any(requirement.startswith(package) for requirement in PROJECT["dependencies"])
+
+
+def test_every_extra_but_that_of_the_benchmarks_is_asked_for_by_name():
+    assert set(EXTRAS.values()) == set(PROJECT["optional-dependencies"]) - {"bench"}
+
+
+@pytest.mark.parametrize("package", EXTRAS)
+def test_a_missing_package_is_told_with_its_extra(monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    told = rf"^drawing needs {package}; install it with: pip install 'glucoloop\[{EXTRAS[package]}\]'$"
+    with pytest.raises(MissingExtraError, match=told), needed_for("drawing"):
+        __import__(f"{package}.part")
+    assert missing("drawing", package) == told[1:-1].replace("\\", "")
+
+
+def test_what_is_there_lacks_nothing():
+    assert missing("drawing", "numpy") is None
+
+
+def test_another_missing_module_stays_what_it_is():
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"), needed_for("drawing"):
+        import no_such_module  # noqa: F401
+
+
+def test_a_page_says_what_its_plots_lack(monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    drawn = picture([], {}, name="glucose", height_px=300.0, buttons=())
+    told = "A plot to zoom into needs plotly; install it with: pip install 'glucoloop[pages]'"
+    assert drawn == f'<p class="lacking">{told}</p>'
+    assert plots_lack() == told
+
+
+def test_sql_says_what_it_lacks(monkeypatch):
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    monkeypatch.delitem(sys.modules, "glucoloop.storage.trials.query", raising=False)
+    with pytest.raises(MissingExtraError, match="SQL needs duckdb"):
+        __import__("glucoloop.storage.trials.query")
+
+
+def guarded(tree):
+    """Import statements within `needed_for`, or for type checkers alone."""
+    for node in ast.walk(tree):
+        block = isinstance(node, ast.With) and "needed_for" in ast.unparse(node.items[0])
+        if block or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
+            yield from ast.walk(node)
+
+
+def packages(node):
+    names = [node.module or ""] if isinstance(node, ast.ImportFrom) else [name.name for name in node.names]
+    return {name.partition(".")[0] for name in names}
+
+
+def test_no_module_imports_an_extra_unguarded():
+    unguarded = set()
+    for path in SOURCE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        inside = set(map(id, guarded(tree)))
+        for node in ast.walk(tree):
+            if (
+                isinstance(node, ast.Import | ast.ImportFrom)
+                and id(node) not in inside
+                and packages(node) & set(EXTRAS)
+            ):
+                unguarded.add(str(path.relative_to(SOURCE)))
+    assert unguarded == {"report/_page.py"}  # which asks `plots_lack` first
