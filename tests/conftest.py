@@ -186,6 +186,11 @@ def patient_22():
 
 
 @pytest.fixture(scope="session")
+def patient_fasting_81():
+    return patient("fasting-81")
+
+
+@pytest.fixture(scope="session")
 def insulin_test():
     """Record of a patient under one pulse up and one down, each 22.33 mU/min, free of noise."""
 

@@ -144,7 +144,7 @@ class TestStudy:
     def test_refusals(self):
         for arguments, told in (
             ({"seeds": 0}, "0 seeds"),
-            ({"operating_points": ["nominal-23"]}, "known ones are: setpoint-81, nominal-22"),
+            ({"operating_points": ["nominal-23"]}, "known ones are: setpoint-81, nominal-22, fasting-81"),
         ):
             given = {"operating_points": [POINT], "seeds": 1, "seed": 0, "quick": True} | arguments
             points = given.pop("operating_points")

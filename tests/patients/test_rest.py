@@ -68,7 +68,9 @@ def test_patient_keeps_both_protocols(patient_81):
 
 
 def test_an_unknown_operating_point_is_refused_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"unknown operating point 'average'; .*: setpoint-81, nominal-22$"):
+    with pytest.raises(
+        ValueError, match=r"unknown operating point 'average'; .*: setpoint-81, nominal-22, fasting-81$"
+    ):
         patient("average")
 
 

@@ -105,7 +105,8 @@ OPERATING_POINT: Final = Option(
     "operating_point",
     "--operating-point",
     str,
-    "setpoint-81: held at 81.1 mg/dl by 25.61 mU/min; nominal-22: 22.33 mU/min, which hold 92.1 mg/dl.",
+    "setpoint-81: held at 81.1 mg/dl by 25.61 mU/min; nominal-22: 22.33 mU/min, which hold 92.1 mg/dl; fasting-81: "
+    "22.33 mU/min, which hold 81.2 mg/dl in a person whose healthy fasting glucose is 81 mg/dl.",
     _PATIENT,
     metavar="NAME",
     default="setpoint-81",

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from glucoloop.papers.parker1999.comparison import Row
 
 PAPERS: Final = ("parker1999",)
-_OPERATING_POINTS: Final = ("setpoint-81", "nominal-22")
+_OPERATING_POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
 MOST_SEEDS: Final = 1000
 
 HELP: Final = (
     "Carry out a published study again and set each number beside the printed one.\n\n"
     "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim, at "
-    "both readings of its operating point; what does not reproduce is listed.\n\n"
+    "each reading of its operating point; what does not reproduce is listed.\n\n"
     "  glucoloop reproduce parker1999 --out parker1999\n\n"
     "  glucoloop reproduce parker1999 --quick --out glimpse"
 )
@@ -33,7 +33,7 @@ def command(
     paper: Annotated[str, typer.Argument(help=f"The study: {', '.join(PAPERS)}.", metavar="PAPER")],
     operating_point: Annotated[
         list[str] | None,
-        typer.Option("--operating-point", help="One of its operating points; repeat it for more.", show_default="both"),
+        typer.Option("--operating-point", help="One of its operating points; repeat it for more.", show_default="all"),
     ] = None,
     seeds: Annotated[
         str | None, typer.Option(help="Runs of each noisy experiment.", metavar="N", show_default="60; quick: 3")

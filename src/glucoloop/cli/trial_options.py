@@ -53,7 +53,9 @@ DASK: Final = Option(
 def _shared() -> Iterator[Option]:
     """What a trial has in common with a single run, in the words of a trial."""
     words = {
-        "operating_point": "The nominal patient, for whom controllers are designed: setpoint-81 or nominal-22.",
+        "operating_point": (
+            "The nominal patient, for whom controllers are designed: setpoint-81, nominal-22 or fasting-81."
+        ),
         "setpoint_mg_dl": "Where everybody rests at the start, and the target; the operating point's by default.",
         "seed": "The same seed gives the same people, meals and noise.",
     }

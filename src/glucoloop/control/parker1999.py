@@ -61,5 +61,7 @@ PARKER_1999: Final = {
     ("setpoint-81", True): _tuning(1, True, (0.9, 0.01, 0.005)),
     ("nominal-22", False): _tuning(0, False, (10.0, 0.01, 0.1)),
     ("nominal-22", True): _tuning(0, True, (0.9, 0.01, 0.003)),
+    ("fasting-81", False): _tuning(0, False, (10.0, 0.01, 0.1)),
+    ("fasting-81", True): _tuning(0, True, (0.3, 0.1, 0.03)),
 }
 """By operating point, and whether readings are noisy."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.patients import sorensen
+from glucoloop.patients.basal_state import with_fasting_glucose
 from glucoloop.patients.parameters.parker1999 import PARKER_1999
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.rest import infusion_for, insulin_at_rest, rest_under
@@ -169,10 +170,12 @@ def at_setpoint(p: SorensenParameters, glucose_mg_dl: float) -> SorensenPatient:
     )
 
 
-# The paper states both 22.33 mU/min and 81.1 mg/dl; with its constants no infusion gives both.
+# The paper states both 22.33 mU/min and 81 mg/dl. With the published references, which are those of a person with a
+# fasting glucose of 91.89 mg/dl, no infusion gives both; with those of a fasting glucose of 81 mg/dl 22.33 mU/min does.
 OPERATING_POINTS: Final[dict[str, Callable[[], SorensenPatient]]] = {
     "setpoint-81": lambda: at_setpoint(PARKER_1999, 81.1),
     "nominal-22": lambda: at_basal(PARKER_1999, 22.33),
+    "fasting-81": lambda: at_basal(with_fasting_glucose(PARKER_1999, 81.0), 22.33),
 }
 
 
@@ -182,7 +185,9 @@ def patient(operating_point: str = "setpoint-81") -> SorensenPatient:
     Parameters
     ----------
     operating_point : str
-        ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min; ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl.
+        ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min; ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl;
+        ``"fasting-81"``: 22.33 mU/min, holding 81.153 mg/dl in a person whose effects are normalised at a fasting
+        glucose of 81 mg/dl.
 
     Raises
     ------

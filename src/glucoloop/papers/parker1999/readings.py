@@ -10,8 +10,10 @@ READINGS: Final[dict[str, str]] = {
         "printed by Parker et al. (2000), in a self-consistent set."
     ),
     "operating-point": (
-        "The paper states 22.33 mU/min and 81 mg/dl; with these constants no infusion gives both. setpoint-81 keeps "
-        "the glucose (81.1 mg/dl, 25.606 mU/min), nominal-22 the insulin (22.33 mU/min, 92.099 mg/dl)."
+        "The paper states 22.33 mU/min and 81 mg/dl. With the published references, those of a person with a fasting "
+        "glucose of 91.89 mg/dl, no infusion gives both: setpoint-81 keeps the glucose (81.1 mg/dl, 25.606 mU/min), "
+        "nominal-22 the insulin (22.33 mU/min, 92.099 mg/dl). fasting-81 has the references of a person with a fasting "
+        "glucose of 81 mg/dl, which follow from the balances, and keeps both (22.33 mU/min, 81.153 mg/dl)."
     ),
     "meal": "50 g of glucose at 50 min by the model of Lehmann and Deutsch (1992), not told to any controller.",
     "pump-limits": "0 to 66.9 mU/min, three times the nominal rate, and 16.7 mU/min per sample, a quarter of that.",
@@ -25,11 +27,14 @@ READINGS: Final[dict[str, str]] = {
         "First order with a dead time of 5 min, fitted to a step of 11.165 mU/min over 600 min; filter of 1 min."
     ),
     "process-noise": (
-        "The entries of Q are illegible: 30, 0.1 and 10 for the glucose, other and glucagon states at setpoint-81 (10, "
-        "0.01 and 0.1 at nominal-22), and with noise 0.9, 0.01 and 0.005 (0.003)."
+        "The entries of Q are illegible: 30, 0.1 and 10 for the glucose, other and glucagon states at setpoint-81 and "
+        "10, 0.01 and 0.1 at nominal-22 and fasting-81; with noise 0.9, 0.01 and 0.005 at setpoint-81, 0.9, 0.01 and "
+        "0.003 at nominal-22, and 0.3, 0.1 and 0.03 at fasting-81."
     ),
     "held-innovation": "The correction by the Kalman filter is repeated at each sample ahead, as in Ricker (1990).",
-    "reference-start": "The filtered reference starts at this sample at nominal-22 and at the next at setpoint-81.",
+    "reference-start": (
+        "The filtered reference starts at this sample at nominal-22 and fasting-81, and at the next at setpoint-81."
+    ),
     "band-2": "Settled when within 2 % of the setpoint, counted from the meal; 551+ when not before the end.",
     "band-5": "Settled when within 5 % of the setpoint, counted from the meal; 551+ when not before the end.",
     "shifted-model": (

@@ -52,7 +52,7 @@ def paper_tuning_surface(
     Parameters
     ----------
     patient : Patient
-    operating_point : {"setpoint-81", "nominal-22"}
+    operating_point : {"setpoint-81", "nominal-22", "fasting-81"}
     controller : {"mpc", "mpc-se", "nlqdmc-se"}
     model : StepResponseModel, optional
         Of linear MPC; identified from a noise-free record by default.
