@@ -31,6 +31,7 @@ def _trace(fine_glucose, insulin=None, *, setpoint=80.0, basal=20.0, meal_sample
         "fine_glucose_mg_dl": fine,
         "setpoint_mg_dl": np.full(people, setpoint),
         "basal_insulin_mU_min": np.full(people, basal),
+        "lowest_valid_mg_dl": np.full(people, 40.0),
     }
     return Trace(**{name: jnp.asarray(value) for name, value in (values | fields).items()})
 

@@ -48,6 +48,7 @@ def _tallied(fold, trace):
         reading=Reading(glucose_mg_dl=trace.reading_mg_dl, valid=trace.reading_valid),
         decision=Decision(insulin_mU_min=trace.command_mU_min, status=trace.status),
         delivery=Delivery(insulin_mU_min=trace.insulin_mU_min, reported_mU_min=trace.reported_mU_min),
+        lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, trace.glucose_mg_dl.shape),
         inside_mg_dl=fine[1:].reshape(trace.t_min.shape[0], len(INSIDE), *fine.shape[1:]),
     )
     start = fold.init(fine[0], trace.basal_insulin_mU_min)

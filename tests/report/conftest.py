@@ -62,6 +62,7 @@ def _trace(fine_glucose, insulin=None, *, setpoint=80.0, basal=20.0, meal_sample
         "fine_glucose_mg_dl": fine,
         "setpoint_mg_dl": np.full(people, setpoint),
         "basal_insulin_mU_min": np.full(people, basal),
+        "lowest_valid_mg_dl": np.full(people, 40.0),
     }
     return Trace(**{name: jnp.asarray(value) for name, value in (values | fields).items()})
 
@@ -201,6 +202,7 @@ def _stress_row(controller, guarded, fault, *, below=0.0, worse=(), **fields):
         "dose_limited_pct": 0.25 * guarded,
         "worse": tuple(worse),
         "worst_more_pct": below if worse else 0.0,
+        "people_below_validity": round(below / 20.0),
     }
     return StressRow(tried=Tried(controller=controller, guarded=guarded, fault=fault), **(values | fields))
 

@@ -80,6 +80,7 @@ def happened(**others):
         decision=decision,
         delivery=delivery,
         inside_mg_dl=told["inside"],
+        lowest_valid_mg_dl=jnp.asarray(0.0),
     )
 
 

@@ -15,6 +15,7 @@ from glucoloop.metrics import Metrics, summarise
 from glucoloop.patients import SorensenPatient, patient
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace, identify, simulate
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.trials.catalogue import controller_entry
@@ -43,6 +44,7 @@ class Outcome:
             "config": self.run.keys(),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
             "metrics": self.metrics.as_dict(),
+            "validity": validity(self.trace),
         }
 
 
@@ -82,13 +84,14 @@ def close_the_loop(run: Run) -> Outcome:
         situation.seed,
         integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
     )
+    metrics = summarise(trace, limits)
     return Outcome(
         run=run,
         model=model,
         trace=trace,
-        metrics=summarise(trace, limits),
+        metrics=metrics,
         limits=limits,
-        notes=tuple(notes_on(run, model)),
+        notes=(*notes_on(run, model), *notes_on_trace(trace, metrics)),
     )
 
 
@@ -196,3 +199,16 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
         )
     elif case.known_dead_time:
         yield "There is no dead time to know of; --dead-time adds one."
+
+
+def notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:
+    """What a reader must know of how a run went before reading its numbers; one sentence each."""
+    without_dose = int(metrics.samples_non_finite)
+    if without_dose:
+        yield (
+            f"At {without_dose} of {trace.t_min.shape[0]} samples the controller computed no finite dose; the last "
+            "one was kept, or the pump went to its least rate, as the status of the sample says. Check the controller."
+        )
+    not_valid = validity_note(trace)
+    if not_valid is not None:
+        yield not_valid

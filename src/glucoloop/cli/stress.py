@@ -175,5 +175,13 @@ def verdict(result: StressResult) -> Iterator[str]:
         f"With the guard, in {len(guarded) - len(broken)} of {len(guarded)} cells nobody spends more than 1 % of the "
         "time more below 60 mg/dl than without the fault."
     )
+    not_valid = [row for row in result.rows if row.people_below_validity]
+    if not_valid:
+        most = max(not_valid, key=lambda row: row.people_below_validity)
+        yield (
+            f"In {len(not_valid)} of {len(result.rows)} cells glucose was lower than the patient's model is valid for, "
+            f"at most of {most.people_below_validity} of {most.people} people ({most.tried.label}). Read it as severe "
+            "hypoglycemia; its depth means nothing."
+        )
     for reason in result.reasons:
         yield f"{reason.tried.label}: person {reason.person}, {reason.more_pct:.1f} % more. {reason.text}"

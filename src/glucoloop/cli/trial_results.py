@@ -134,6 +134,7 @@ def _headlines(summary: CaseSummary, *, settling: bool) -> dict[str, float | str
         "Least glucose of all (mg/dl)": metrics["minimum_mg_dl"]["min"],
         "People ever below 60 mg/dl (%)": summary.ever_below[60]["share_pct"],
         "People ever below 54 mg/dl (%)": summary.ever_below[54]["share_pct"],
+        "People ever below the model's validity": str(summary.below_validity.count),
         "Time below 60 mg/dl, mean (%)": below["mean"],
         "Time below 60 mg/dl of the worst 5 % (%)": below["p95"],
         "Time from 70 to 180 mg/dl, mean (%)": metrics["time_70_180_pct"]["mean"],

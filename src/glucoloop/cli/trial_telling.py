@@ -77,9 +77,19 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
     if beyond["count"]:
         yield f"{beyond['count']} people would need more than the pump gives to rest there: {_persons(beyond)}."
     for label, of in summary["controllers"].items():
+        below = of.get("below_validity", {"count": 0})  # earlier versions did not measure it
+        if below["count"]:
+            yield (
+                f"{label}: glucose of {_people(below['count'])} was lower than the model is valid for: "
+                f"{_persons(below)}. Read it as severe hypoglycemia; its depth means nothing."
+            )
         if of["not_finite"]["count"]:
             lost = of["not_finite"]
             yield f"{label}: glucose of {lost['count']} people did not stay finite: {_persons(lost)}."
+
+
+def _people(count: int) -> str:
+    return "one person" if count == 1 else f"{count} people"
 
 
 def _persons(named: Mapping[str, Any]) -> str:

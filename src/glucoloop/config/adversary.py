@@ -9,10 +9,10 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, Field
 
-from glucoloop.config.comparison import CASES_KEY
+from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.run import STRICT, Seed, checked, whole_samples
 from glucoloop.config.stress import PAPER_CONTROLLERS
-from glucoloop.config.trial import CONTROLLERS_KEY, overlay_trial, read_trial, trial_keys
+from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials.adversary import Effort, ErrorSpace

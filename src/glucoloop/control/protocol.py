@@ -46,6 +46,7 @@ class Status(enum.IntEnum):
     SUSPENDED = 8
     DOSE_LIMITED = 9
     RESTARTED = 10
+    NO_FINITE_DOSE = 11
 
     @property
     def text(self) -> str:
@@ -82,6 +83,9 @@ _STATUS_TEXTS = {
     Status.RESTARTED: (
         "The controller's memory or dose was no number; the guard started the controller anew and gives the basal "
         "rate for this sample. Check the model."
+    ),
+    Status.NO_FINITE_DOSE: (
+        "The controller answered no finite dose; the pump went toward its least rate. Check the controller's code."
     ),
 }
 

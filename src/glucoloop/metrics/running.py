@@ -40,6 +40,7 @@ class Tally:
     """Points of the grid."""
     below_60: jax.Array
     below_70: jax.Array
+    below_validity: jax.Array
     above_180: jax.Array
     above_250: jax.Array
     deviation: jax.Array
@@ -101,9 +102,15 @@ class RunningMetrics:
         known = happened.reading.valid & jnp.isfinite(happened.reading.glucose_mg_dl)
         change = jnp.abs(insulin - tally.previous_mU_min)
         in_a_row = samples_in_a_row(self.inside_min[-1])
+        lowest = happened.lowest_valid_mg_dl
 
         def count(condition: jax.Array) -> jax.Array:
             return condition.astype(insulin.dtype)
+
+        # The first point of the grid is the first sample; the others lie after a sample.
+        beyond = count((t_min <= 0.0) & (happened.glucose_mg_dl < lowest))
+        for place in range(len(self.inside_min)):
+            beyond = beyond + count(happened.inside_mg_dl[place] < lowest)
 
         tally = dataclasses.replace(
             tally,
@@ -117,11 +124,13 @@ class RunningMetrics:
             saturated=tally.saturated + count(status == Status.SATURATED),
             missing=tally.missing + count(~known),
             not_converged=tally.not_converged + count(status == Status.NOT_CONVERGED),
-            non_finite=tally.non_finite + count((status == Status.NON_FINITE) | (status == Status.RESTARTED)),
+            non_finite=tally.non_finite
+            + count((status == Status.NON_FINITE) | (status == Status.RESTARTED) | (status == Status.NO_FINITE_DOSE)),
             rejected=tally.rejected + count(status == Status.READING_REJECTED),
             fallback=tally.fallback + count((status == Status.FALLBACK_BASAL) | (status == Status.FALLBACK_REDUCED)),
             suspended=tally.suspended + count(status == Status.SUSPENDED),
             dose_limited=tally.dose_limited + count(status == Status.DOSE_LIMITED),
+            below_validity=tally.below_validity + beyond,
             low=tally.low.step(happened.glucose_mg_dl, LEVEL_1_MG_DL, in_a_row),
             very_low=tally.very_low.step(happened.glucose_mg_dl, LEVEL_2_MG_DL, in_a_row),
         )
@@ -234,6 +243,7 @@ class RunningMetrics:
             time_below_54_pct=very_low,
             time_below_60_pct=pct(t.below_60),
             time_below_70_pct=pct(t.below_70),
+            time_below_validity_pct=pct(t.below_validity),
             low_events=of(t.low.events),
             very_low_events=of(t.very_low.events),
             time_70_180_pct=pct(points - t.below_70 - t.above_180),
@@ -264,7 +274,17 @@ class RunningMetrics:
 
 
 _SUMS: Final = (
-    *("sse", "below_54", "below_60", "below_70", "above_180", "above_250", "deviation", "squared_deviation"),
+    *(
+        "sse",
+        "below_54",
+        "below_60",
+        "below_70",
+        "below_validity",
+        "above_180",
+        "above_250",
+        "deviation",
+        "squared_deviation",
+    ),
     *("low_risk", "high_risk", "insulin", "variation", "largest_change"),
     *("saturated", "missing", "not_converged", "non_finite", "rejected", "fallback", "suspended", "dose_limited"),
 )

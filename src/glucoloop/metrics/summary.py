@@ -55,6 +55,8 @@ class Metrics:
     """The same below 60 mg/dl."""
     time_below_70_pct: jax.Array
     """The same below 70 mg/dl."""
+    time_below_validity_pct: jax.Array
+    """The same below what the patient's model is valid for; a value there means severe hypoglycemia, whatever it is."""
     low_events: jax.Array
     """Times that glucose fell below 70 mg/dl for 15 min or longer, on the controller's samples."""
     very_low_events: jax.Array
@@ -202,6 +204,7 @@ def summarise(
         time_below_54_pct=glycemic.time_below_pct(glucose, 54.0),
         time_below_60_pct=glycemic.time_below_pct(glucose, 60.0),
         time_below_70_pct=glycemic.time_below_pct(glucose, 70.0),
+        time_below_validity_pct=glycemic.time_below_pct(glucose, trace.lowest_valid_mg_dl),
         low_events=events_below(LEVEL_1_MG_DL),
         very_low_events=events_below(LEVEL_2_MG_DL),
         time_70_180_pct=glycemic.time_between_pct(glucose, 70.0, 180.0),
@@ -223,7 +226,9 @@ def summarise(
         samples_saturated=samples_with(Status.SATURATED),
         samples_missing=(~(trace.reading_valid & jnp.isfinite(trace.reading_mg_dl))).sum(axis=0),
         samples_not_converged=samples_with(Status.NOT_CONVERGED),
-        samples_non_finite=samples_with(Status.NON_FINITE) + samples_with(Status.RESTARTED),
+        samples_non_finite=samples_with(Status.NON_FINITE)
+        + samples_with(Status.RESTARTED)
+        + samples_with(Status.NO_FINITE_DOSE),
         samples_rejected=samples_with(Status.READING_REJECTED),
         samples_fallback=samples_with(Status.FALLBACK_BASAL) + samples_with(Status.FALLBACK_REDUCED),
         samples_suspended=samples_with(Status.SUSPENDED),

@@ -30,6 +30,11 @@ class SorensenPatient:
     basal_insulin_mU_min: jax.Array
     setpoint_mg_dl: jax.Array
 
+    @property
+    def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
+        """Glucose below which the model says no more than that it is very low; see `sorensen.lowest_valid_glucose`."""
+        return sorensen.lowest_valid_glucose(self.parameters)
+
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
         """State at rest under a constant infusion.
 

@@ -52,6 +52,16 @@ class Patient(Protocol):
         ...
 
 
+def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
+    """Glucose below which a patient's model says no more than that glucose is very low.
+
+    A patient tells its own limit by an attribute of this name, `()` or `(people,)`. One that has none is taken to be
+    valid down to 0 mg/dl, below which there is no concentration.
+    """
+    limit: jax.Array | float = getattr(patient, "lowest_valid_glucose_mg_dl", 0.0)
+    return limit
+
+
 @runtime_checkable
 class SemilinearPatient(Patient, Protocol):
     """A patient in whom a driven block is linear, so that an exponential integrator can treat it exactly.

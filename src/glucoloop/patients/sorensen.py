@@ -152,6 +152,20 @@ def peripheral_uptake(p: SorensenParameters, G_PI: jax.Array, insulin_effect: ja
     return p.basal_peripheral_uptake * (G_PI / p.ref_G_PI) * insulin_effect
 
 
+def lowest_valid_glucose(p: SorensenParameters) -> jax.Array | float:
+    """Arterial glucose below which the balances contradict themselves, mg/dl.
+
+    The brain takes glucose up at a constant rate, out of an interstitial space that at rest holds::
+
+        G_BI = G_H - r_BGU (1 / q_B + T_B / v_BI)
+
+    At the arterial glucose that is returned it holds none, 44.5 mg/dl for the constants of Parker et al. (1999). Below,
+    the model takes up glucose that is not there. A person would take up less, and lose consciousness: such a value
+    means severe hypoglycemia, and its depth means nothing.
+    """
+    return p.brain_uptake * (1.0 / p.q_B + p.T_B / p.v_BI)
+
+
 def hepatic_balance(
     p: SorensenParameters, G_L: jax.Array, A_IHGP: jax.Array, A_IHGU: jax.Array, N: jax.Array, A_NHGP: jax.Array
 ) -> jax.Array:

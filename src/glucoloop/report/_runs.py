@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.report.validity import validity_note
 from glucoloop.simulation import Trace
 
 Floats = npt.NDArray[np.float64]
@@ -31,6 +32,10 @@ class Run:
     reading_mg_dl: Floats
     setpoint_mg_dl: float
     basal_insulin_mU_min: float
+    lowest_valid_mg_dl: float
+    """Glucose below which the patient's model is not valid."""
+    validity_note: str | None
+    """When glucose was lower; None: never."""
     meals: tuple[tuple[float, float], ...]
     """(min, g) of each."""
 
@@ -87,8 +92,15 @@ def _run(label: str, trace: Trace) -> Run:
         reading_mg_dl=reading[shown],
         setpoint_mg_dl=float(trace.setpoint_mg_dl),
         basal_insulin_mU_min=float(trace.basal_insulin_mU_min),
+        lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
+        validity_note=validity_note(trace),
         meals=tuple((float(t), float(g)) for t, g in zip(t_min, carbs_g, strict=True) if g > 0.0),
     )
+
+
+def limits_passed(runs: Sequence[Run]) -> list[float]:
+    """The limits of the patients' models that glucose fell below, each once."""
+    return list(dict.fromkeys(run.lowest_valid_mg_dl for run in runs if run.validity_note is not None))
 
 
 def values_in_words(values: list[float], unit: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
-from glucoloop.report._runs import Floats, Run, labelled_runs, values_in_words
+from glucoloop.report._runs import Floats, Run, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.simulation import Trace
 from glucoloop.units import MG_DL_PER_MMOL_L
@@ -125,6 +125,9 @@ def _draw_glucose(
         va="top",
         fontsize=FONT_PT,
     )
+    for limit in limits_passed(runs):
+        area = axes.axhspan(-1e6, limit, facecolor=GREY, alpha=0.18, linewidth=0, zorder=0)
+        entries[f"model not valid, below {limit:.1f} mg/dl"] = area
     axes.set_ylabel("Glucose (mg/dl)")
     shown = [np.array([*setpoints, lowest_mg_dl])]
     shown += [values for run in runs for values in (run.fine_glucose_mg_dl, run.reading_mg_dl)]

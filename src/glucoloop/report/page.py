@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _page
 from glucoloop.report._page import FOOTER as FOOTER
 from glucoloop.report._page import GREY, PALE, numbers
-from glucoloop.report._runs import Run, labelled_runs, values_in_words
+from glucoloop.report._runs import Run, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import OKABE_ITO, time_axis
 from glucoloop.report.rows import metric_rows
 from glucoloop.simulation import Trace
@@ -75,7 +75,14 @@ def interactive_page(
         )
     plot = _plot(runs, limits, lowest_glucose_mg_dl)
     table = _table(by_label, ["Value"] if single else labels)
-    return _page.page(title, f'{plot}\n<div class="scroll">\n{table}\n</div>')
+    notes = "".join(f"<p>{html.escape(note)}</p>\n" for note in _notes(runs, single=single))
+    return _page.page(title, f'{plot}\n{notes}<div class="scroll">\n{table}\n</div>')
+
+
+def _notes(runs: Sequence[Run], *, single: bool) -> Iterator[str]:
+    for run in runs:
+        if run.validity_note is not None:
+            yield run.validity_note if single else f"{run.label}: {run.validity_note}"
 
 
 def _plot(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float) -> str:
@@ -146,9 +153,11 @@ def _levels(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, end: f
     setpoints = list(dict.fromkeys(run.setpoint_mg_dl for run in runs))
     basal = list(dict.fromkeys(run.basal_insulin_mU_min for run in runs))
     bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
-    kinds = [
+    passed = limits_passed(runs)
+    kinds: list[tuple[str, list[float], str, str, str, bool | str]] = [
         ("setpoint", setpoints, "mg/dl", "y", "solid", True),
         ("lowest allowed", [lowest_mg_dl], "mg/dl", "y", "dash", True),
+        *([("model not valid below", passed, "mg/dl", "y", "longdash", True)] if passed else []),
         ("basal", basal, "mU/min", "y2", "dot", True),
         # out of view unless asked for: seldom reached, they would squeeze the insulin
         ("pump limits", bounds, "mU/min", "y2", "dashdot", "legendonly"),

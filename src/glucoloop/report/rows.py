@@ -80,6 +80,7 @@ _SECTIONS: Final[dict[str, tuple[_Entry, ...]]] = {
         _Entry("time_below_54_pct", "Time below 54 mg/dl", "%"),
         _Entry("time_below_60_pct", "Time below 60 mg/dl", "%"),
         _Entry("time_below_70_pct", "Time below 70 mg/dl", "%"),
+        _Entry("time_below_validity_pct", "Time below the model's validity", "%", seldom=True),
         _Entry("low_events", "Events below 70 mg/dl", "", 0),
         _Entry("very_low_events", "Events below 54 mg/dl", "", 0),
         _Entry("time_70_180_pct", "Time from 70 to 180 mg/dl", "%"),

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Controller
 from glucoloop.meals.scenario import Scenario
-from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.patients.protocol import Patient, SemilinearPatient, lowest_valid_glucose_mg_dl
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
@@ -51,6 +51,8 @@ class Trace:
     """(points, ...) glucose free of noise on it."""
     setpoint_mg_dl: jax.Array
     basal_insulin_mU_min: jax.Array
+    lowest_valid_mg_dl: jax.Array | float = 0.0
+    """Lower glucose means only that it is very low: the patient's model is not valid there."""
 
 
 @pytree
@@ -112,6 +114,7 @@ def _run(loop: Loop, start: _Start, exogenous: Any, eaten: _Eaten, key: jax.Arra
         fine_glucose_mg_dl=jnp.concatenate([glucose[None], happened.inside_mg_dl.reshape(-1, *glucose.shape)]),
         setpoint_mg_dl=start.setpoint_mg_dl,
         basal_insulin_mU_min=start.insulin_mU_min,
+        lowest_valid_mg_dl=jnp.broadcast_to(lowest_valid_glucose_mg_dl(patient), glucose.shape),
     )
 
 

@@ -5,13 +5,15 @@ Whether one person is followed or a million, in real time or not, it is these tw
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.control.protocol import Controller, Decision, Observation
+from glucoloop.control.protocol import Controller, Decision, Observation, Status
+from glucoloop.patients.protocol import lowest_valid_glucose_mg_dl
 from glucoloop.pumps import Delivery, Pump
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.plant import Plant
@@ -57,6 +59,8 @@ class Sampled:
     delivery: Delivery
     inside_mg_dl: jax.Array
     """(points, ...) glucose on the fine grid from there to the next sample, its end included."""
+    lowest_valid_mg_dl: jax.Array
+    """Glucose below which the patient's model says no more than that it is very low."""
 
 
 def _observe(loop: Loop, reading: Reading, reported: jax.Array, announced_g: jax.Array) -> Observation:
@@ -101,8 +105,12 @@ def sample(
     in_sensor, reading = loop.sensor.read(state.in_sensor, glucose, jax.random.fold_in(reading_key, index))
     observation = _observe(loop, reading, state.reported_mU_min, announced_g)
     in_controller, decision = loop.controller.step(state.in_controller, observation)
+    finite = jnp.isfinite(decision.insulin_mU_min)
+    decision = dataclasses.replace(decision, status=jnp.where(finite, decision.status, Status.NO_FINITE_DOSE))
     pump_key = jax.random.fold_in(_for_pump(reading_key), index)
-    in_pump, delivery = loop.pump.deliver(state.in_pump, decision.insulin_mU_min, pump_key)
+    # The least that any pump can be asked for, in place of what is no number.
+    command = jnp.where(finite, decision.insulin_mU_min, 0.0)
+    in_pump, delivery = loop.pump.deliver(state.in_pump, command, pump_key)
     x, inside = loop.plant.advance(state.x, delivery.insulin_mU_min, exogenous)
     happened = Sampled(
         x=state.x,
@@ -111,6 +119,7 @@ def sample(
         decision=decision,
         delivery=delivery,
         inside_mg_dl=inside,
+        lowest_valid_mg_dl=jnp.broadcast_to(lowest_valid_glucose_mg_dl(loop.plant.patient), glucose.shape),
     )
     return (
         LoopState(

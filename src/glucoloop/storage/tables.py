@@ -24,7 +24,8 @@ def sample_table(trace: Trace) -> pl.DataFrame:
     """One row per sample.
 
     Columns: ``t_min``; ``glucose_mg_dl``, free of noise; ``reading_mg_dl``, null where there was none;
-    ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller asked for;
+    ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller
+    asked for, null where that was no number;
     ``reported_mU_min``, what the pump said it delivered, null where it said nothing;
     ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample.
     """
@@ -35,7 +36,7 @@ def sample_table(trace: Trace) -> pl.DataFrame:
             "glucose_mg_dl": np.asarray(trace.glucose_mg_dl),
             "reading_mg_dl": pl.Series(reading).fill_nan(None),
             "insulin_mU_min": np.asarray(trace.insulin_mU_min),
-            "command_mU_min": np.asarray(trace.command_mU_min),
+            "command_mU_min": pl.Series(np.asarray(trace.command_mU_min)).fill_nan(None),
             "reported_mU_min": pl.Series(np.asarray(trace.reported_mU_min)).fill_nan(None),
             "status": [Status(code).name.lower().replace("_", " ") for code in np.asarray(trace.status).tolist()],
             "carbs_g": np.asarray(trace.carbs_g),

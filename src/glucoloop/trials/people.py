@@ -28,6 +28,16 @@ class People:
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""
 
+    @property
+    def below_validity(self) -> npt.NDArray[np.bool_]:
+        """(n,) whether glucose was ever lower than the person's model is valid for.
+
+        False throughout where that was not measured, in folders that an earlier version wrote.
+        """
+        found = self.metrics.get("time_below_validity_pct", np.zeros(self.person.shape))
+        ever: npt.NDArray[np.bool_] = found > 0.0
+        return ever
+
 
 Shard = Mapping[str, People]
 """By the label of the controller."""

@@ -154,6 +154,8 @@ class StressRow:
     """People who spent more than 1 % of the time more below 60 mg/dl than without the fault, the worst first."""
     worst_more_pct: float
     """Largest such difference, of all people; 0 without a fault."""
+    people_below_validity: int
+    """People whose glucose was ever lower than their model is valid for."""
 
     @property
     def stands(self) -> bool:
@@ -174,7 +176,11 @@ def stress_rows(stress: Stress, shards: Iterator[Shard]) -> list[StressRow]:
     for shard in shards:
         for label, people in shard.items():
             known = people.able & np.isfinite(people.metrics["mean_mg_dl"])
-            part = {name: people.metrics[name] for name in _COLUMNS} | {"person": people.person, "known": known}
+            part = {name: people.metrics[name] for name in _COLUMNS} | {
+                "person": people.person,
+                "known": known,
+                "below_validity": people.below_validity,
+            }
             kept[label].append(part)
     whole = {
         label: {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -221,6 +227,7 @@ def _row(
         dose_limited_pct=share("samples_dose_limited"),
         worse=tuple(int(of["person"][i]) for i in order if more[i] > MOST_MORE_PCT),
         worst_more_pct=float(more.max()),
+        people_below_validity=int(np.nansum(of["below_validity"])),
     )
 
 

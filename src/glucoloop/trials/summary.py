@@ -62,6 +62,8 @@ class CaseSummary:
     """By metric: mean, sd, min, p1 to p99, max and count; of one that is 0 or 1: the count of each and the share."""
     ever_below: Mapping[int, Mapping[str, float]]
     """By a glucose [mg/dl]: number and share of people who were below it at any time."""
+    below_validity: Named
+    """People whose glucose was ever lower than their model is valid for: it means severe hypoglycemia, not a number."""
     not_finite: Named
     """Able people whose glucose or insulin was not finite at some time; they are in no other number."""
     worst: Sequence[Mapping[str, Any]]
@@ -94,6 +96,7 @@ class TrialSummary:
                 label: {
                     "metrics": {name: dict(values) for name, values in case.metrics.items()},
                     "ever_below": {f"{limit}_mg_dl": dict(of) for limit, of in case.ever_below.items()},
+                    "below_validity": _named(case.below_validity),
                     "not_finite": _named(case.not_finite),
                     "worst": [dict(person) for person in case.worst],
                 }
@@ -126,6 +129,7 @@ class _Case:
         self.names = list(people.metrics)
         self.yes_or_no = people.yes_or_no
         self.moments = [Moments() for _ in self.names]
+        self.below_validity = _Naming()
         self.not_finite = _Naming()
         self.worst: list[tuple[float, int, dict[str, Any]]] = []
         self.ever_below = dict.fromkeys(LOW_MG_DL, 0)
@@ -134,6 +138,7 @@ class _Case:
     def add(self, people: People) -> None:
         whole = _whole(people)
         self.not_finite.add(people.person[people.able & ~whole])
+        self.below_validity.add(people.person[whole & people.below_validity])
         for moment, values in zip(self.moments, columns(people), strict=True):
             moment.add(values)
         minimum = people.metrics["minimum_mg_dl"][whole]
@@ -152,6 +157,7 @@ class _Case:
                 for name, moment, values in zip(self.names, self.moments, found.tolist(), strict=True)
             },
             ever_below={limit: _of(count, able) for limit, count in self.ever_below.items()},
+            below_validity=self.below_validity.named(),
             not_finite=self.not_finite.named(),
             worst=[row for _, _, row in self.worst],
             cvga_counts=self.cvga,

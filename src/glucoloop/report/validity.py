@@ -1,0 +1,54 @@
+"""When glucose was lower than the patient's model is valid for, in numbers and in a sentence."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.simulation import Trace
+
+_MOST_PERIODS: Final = 3
+
+
+def periods_below(
+    t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: npt.ArrayLike
+) -> list[tuple[float, float]]:
+    """The first and the last moment of each period in which glucose is below a limit.
+
+    Parameters
+    ----------
+    t_min, glucose_mg_dl : array_like, shape (points,)
+        Of one person; a value that is not a number is not below.
+    limit_mg_dl : array_like, shape ()
+
+    Returns
+    -------
+    list of (float, float)
+        In min; the two are the same for a single point.
+    """
+    t, below = np.asarray(t_min, float), np.asarray(glucose_mg_dl, float) < np.asarray(limit_mg_dl, float)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], below, [False]]).astype(int)))
+    return [(float(t[first]), float(t[after - 1])) for first, after in edges.reshape(-1, 2)]
+
+
+def validity(trace: Trace) -> dict[str, Any]:
+    """Plain values for JSON: the limit of one patient's model, and the periods below it."""
+    periods = periods_below(trace.fine_t_min, trace.fine_glucose_mg_dl, trace.lowest_valid_mg_dl)
+    return {"lowest_valid_mg_dl": float(trace.lowest_valid_mg_dl), "periods_below_min": [list(of) for of in periods]}
+
+
+def validity_note(trace: Trace) -> str | None:
+    """What to know of a run in which glucose was lower than the model is valid for, or None."""
+    periods = periods_below(trace.fine_t_min, trace.fine_glucose_mg_dl, trace.lowest_valid_mg_dl)
+    if not periods:
+        return None
+    told = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
+    if len(told) > _MOST_PERIODS:
+        told = [*told[: _MOST_PERIODS - 1], f"in {len(told) - _MOST_PERIODS + 1} later periods"]
+    when = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    return (
+        f"Glucose was below {float(trace.lowest_valid_mg_dl):.1f} mg/dl {when}: the patient's model is not valid "
+        "there. Read these values as severe hypoglycemia; their depth means nothing."
+    )
