@@ -35,6 +35,7 @@ myst_heading_anchors = 3
 smartquotes = False  # --noise is not –noise
 highlight_language = "text"
 add_module_names = False
+toc_object_entries = False  # every page carries the contents of all, and with each function they are long
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

@@ -22,7 +22,8 @@ def test_folder_repeats_the_bound(glucoloop, tmp_path):
     assert glucoloop("bound", *arguments, *EARLY, "--out", "first").code == 0
     again = glucoloop("bound", "--config", "first/bound.toml", "--out", "second", "--json").json
     assert {file.name for file in (tmp_path / "first").iterdir()} == {
-        "SHA256SUMS", "bound.json", "bound.toml", "doses.csv", "figure.png", "figure.svg", "glucose_1min.csv",
+        "SHA256SUMS", "bound.json", "bound.toml", "doses.csv", "figure.pdf", "figure.png", "figure.svg",
+        "glucose_1min.csv",
     }  # fmt: skip
     digests = [(tmp_path / name / "SHA256SUMS").read_text() for name in ("first", "second")]
     assert digests[0] == digests[1]

@@ -34,7 +34,15 @@ def test_folder_holds_page_and_numbers_and_repeats_itself(glucoloop, tmp_path):
     again = glucoloop("claims", "--config", "a/claims.toml", "--out", "b", "--json")
     assert again.json["claims"] == told["claims"]
     assert "Sensor seeds 3 to 4" in again.err
-    for name in ("claims.csv", "numbers.csv", "runs.csv", "claims.json", "dead-time-10.svg", "dead-time-10.png"):
+    for name in (
+        "claims.csv",
+        "numbers.csv",
+        "runs.csv",
+        "claims.json",
+        "dead-time-10.svg",
+        "dead-time-10.pdf",
+        "dead-time-10.png",
+    ):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 

@@ -24,6 +24,7 @@ FILES = {
     "detect.toml",
     "figure.png",
     "figure.svg",
+    "figure.pdf",
     *(f"{table}.{kind}" for table in TABLES for kind in ("csv", "parquet")),
 }
 

@@ -23,6 +23,7 @@ FILES = {
     "check.parquet",
     "front.png",
     "front.svg",
+    "front.pdf",
     "robust.json",
     "robust.toml",
 }

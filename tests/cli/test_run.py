@@ -17,6 +17,7 @@ FILES = {
     "figure.html",
     "figure.png",
     "figure.svg",
+    "figure.pdf",
     "glucose_1min.parquet",
     "metrics.json",
     "model.json",

@@ -12,6 +12,7 @@ FILES = {
     "SHA256SUMS",
     "figure.png",
     "figure.svg",
+    "figure.pdf",
     "shards",
     "stress.csv",
     "stress.html",

@@ -19,6 +19,7 @@ FILES = {
     "bands.parquet",
     "figure.png",
     "figure.svg",
+    "figure.pdf",
     "report.html",
     "summary.json",
     "trial.json",

@@ -31,7 +31,8 @@ def test_folder_repeats_the_search(glucoloop, tmp_path):
     assert {"move_weight", "sse", "feasible", "oscillates", "acceptable"} <= set(table.columns)
     assert table.equals(pl.read_parquet(tmp_path / "second/surface.parquet"))
     assert {file.name for file in (tmp_path / "first").iterdir()} == {
-        "SHA256SUMS", "model.json", "surface.csv", "surface.parquet", "surface.png", "surface.svg", "tune.json",
+        "SHA256SUMS", "model.json", "surface.csv", "surface.parquet", "surface.pdf", "surface.png", "surface.svg",
+        "tune.json",
         "tune.toml",
     }  # fmt: skip
 

@@ -11,9 +11,11 @@ import pytest
 from glucoloop.papers.parker1999 import experiments
 from glucoloop.papers.parker1999.comparison import Reproduced, Row, compare
 from glucoloop.papers.parker1999.pages import html_report, markdown_report
+from glucoloop.papers.parker1999.parts import FIGURES, chosen
 from glucoloop.papers.parker1999.published import Entry, published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.papers.parker1999.reproduce import carry_out, write
+from glucoloop.report.print_figure import KINDS
 
 POINT = "setpoint-81"
 # Tables I and II as printed on p. 155: undershoot, settling time, whether (17)-(19) hold.
@@ -42,7 +44,8 @@ TABLE_2 = {
 
 @pytest.fixture(scope="session")
 def study():
-    return experiments.study(POINT, seeds=4, seed=3, dead_times_min=(0, 10), tunings=False, progress=lambda done: None)
+    wanted = experiments.Experiments.of_paper((0, 10), tunings=False)
+    return experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None)
 
 
 def _entry(printed, kind="value"):
@@ -128,10 +131,12 @@ class TestStudy:
             assert np.all(prompt > quiet)
             assert np.all(late > prompt)
 
-    def test_a_seed_is_the_same_whoever_runs_with_it(self, study):
-        again = experiments.study(
-            POINT, seeds=4, seed=3, dead_times_min=(0,), tunings=False, progress=lambda done: None
-        )
+    def test_a_run_is_the_same_whatever_is_carried_out_beside_it(self, study):
+        wanted = FIGURES["4"].experiments
+        again = experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None)
+        assert again.model is None
+        assert not again.without_noise
+        assert set(again.with_noise) == {("mpc", "0"), ("mpc-se", "0")}
         for name in ("mpc", "mpc-se"):
             ours, theirs = (one.with_noise[name, "0"].metrics.undershoot_mg_dl for one in (study, again))
             np.testing.assert_array_equal(ours, theirs)
@@ -186,7 +191,7 @@ def files(study):
 
 class TestReport:
     def test_writes_figures_and_three_reports(self, files):
-        figures = {f"{POINT}-figure-{number}.{kind}" for number in range(2, 7) for kind in ("svg", "png")}
+        figures = {f"{POINT}-figure-{number}.{kind}" for number in range(2, 7) for kind in KINDS}
         assert set(files) == figures | {"report.html", "report.md", "report.json"}
 
     def test_the_page_is_whole_and_needs_nothing_else(self, files):
@@ -197,6 +202,11 @@ class TestReport:
         assert page.used <= set(page.ids)
         assert not re.search(r"<script|<link|src=", files["report.html"])
 
+    def test_every_cell_names_its_column_for_a_narrow_screen(self, files):
+        cells = re.findall(r"<td([^>]*)>", files["report.html"])
+        assert cells
+        assert all("data-column=" in cell for cell in cells)
+
     def test_all_three_tell_the_same_number(self, files, study):
         found = Reproduced.of(study.with_noise["mpc", "0"].metrics.undershoot_mg_dl)
         entry = next(
@@ -205,6 +215,36 @@ class TestReport:
         assert entry["reproduced"][POINT]["median"] == found.median
         assert found.text in files["report.md"]
         assert found.text in files["report.html"]
+
+    def test_a_part_of_the_paper_is_compared_drawn_and_told_alone(self, study):
+        part = chosen(["1"], ["4"])
+        rows = compare({POINT: study}, part.entries)
+        assert {row.entry.id.split(".")[0] for row in rows} == {"table-1", "figure-4"}
+        assert all(row.reproduced for row in rows)
+        found = {}
+        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part)
+        figures = {f"{POINT}-figure-4.{kind}" for kind in KINDS}
+        assert set(found) == figures | {"report.html", "report.md", "report.json"}
+        assert "Table I:" in found["report.html"]
+        assert "Tunings" not in found["report.html"]
+        assert "binary-sequence" not in found["report.html"]  # a reading on which nothing here rests
+
+    def test_a_figure_without_numbers_is_told_without_tables(self, study):
+        part = chosen([], ["2"])
+        found = {}
+        rows = compare({POINT: study}, part.entries)
+        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part)
+        assert rows == []
+        assert f"{POINT}-figure-2.pdf" in found
+        assert "<table" not in found["report.html"]
+
+    def test_parts_that_are_not_reproduced_are_refused(self):
+        assert chosen([], []) is None
+        assert chosen(["ii", "2"], []).entries == ("table-2.",) * 2
+        with pytest.raises(ValueError, match="unknown table 'III'; the known ones are: I, II"):
+            chosen(["III"], [])
+        with pytest.raises(ValueError, match="unknown figure '1'; the known ones are: 2, 3, 4, 5, 6"):
+            chosen([], ["1"])
 
     def test_what_does_not_reproduce_is_listed(self, study):
         wrong = replace(_entry(1.0), id="model.setpoint", what="A <number> that is far off")

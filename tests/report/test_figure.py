@@ -3,10 +3,12 @@
 import io
 import sys
 
+import matplotlib
 import numpy as np
 import pytest
 
 from glucoloop.report import plot
+from glucoloop.report.print_figure import figure_bytes
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 
@@ -145,6 +147,19 @@ def test_a_figure_can_be_written_without_a_display(quiet, form):
     assert out.tell() > 1000
     pyplot = sys.modules.get("matplotlib.pyplot")
     assert pyplot is None or not pyplot.get_fignums()
+
+
+def test_fonts_of_a_pdf_are_truetype_and_the_file_is_the_same_again(quiet):
+    pdf = figure_bytes(plot(quiet), "pdf")
+    assert b"/FontFile2" in pdf  # TrueType
+    assert b"/Type3" not in pdf
+    assert pdf == figure_bytes(plot(quiet), "pdf")
+
+
+def test_settings_for_print_end_with_the_file(quiet):
+    before = matplotlib.rcParams["pdf.fonttype"]
+    plot(quiet).savefig(io.BytesIO(), format="pdf")
+    assert matplotlib.rcParams["pdf.fonttype"] == before
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

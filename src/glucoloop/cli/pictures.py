@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -17,21 +16,14 @@ if TYPE_CHECKING:
 
 
 def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
-    """A figure as PNG and SVG, by the names of the files; the same for the same run."""
-    import matplotlib
+    """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run."""
+    from glucoloop.report.print_figure import KINDS, figure_bytes
 
-    files = {}
-    for kind in ("png", "svg"):
-        buffer = io.BytesIO()
-        # An SVG file would hold its date, and names drawn by chance.
-        with matplotlib.rc_context({"svg.hashsalt": "glucoloop"}):
-            figure.savefig(buffer, format=kind, metadata={"Date": None} if kind == "svg" else None)
-        files[f"{name}.{kind}"] = buffer.getvalue()
-    return files
+    return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}
 
 
 def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
-    """A figure as PNG and SVG, the same for the same run."""
+    """A figure as PNG, SVG and PDF, the same for the same run."""
     for file, data in figure_files(name, figure).items():
         folder.write(file, data)
 

@@ -25,7 +25,8 @@ HELP: Final = (
     "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim, at "
     "each reading of its operating point; what does not reproduce is listed.\n\n"
     "  glucoloop reproduce parker1999 --out parker1999\n\n"
-    "  glucoloop reproduce parker1999 --quick --out glimpse"
+    "  glucoloop reproduce parker1999 --quick --out glimpse\n\n"
+    "  glucoloop reproduce parker1999 --table II --figure 4 --out part"
 )
 
 
@@ -34,6 +35,14 @@ def command(
     operating_point: Annotated[
         list[str] | None,
         typer.Option("--operating-point", help="One of its operating points; repeat it for more.", show_default="all"),
+    ] = None,
+    table: Annotated[
+        list[str] | None,
+        typer.Option("--table", help="Only this table, I or II; repeat it for both.", metavar="N", show_default="all"),
+    ] = None,
+    figure: Annotated[
+        list[str] | None,
+        typer.Option("--figure", help="Only this figure, 2 to 6; repeat it for more.", metavar="N", show_default="all"),
     ] = None,
     seeds: Annotated[
         str | None, typer.Option(help="Runs of each noisy experiment.", metavar="N", show_default="60; quick: 3")
@@ -63,18 +72,23 @@ def command(
     with output.folder() as folder, stages("Importing the simulator") as progress:
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.papers.parker1999.pages import json_report
+        from glucoloop.papers.parker1999.parts import chosen
         from glucoloop.papers.parker1999.reproduce import QUICK_SEEDS, SEEDS, carry_out, write
 
+        part = chosen(table or (), figure or ())
+        if part is not None and not part.entries and output.out is None:
+            raise ValueError("--figure without --out would show nothing; give --out and a folder for the picture")
         keep_compiled()
         runs = _whole("--seeds", seeds, 1, MOST_SEEDS) if seeds is not None else QUICK_SEEDS if quick else SEEDS
-        studies, rows = carry_out(points, seeds=runs, seed=first, quick=quick, progress=progress)
+        studies, rows = carry_out(points, seeds=runs, seed=first, quick=quick, progress=progress, part=part)
         if folder is not None:
-            write(folder.write, studies, rows, first, progress)
+            write(folder.write, studies, rows, first, progress, part)
             files = folder.paths()
     if json:
         print_json(json_report(rows, studies, first), files, ())
         return
-    _tell(rows, points)
+    if rows:
+        _tell(rows, points)
     print(where_written(output.out, files))
 
 

@@ -30,7 +30,15 @@ HELP: Final = (
     "  glucoloop stress --config stress/stress.toml --out again"
 )
 CONFIGURATION: Final = "stress.toml"
-_FILES: Final = ("stress.csv", "stress.parquet", "summary.json", "stress.html", "figure.png", "figure.svg")
+_FILES: Final = (
+    "stress.csv",
+    "stress.parquet",
+    "summary.json",
+    "stress.html",
+    "figure.pdf",
+    "figure.png",
+    "figure.svg",
+)
 _NOT_HERE: Final = ("traces", "guard", NO_FAULT, DASK.key, "mmol")
 _GUARDS: Final = Option(
     "guards",

@@ -29,7 +29,7 @@ from glucoloop.trials.robust import OBJECTIVES, Candidate, Search
 CONFIGURATION: Final = "robust.toml"
 CANDIDATES: Final = "candidates.parquet"
 SUMMARY: Final = "robust.json"
-FINAL: Final = ("best.toml", "candidates.csv", "check.parquet", "front.png", "front.svg", SUMMARY)
+FINAL: Final = ("best.toml", "candidates.csv", "check.parquet", "front.pdf", "front.png", "front.svg", SUMMARY)
 """Written when all rounds are done."""
 _NAMES: Final = (CONFIGURATION, CANDIDATES, SUMS, LOCK, *FINAL)
 

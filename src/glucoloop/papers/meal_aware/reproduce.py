@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from glucoloop.papers.meal_aware.experiments import MEASURES, Progress, Study, l
 from glucoloop.papers.meal_aware.figures import draw
 from glucoloop.papers.meal_aware.pages import REPEAT, page, report
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked
+from glucoloop.report.print_figure import KINDS, figure_bytes
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import csv
 
@@ -50,8 +50,8 @@ def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None
     """
     inline = {}
     for name, figure in draw(done).items():
-        for kind in ("svg", "png"):
-            data = _drawn(figure, kind)
+        for kind in KINDS:
+            data = figure_bytes(figure, kind)
             write_file(f"{name}.{kind}", data)
             if kind == "svg":
                 inline[name] = data.decode()
@@ -63,16 +63,6 @@ def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None
         write_file("timing.json", json_text({"step_ms": dict(done.step_ms)}) + "\n")
     write_file("claims.toml", toml_text(done.asked.model_dump(), REPEAT))
     write_file("claims.html", page(done, judged, inline))
-
-
-def _drawn(figure: Any, kind: str) -> bytes:
-    import matplotlib
-
-    drawn = io.BytesIO()
-    # An SVG file would hold its date, and names drawn by chance.
-    with matplotlib.rc_context({"svg.hashsalt": "glucoloop"}):
-        figure.savefig(drawn, format=kind, metadata={"Date": None} if kind == "svg" else None)
-    return drawn.getvalue()
 
 
 def _with_version(told: dict[str, Any]) -> dict[str, Any]:

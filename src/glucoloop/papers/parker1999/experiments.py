@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -33,6 +34,53 @@ _SMALL_STEP_MU_MIN: Final = 0.01
 _BINARY_SEQUENCE_SEED: Final = 0
 
 
+Run = tuple[str, str]
+"""A row of Table II: a controller and its dead time in minutes, "10M" for one of 10 min that the controller knows."""
+
+
+def noisy_runs(dead_times_min: Sequence[int] = DEAD_TIMES_MIN) -> frozenset[Run]:
+    """The rows of Table II with these dead times."""
+    times = [f"{minutes}{known}" for minutes in dead_times_min for known in ("", "M") if minutes or not known]
+    return frozenset((name, time) for name in ("mpc", "mpc-se") for time in times)
+
+
+def _dead_time_min(run: Run) -> int:
+    return int(run[1].removesuffix("M"))
+
+
+@dataclass(frozen=True)
+class Experiments:
+    """Which experiments of the paper are carried out."""
+
+    model: bool = False
+    """Section III: identification and its validation."""
+    without_noise: bool = False
+    """Table I and Fig. 5."""
+    with_noise: frozenset[Run] = frozenset()
+    """Rows of Table II, of which Fig. 4 and 6 show some."""
+    tunings: bool = False
+    """Searches about the printed tunings."""
+
+    @classmethod
+    def of_paper(cls, dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: bool = True) -> Experiments:
+        """Everything, with the given dead times in Table II."""
+        return cls(model=True, without_noise=True, with_noise=noisy_runs(dead_times_min), tunings=tunings)
+
+    def __or__(self, other: Experiments) -> Experiments:
+        return Experiments(
+            model=self.model or other.model,
+            without_noise=self.without_noise or other.without_noise,
+            with_noise=self.with_noise | other.with_noise,
+            tunings=self.tunings or other.tunings,
+        )
+
+    def limited_to(self, dead_times_min: Sequence[int], *, tunings: bool) -> Experiments:
+        """These experiments with no other dead times than the given ones, and without searches if so asked."""
+        return dataclasses.replace(
+            self, with_noise=self.with_noise & noisy_runs(dead_times_min), tunings=self.tunings and tunings
+        )
+
+
 @dataclass(frozen=True)
 class Loops:
     """Runs of one controller under several seeds."""
@@ -60,22 +108,20 @@ class ModelStudy:
     """(seeds,) sum of residuals of the Laguerre models."""
     least_squares_residuals: Floats
     """(seeds,) of the models that were not smoothed."""
-    first_order: FirstOrderModel
-    """What IMC is designed on."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """Everything measured at one operating point."""
+    """Everything measured at one operating point; what was not carried out is empty."""
 
     operating_point: str
     patient: SorensenPatient
     seeds: int
-    model: ModelStudy
+    model: ModelStudy | None
     without_noise: dict[str, Loops]
     """Table I and Fig. 5, by controller."""
-    with_noise: dict[tuple[str, str], Loops]
-    """Table II, Fig. 4 and 6, by controller and dead time; "10M" is a known one of 10 min."""
+    with_noise: dict[Run, Loops]
+    """Table II, Fig. 4 and 6, by controller and dead time."""
     identified_anew: dict[str, Loops]
     """Linear MPC with known dead times, its models identified from delayed records."""
     tuning: dict[str, TuningSurface]
@@ -123,8 +169,7 @@ def _noisy_loops(
     return Loops(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
 
 
-def _study_model(person: SorensenPatient, records: Sequence[Identification]) -> ModelStudy:
-    noise_free = identify(person)
+def _study_model(person: SorensenPatient, noise_free: Identification, records: Sequence[Identification]) -> ModelStudy:
     search = best_pole(noise_free.impulse_response, 2)
     smooth = noise_free.laguerre_coefficients @ laguerre_functions(noise_free.laguerre_pole, 2, 1000)
     memory = noise_free.model.memory
@@ -146,15 +191,14 @@ def _study_model(person: SorensenPatient, records: Sequence[Identification]) -> 
         validation=validation,
         laguerre_residuals=np.array([float(residuals(one.model)[1].sum_absolute_residual_mg_dl) for one in records]),
         least_squares_residuals=np.array([float(residuals(one)[1].sum_absolute_residual_mg_dl) for one in raw]),
-        first_order=fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN),
     )
 
 
-def _without_noise(person: SorensenPatient, operating_point: str, model: ModelStudy) -> dict[str, Loops]:
+def _without_noise(person: SorensenPatient, operating_point: str, noise_free: Identification) -> dict[str, Loops]:
     tuning = PARKER_1999[operating_point, False]
-    first_order = model.first_order
+    first_order: FirstOrderModel = fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN)
     controllers: dict[str, Controller] = {
-        "mpc": design_linear_mpc(model.noise_free.model, tuning.mpc),
+        "mpc": design_linear_mpc(noise_free.model, tuning.mpc),
         "mpc-se": design_mpc_se(linear_model(person), tuning.process_noise(), tuning.mpc_se),
         "nlqdmc-se": design_nlqdmc_se(nonlinear_model(person), tuning.process_noise(), tuning.nlqdmc_se),
         "imc": design_imc(first_order.gain, first_order.tau_min, first_order.delay_min, filter_min=IMC_FILTER_MIN),
@@ -167,40 +211,38 @@ def _without_noise(person: SorensenPatient, operating_point: str, model: ModelSt
 
 
 def _searches(
-    person: SorensenPatient, operating_point: str, model: ModelStudy, progress: Progress
+    person: SorensenPatient, operating_point: str, noise_free: Identification, progress: Progress
 ) -> dict[str, TuningSurface]:
     surfaces = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se"):
-        surfaces[name] = paper_tuning_surface(person, operating_point, name, model=model.noise_free.model)
+        surfaces[name] = paper_tuning_surface(person, operating_point, name, model=noise_free.model)
         progress(f"{operating_point}: tunings of {name} searched")
     return surfaces
 
 
 def study(
     operating_point: str,
+    experiments: Experiments | None = None,
     *,
     seeds: int,
     seed: int,
     progress: Progress,
-    dead_times_min: Sequence[int] = DEAD_TIMES_MIN,
-    tunings: bool = True,
 ) -> Study:
-    """Carry out every experiment at an operating point.
+    """Carry out experiments at an operating point.
 
     Parameters
     ----------
     operating_point : str
+    experiments : Experiments, optional
+        All of the paper by default. A run is the same, whatever is carried out beside it.
     seeds : int
         Runs of each noisy experiment.
     seed : int
         Where the seeds come from.
     progress : callable
         Told what has just been done.
-    dead_times_min : sequence of int
-        Of Table II; 0 must be among them.
-    tunings : bool
-        Whether the tunings are searched.
     """
+    wanted = Experiments.of_paper() if experiments is None else experiments
     person = patient(operating_point)
     keys = _Keys.of(seed, seeds)
 
@@ -209,30 +251,41 @@ def study(
         progress(f"{operating_point}: {seeds} models identified, dead time {dead_time_min} min")
         return found
 
-    identified = records(0)
-    model = _study_model(person, identified)
-    progress(f"{operating_point}: models validated")
-    without_noise = _without_noise(person, operating_point, model)
-    progress(f"{operating_point}: Table I")
+    @functools.cache
+    def noise_free() -> Identification:
+        return identify(person)
+
+    of_records = wanted.model or any(name == "mpc" for name, _ in wanted.with_noise)
+    identified = records(0) if of_records else []
+    model = None
+    if wanted.model:
+        model = _study_model(person, noise_free(), identified)
+        progress(f"{operating_point}: models validated")
+    without_noise: dict[str, Loops] = {}
+    if wanted.without_noise:
+        without_noise = _without_noise(person, operating_point, noise_free())
+        progress(f"{operating_point}: Table I")
 
     tuning = PARKER_1999[operating_point, True]
     linear, Q = linear_model(person), tuning.process_noise()
-    with_noise, identified_anew = {}, {}
-    for minutes in dead_times_min:
+    with_noise: dict[Run, Loops] = {}
+    identified_anew: dict[str, Loops] = {}
+    for minutes in sorted({_dead_time_min(run) for run in wanted.with_noise}):
         samples = minutes // SAMPLE_TIME_MIN
         longer = dataclasses.replace(tuning.mpc, prediction_horizon=tuning.mpc.prediction_horizon + samples)
-        unaware = [design_linear_mpc(one.model, tuning.mpc) for one in identified]
-        with_noise["mpc", f"{minutes}"] = _noisy_loops(person, unaware, minutes, keys.loops)
-        estimator = design_mpc_se(linear, Q, tuning.mpc_se)
-        with_noise["mpc-se", f"{minutes}"] = _noisy_loops(person, estimator, minutes, keys.loops)
-        if minutes:
-            told = [design_linear_mpc(one.model.delayed(samples), longer) for one in identified]
-            with_noise["mpc", f"{minutes}M"] = _noisy_loops(person, told, minutes, keys.loops)
-            estimator = design_mpc_se(linear, Q, tuning.mpc_se, dead_time_samples=samples)
-            with_noise["mpc-se", f"{minutes}M"] = _noisy_loops(person, estimator, minutes, keys.loops)
-            anew = [design_linear_mpc(one.model, longer) for one in records(minutes)]
-            identified_anew[f"{minutes}M"] = _noisy_loops(person, anew, minutes, keys.loops)
-        progress(f"{operating_point}: Table II, dead time {minutes} min")
+        for name, time in sorted(run for run in wanted.with_noise if _dead_time_min(run) == minutes):
+            known = time.endswith("M")
+            controllers: Controller | list[Controller]
+            if name == "mpc-se":
+                controllers = design_mpc_se(linear, Q, tuning.mpc_se, dead_time_samples=samples if known else 0)
+            elif known:
+                controllers = [design_linear_mpc(one.model.delayed(samples), longer) for one in identified]
+                anew = [design_linear_mpc(one.model, longer) for one in records(minutes)]
+                identified_anew[time] = _noisy_loops(person, anew, minutes, keys.loops)
+            else:
+                controllers = [design_linear_mpc(one.model, tuning.mpc) for one in identified]
+            with_noise[name, time] = _noisy_loops(person, controllers, minutes, keys.loops)
+        progress(f"{operating_point}: runs with noise, dead time {minutes} min")
     return Study(
         operating_point=operating_point,
         patient=person,
@@ -241,5 +294,5 @@ def study(
         without_noise=without_noise,
         with_noise=with_noise,
         identified_anew=identified_anew,
-        tuning=_searches(person, operating_point, model, progress) if tunings else {},
+        tuning=_searches(person, operating_point, noise_free(), progress) if wanted.tunings else {},
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -31,27 +33,38 @@ CAPTIONS: Final = {
 }
 
 
-def draw(study: Study) -> dict[str, Figure]:
-    """All figures of one operating point, by name."""
+def draw(study: Study, names: Collection[str] | None = None) -> dict[str, Figure]:
+    """Figures of one operating point, by name: those whose experiments were carried out, or the named ones."""
+    made = {**_of_model(study), **_of_runs(study)}
+    made |= {f"tuning-{name}": functools.partial(_tuning, study, name) for name in study.tuning}
+    return {name: drawn() for name, drawn in made.items() if names is None or name in names}
+
+
+def _of_model(study: Study) -> dict[str, Callable[[], Figure]]:
+    if study.model is None:
+        return {}
     model = study.model
     insulin = np.asarray(model.validation_record.insulin_mU_min) - float(study.patient.basal_insulin_mU_min)
-    noisy = {key: loops.example for key, loops in study.with_noise.items()}
-    quiet = {name: loops.example for name, loops in study.without_noise.items()}
-    unknown = [dead_time for name, dead_time in noisy if name == "mpc" and not dead_time.endswith("M")]
-    surfaces = {
-        f"tuning-{name}": plot_surface(surface, printed=printed_tuning(study.operating_point, name))
-        for name, surface in study.tuning.items()
-    }
     return {
-        "figure-2": plot_identification(model.noisy, truth=model.noise_free.impulse_response),
-        "figure-3": plot_validation(
+        "figure-2": lambda: plot_identification(model.noisy, truth=model.noise_free.impulse_response),
+        "figure-3": lambda: plot_validation(
             model.validation,
             sample_time_min=model.noisy.model.sample_time_min,
             insulin_deviation_mU_min=insulin,
             width="double",
         ),
-        "figure-4": plot({_NAMES[name]: noisy[name, "0"] for name in ("mpc", "mpc-se")}),
-        "figure-5": plot({_NAMES[name]: quiet[name] for name in ("mpc", "mpc-se", "nlqdmc-se", "imc")}),
-        "figure-6": plot({f"{minutes} min": noisy["mpc", minutes] for minutes in unknown}),
-        **surfaces,
     }
+
+
+def _of_runs(study: Study) -> dict[str, Callable[[], Figure]]:
+    noisy = {run: loops.example for run, loops in study.with_noise.items()}
+    quiet = {name: loops.example for name, loops in study.without_noise.items()}
+    with_noise = {_NAMES[name]: noisy[name, "0"] for name in ("mpc", "mpc-se") if (name, "0") in noisy}
+    unknown = {f"{time} min": trace for (name, time), trace in noisy.items() if name == "mpc" and "M" not in time}
+    without_noise = {_NAMES[name]: quiet[name] for name in ("mpc", "mpc-se", "nlqdmc-se", "imc") if name in quiet}
+    traces = {"figure-4": with_noise, "figure-5": without_noise, "figure-6": unknown}
+    return {name: functools.partial(plot, shown) for name, shown in traces.items() if shown}
+
+
+def _tuning(study: Study, name: str) -> Figure:
+    return plot_surface(study.tuning[name], printed=printed_tuning(study.operating_point, name))

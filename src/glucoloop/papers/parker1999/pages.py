@@ -23,7 +23,7 @@ _SECTIONS: Final = (
     ("Patient, model and identification", "model."),
     ("Tunings", "tuning."),
 )
-_LONG: Final = 24  # characters, from which on a cell is given room
+_LONG: Final = 48  # characters, from which on a cell is given room
 _VERDICTS: Final = {True: "yes", False: "no", None: ""}
 _READING_NUMBERS: Final = {name: number for number, name in enumerate(READINGS, 1)}
 
@@ -39,7 +39,7 @@ class Table:
 
 
 def _row_text(row: Row, points: Sequence[str]) -> tuple[str, ...]:
-    cells = [row.entry.what, _printed(row), row.entry.unit, f"p. {row.entry.page}, {row.entry.place}"]
+    cells = [row.entry.what, f"{_printed(row)} {row.entry.unit}".strip(), f"p. {row.entry.page}, {row.entry.place}"]
     for point in points:
         found, difference = row.reproduced.get(point), row.difference(point)
         cells += [
@@ -58,7 +58,7 @@ def _printed(row: Row) -> str:
 
 def _columns(points: Sequence[str]) -> tuple[str, ...]:
     found = [column for point in points for column in (point, "difference", "agrees")]
-    return ("Entry", "Printed", "Unit", "Place", *found, "Readings")
+    return ("Entry", "Printed", "Place", *found, "Readings")
 
 
 def _anew(studies: Mapping[str, Study]) -> Table:
@@ -82,21 +82,29 @@ def _anew(studies: Mapping[str, Study]) -> Table:
 
 
 def tables(rows: Sequence[Row], studies: Mapping[str, Study]) -> list[Table]:
-    """Every table of the report."""
-    points = list(studies)
+    """Every table of the report; those of experiments that were not carried out are left out."""
     made = []
     for heading, prefix in _SECTIONS:
-        of_section = tuple(_row_text(row, points) for row in rows if row.entry.id.startswith(prefix))
-        made.append(Table(heading=heading, note="", columns=_columns(points), rows=of_section))
-    if any(study.identified_anew for study in studies.values()):
-        made.insert(2, _anew(studies))
+        of_section = tuple(_row_text(row, list(studies)) for row in rows if row.entry.id.startswith(prefix))
+        if of_section:
+            made.append(Table(heading=heading, note="", columns=_columns(list(studies)), rows=of_section))
+        if of_section and prefix == "table-2." and any(study.identified_anew for study in studies.values()):
+            made.append(_anew(studies))
+    return made
+
+
+def tables_at_the_end(rows: Sequence[Row]) -> list[Table]:
+    """What does not reproduce, and the readings that the rows rest on."""
+    if not rows:
+        return []
     failed = tuple(
         (row.entry.what, _printed(row), point, found.text)
         for row in rows
         for point, found in row.reproduced.items()
         if row.agrees(point) is False
     )
-    made.append(
+    used = {name for row in rows for name in row.entry.readings}
+    return [
         Table(
             heading="What does not reproduce",
             note=(
@@ -106,27 +114,27 @@ def tables(rows: Sequence[Row], studies: Mapping[str, Study]) -> list[Table]:
             ),
             columns=("Entry", "Printed", "Operating point", "Reproduced"),
             rows=failed,
-        )
-    )
-    made.append(
+        ),
         Table(
             heading="Readings",
             note="What the paper leaves open, and how it is read here; rows name by number what they rest on.",
             columns=("Number", "Name", "Choice"),
-            rows=tuple((str(_READING_NUMBERS[name]), name, choice) for name, choice in READINGS.items()),
-        )
-    )
-    return made
+            rows=tuple(
+                (str(_READING_NUMBERS[name]), name, choice) for name, choice in READINGS.items() if name in used
+            ),
+        ),
+    ]
 
 
 def _summary(rows: Sequence[Row], studies: Mapping[str, Study], seed: int) -> list[str]:
     lines = []
     for point, study in studies.items():
         verdicts = [row.agrees(point) for row in rows if row.agrees(point) is not None]
-        lines.append(
-            f"At {point}, {sum(map(bool, verdicts))} of {len(verdicts)} printed entries reproduce. "
-            f"Noisy entries are medians over {study.seeds} seeds, with the 10th and 90th percentile."
-        )
+        if not verdicts:
+            continue
+        lines.append(f"At {point}, {sum(map(bool, verdicts))} of {len(verdicts)} printed entries reproduce.")
+        if study.with_noise:
+            lines[-1] += f" Noisy entries are medians over {study.seeds} seeds, with the 10th and 90th percentile."
     return [*lines, f"glucoloop {glucoloop.__version__}, seed {seed}."]
 
 
@@ -169,7 +177,7 @@ def markdown_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int
     """The report as Markdown; `figures` are paths by name."""
     parts = [f"# {TITLE}", *_summary(rows, studies, seed)]
     parts += [f"![{CAPTIONS[name.split('/')[-1]]} ({name.split('/')[0]})]({path})" for name, path in figures.items()]
-    for table in tables(rows, studies):
+    for table in [*tables(rows, studies), *tables_at_the_end(rows)]:
         lines = [table.columns, tuple("---" for _ in table.columns), *table.rows]
         text = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
         parts += [f"## {table.heading}", *([table.note] if table.note else []), text if table.rows else "Nothing."]
@@ -179,13 +187,12 @@ def markdown_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int
 def html_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int, figures: Mapping[str, str]) -> str:
     """The report as one page; `figures` are SVG texts by name, ``operating-point/figure``."""
     parts = [f"<p>{html.escape(line)}</p>" for line in _summary(rows, studies, seed)]
-    made = tables(rows, studies)
-    parts += [_html_table(table) for table in made[:-2]]
+    parts += [_html_table(table) for table in tables(rows, studies)]
     for name, svg in figures.items():
         point, figure = name.split("/")
         caption = f"{html.escape(CAPTIONS[figure])} <span>{html.escape(point)}</span>"
         parts.append(f"<figure>{_inline(svg, name)}<figcaption>{caption}</figcaption></figure>")
-    parts += [_html_table(table) for table in made[-2:]]
+    parts += [_html_table(table) for table in tables_at_the_end(rows)]
     return _PAGE.substitute(title=html.escape(TITLE), body="\n".join(parts), footer=FOOTER)
 
 
@@ -203,19 +210,17 @@ def _html_table(table: Table) -> str:
         body = "<p>Nothing.</p>"
     else:
         head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
-        lines = "".join(
-            "<tr>" + "".join(f"<td{_mark(cell)}>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-            for row in table.rows
-        )
-        body = f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>'
+        lines = "".join(f"<tr>{''.join(map(_html_cell, table.columns, row))}</tr>" for row in table.rows)
+        body = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
     note = f"<p>{html.escape(table.note)}</p>" if table.note else ""
     return f"<section><h2>{html.escape(table.heading)}</h2>{note}{body}</section>"
 
 
-def _mark(cell: str) -> str:
-    if len(cell) > _LONG:
-        return ' class="long"'
-    return {"yes": ' class="yes"', "no": ' class="no"'}.get(cell, "")
+def _html_cell(column: str, cell: str) -> str:
+    """A cell that names its column, for a narrow screen, where the head of the table is not shown."""
+    kind = "long" if len(cell) > _LONG else cell if cell in ("yes", "no") else ""
+    mark = f' class="{kind}"' if kind else ""
+    return f'<td{mark} data-column="{html.escape(column)}">{html.escape(cell)}</td>'
 
 
 _PAGE: Final = Template("""<!doctype html>
@@ -228,16 +233,24 @@ _PAGE: Final = Template("""<!doctype html>
 :root { color-scheme: light dark; --line: #8886; --yes: #00855b; --no: #c04a00; }
 body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem; }
 h1 { font-size: 1.6rem; } h2 { font-size: 1.15rem; margin-top: 2.5rem; }
-.scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .82rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--line); }
-td { min-width: 3.5rem; } td:nth-child(4), td:nth-child(5), td:nth-child(8) { min-width: 9rem; }
-.long { min-width: 16rem; }
+th:last-child, td:last-child { padding-right: 0; }
+td.long { min-width: 16rem; }
 .yes { color: var(--yes); } .no { color: var(--no); font-weight: 600; }
 figure { margin: 2rem 0; background: white; color: black; padding: 1rem; border-radius: .4rem; max-width: 46rem; }
 figure svg { width: 100%; height: auto; }
 figcaption { font-size: .85rem; } figcaption span { color: #666; }
 footer { margin-top: 3rem; color: #777; font-size: .85rem; }
+@media (max-width: 60rem) { /* one column: every row is a list, every cell says of what it is */
+  thead { display: none; }
+  tbody, tr, td { display: block; border: 0; }
+  tr { padding: .5rem 0; border-bottom: 1px solid var(--line); }
+  td, td.long { display: grid; grid-template-columns: 8rem 1fr; min-width: 0; padding: .1rem 0; }
+  td:empty { display: none; }
+  td::before { content: attr(data-column); color: #777; }
+  figure { padding: .3rem; }
+}
 </style>
 </head>
 <body>

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from glucoloop.papers.parker1999.comparison import Row, compare
-from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Progress, Study, study
+from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, Progress, Study, study
 from glucoloop.papers.parker1999.figures import draw
 from glucoloop.papers.parker1999.pages import html_report, json_report, markdown_report
+from glucoloop.papers.parker1999.parts import Part
 from glucoloop.patients import OPERATING_POINTS
+from glucoloop.report.print_figure import KINDS, figure_bytes
 
 SEEDS: Final = 60
 QUICK_SEEDS: Final = 3
@@ -19,9 +20,17 @@ QUICK_DEAD_TIMES_MIN: Final = (0, 5)
 
 
 def carry_out(
-    operating_points: Sequence[str], *, seeds: int, seed: int, quick: bool, progress: Progress
+    operating_points: Sequence[str],
+    *,
+    seeds: int,
+    seed: int,
+    quick: bool,
+    progress: Progress,
+    part: Part | None = None,
 ) -> tuple[dict[str, Study], list[Row]]:
     """Run the experiments at each operating point and set the results beside the printed numbers.
+
+    Without a `part` they are those of the whole paper; with one, only what it needs is run.
 
     Raises
     ------
@@ -34,11 +43,10 @@ def carry_out(
         if name not in OPERATING_POINTS:
             raise ValueError(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
     dead_times = QUICK_DEAD_TIMES_MIN if quick else DEAD_TIMES_MIN
-    studies = {
-        name: study(name, seeds=seeds, seed=seed, dead_times_min=dead_times, tunings=not quick, progress=progress)
-        for name in operating_points
-    }
-    return studies, compare(studies)
+    wanted = Experiments.of_paper() if part is None else part.experiments
+    wanted = wanted.limited_to(dead_times, tunings=not quick)
+    studies = {name: study(name, wanted, seeds=seeds, seed=seed, progress=progress) for name in operating_points}
+    return studies, compare(studies) if part is None else compare(studies, part.entries)
 
 
 def write(
@@ -47,6 +55,7 @@ def write(
     rows: Sequence[Row],
     seed: int,
     progress: Progress,
+    part: Part | None = None,
 ) -> dict[str, Any]:
     """Write figures and reports.
 
@@ -54,7 +63,7 @@ def write(
     ----------
     write_file : callable
         Takes a file's name and content.
-    studies, rows, seed
+    studies, rows, seed, part
         As from and for `carry_out`.
     progress : callable
         Told what has just been done.
@@ -66,14 +75,13 @@ def write(
     """
     inline, files = {}, {}
     for point, one in studies.items():
-        for name, figure in draw(one).items():
+        for name, figure in draw(one, None if part is None else part.figures).items():
             files[f"{point}/{name}"] = f"{point}-{name}.svg"
-            for kind in ("svg", "png"):
-                drawn = io.BytesIO()
-                figure.savefig(drawn, format=kind)
-                write_file(f"{point}-{name}.{kind}", drawn.getvalue())
+            for kind in KINDS:
+                drawn = figure_bytes(figure, kind)
+                write_file(f"{point}-{name}.{kind}", drawn)
                 if kind == "svg":
-                    inline[f"{point}/{name}"] = drawn.getvalue().decode()
+                    inline[f"{point}/{name}"] = drawn.decode()
         progress(f"{point}: figures drawn")
     report = json_report(rows, studies, seed)
     write_file("report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")

@@ -27,7 +27,7 @@ CONFIGURATION: Final = "trial.toml"
 SUMMARY: Final = "summary.json"
 BANDS: Final = "bands.parquet"
 REPORT: Final = "report.html"
-FINAL: Final = (BANDS, "figure.png", "figure.svg", REPORT, SUMMARY)
+FINAL: Final = (BANDS, "figure.pdf", "figure.png", "figure.svg", REPORT, SUMMARY)
 """Written when all shards are done."""
 _DIGITS: Final = 20
 """Of the number of a shard."""

@@ -1,0 +1,40 @@
+"""Figures as files for print: the fonts are embedded as TrueType, and the same figure gives the same bytes."""
+
+from __future__ import annotations
+
+import io
+from typing import Any, Final
+
+import matplotlib
+from matplotlib.figure import Figure
+
+KINDS: Final = ("png", "svg", "pdf")
+"""The files that a command writes of each figure."""
+
+# Journals refuse PDF and PostScript with Type 3 fonts, matplotlib's default. In SVG letters are outlines, so that they
+# look the same where the font is missing; names of clipping paths would be drawn by chance without a salt.
+_FOR_PRINT: Final = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "glucoloop"}
+_UNDATED: Final[dict[str, dict[str, None]]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+
+
+class PrintFigure(Figure):
+    """A figure that is saved with settings for print, wherever `savefig` is called."""
+
+    def savefig(self, fname: Any, *, transparent: bool | None = None, **kwargs: Any) -> None:
+        """Save the figure as `matplotlib.figure.Figure.savefig` does, with TrueType fonts in PDF and PostScript."""
+        with matplotlib.rc_context(_FOR_PRINT):
+            super().savefig(fname, transparent=transparent, **kwargs)
+
+
+def figure_bytes(figure: Figure, kind: str) -> bytes:
+    """The file of a figure, free of its date.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    kind : str
+        One of `KINDS`.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind))
+    return buffer.getvalue()
