@@ -31,7 +31,8 @@ def test_folder_repeats_the_search(glucoloop, tmp_path):
     assert {"move_weight", "sse", "feasible", "oscillates", "acceptable"} <= set(table.columns)
     assert table.equals(pl.read_parquet(tmp_path / "second/surface.parquet"))
     assert {file.name for file in (tmp_path / "first").iterdir()} == {
-        "SHA256SUMS", "model.json", "surface.csv", "surface.parquet", "surface.pdf", "surface.png", "surface.svg",
+        "SHA256SUMS", "model.json", "surface.csv", "surface.html", "surface.parquet", "surface.pdf", "surface.png",
+        "surface.svg",
         "tune.json",
         "tune.toml",
     }  # fmt: skip
@@ -101,3 +102,4 @@ def test_too_many_panels_leave_the_picture_out(glucoloop, tmp_path):
     )  # fmt: skip
     assert "No picture was drawn: the surface would need 16 panels" in answer.out
     assert not (tmp_path / "o/surface.png").exists()
+    assert "The surface is not shown" in (tmp_path / "o/surface.html").read_text()

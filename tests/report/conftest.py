@@ -10,6 +10,7 @@ from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.report.trial_report import QUANTILES, CaseReport, Distribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.simulation import Trace
 from glucoloop.trials.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
+from glucoloop.trials.tuning import TuningSurface
 
 VOID = {"meta", "br", "img", "link", "input", "hr", "col"}
 
@@ -242,3 +243,32 @@ def make_stress(make_stress_row):
         return StressResult(**(values | fields))
 
     return make
+
+
+@pytest.fixture
+def surface_of():
+    """A function that makes a surface of tunings and their sums of squared errors, otherwise without blame."""
+    return _surface_of
+
+
+def _surface_of(tunings, sse):
+    points = len(tunings)
+    none, zero = np.zeros(points, bool), np.zeros(points)
+    return TuningSurface(
+        controller="toy",
+        tunings=tuple(tunings),
+        refused=(),
+        seeds=1,
+        sse=np.asarray(sse, float),
+        undershoot_mg_dl=zero,
+        minimum_mg_dl=zero,
+        settling_2pct_min=zero,
+        settled_2pct=none,
+        settling_5pct_min=zero,
+        settled_5pct=none,
+        insulin_total_variation_mU_min=zero,
+        kept_share=np.ones(points),
+        crossings=np.zeros(points, int),
+        turns=np.zeros(points, int),
+        oscillates=none,
+    )

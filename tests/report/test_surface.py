@@ -7,34 +7,11 @@ import pytest
 
 from glucoloop.control import MPCTuning, StateTuning
 from glucoloop.report.surface import plot_surface
-from glucoloop.trials.tuning import TuningSurface, tuning_grid
-
-
-def surface_of(tunings, sse):
-    points = len(tunings)
-    none, zero = np.zeros(points, bool), np.zeros(points)
-    return TuningSurface(
-        controller="toy",
-        tunings=tuple(tunings),
-        refused=(),
-        seeds=1,
-        sse=np.asarray(sse, float),
-        undershoot_mg_dl=zero,
-        minimum_mg_dl=zero,
-        settling_2pct_min=zero,
-        settled_2pct=none,
-        settling_5pct_min=zero,
-        settled_5pct=none,
-        insulin_total_variation_mU_min=zero,
-        kept_share=np.ones(points),
-        crossings=np.zeros(points, int),
-        turns=np.zeros(points, int),
-        oscillates=none,
-    )
+from glucoloop.trials.tuning import tuning_grid
 
 
 @pytest.fixture
-def linear():
+def linear(surface_of):
     """Two move horizons and three prediction horizons; the least sum rings, the next breaks a bound."""
     surface = surface_of(tuning_grid([1, 2], [2, 4, 8]), [10, 20, 30, 40, 50, 60])
     kept, rings = np.ones(6), np.zeros(6, bool)
@@ -78,7 +55,7 @@ def test_hatching_covers_its_cells_alone(linear):
     assert ringing.get_path().get_extents().bounds == (0.0, 0.0, 1.0, 1.0)
 
 
-def test_what_is_no_axis_is_a_panel():
+def test_what_is_no_axis_is_a_panel(surface_of):
     tunings = tuning_grid([1, 2, 3], [3, 4], reference_filters=[0.3, 0.5, 0.57])
     figure = plot_surface(surface_of(tunings, 1.0 + np.arange(18)), printed=StateTuning(2, 4, 1.0, 0.0, 0.57))
     assert [axes.get_title() for axes in panels(figure)] == ["m = 1", "m = 2", "m = 3"]
@@ -89,17 +66,28 @@ def test_what_is_no_axis_is_a_panel():
     )
 
 
-def test_missing_and_infinite_cells_are_blank():
-    surface = surface_of(tuning_grid([1, 2], [1, 2]), [3.0, np.nan, 5.0])
-    (axes,) = panels(plot_surface(surface))
+def test_a_cell_without_a_number_says_why(surface_of):
+    tunings = tuning_grid([1, 2], [1, 2])
+    surface = dataclasses.replace(surface_of(tunings[:2], [3.0, np.nan]), refused=((tunings[2], "too fast"),))
+    figure = plot_surface(surface)
+    (axes,) = panels(figure)
     np.testing.assert_array_equal(
-        np.ma.getmaskarray(axes.collections[0].get_array().reshape(2, 2)), [[False, True], [True, False]]
+        np.ma.getmaskarray(axes.collections[0].get_array().reshape(2, 2)), [[False, True], [True, True]]
     )
+    without_number = {
+        label: patch.get_path().get_extents().bounds[:2]
+        for label, patch in zip(legend(figure), axes.patches, strict=False)
+    }
+    assert without_number == {
+        "glucose left the finite numbers": (1.0, 0.0),
+        "no controller can be designed": (1.0, 1.0),
+        "p < m, no such tuning": (0.0, 1.0),
+    }
 
 
-def test_one_tuning_is_a_surface():
+def test_one_tuning_is_a_surface(surface_of):
     figure = plot_surface(surface_of([MPCTuning()], [4.0]), printed=MPCTuning(3, 3), title="one $ [x]")
-    assert legend(figure) == ["best (2, 8, 1, 0)"]
+    assert legend(figure) == ["best (2, 8, 1, 0)", "printed (3, 3, 1, 0), beside the grid"]
     assert figure.get_suptitle() == r"one \$ [x]"
 
 
@@ -113,7 +101,7 @@ def test_nothing_is_clipped(linear, width):
     assert drawn.y1 <= figure.get_figheight()
 
 
-def test_what_cannot_be_drawn_is_refused(linear):
+def test_what_cannot_be_drawn_is_refused(linear, surface_of):
     many = tuning_grid([1, 2], [2, 3], reference_filters=[0.3, 0.5], move_weights=np.arange(7.0))
     with pytest.raises(ValueError, match="14 panels"):
         plot_surface(surface_of(many, 1.0 + np.arange(len(many))))

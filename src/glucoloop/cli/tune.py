@@ -268,6 +268,7 @@ def _write(folder: OutputFolder, asked: _Asked, found: _Found) -> _Found:
     from glucoloop.cli.pictures import write_figure
     from glucoloop.config import toml_text
     from glucoloop.report.surface import plot_surface
+    from glucoloop.report.surface_page import surface_page
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text
 
@@ -282,8 +283,12 @@ def _write(folder: OutputFolder, asked: _Asked, found: _Found) -> _Found:
             repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
     folder.write("tune.toml", toml_text(repeat.keys(), "tune --config tune.toml"))
     title = f"{asked.run.case.controller} at {asked.run.situation.operating_point}"
+    told = [_verdict(found), *found.notes]
+    page = surface_page(found.surface, found.printed, title=f"Tunings of {title}", grid=asked.grid, notes=told)
+    folder.write("surface.html", page)
     try:
-        figure = plot_surface(found.surface, printed=found.printed.tuning, title=title)
+        # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
+        figure = plot_surface(found.surface.only(asked.grid), printed=found.printed.tuning, title=title)
     except ValueError as error:
         return dataclasses.replace(found, notes=(*found.notes, f"No picture was drawn: {error}."))
     write_figure(folder, "surface", figure)
@@ -319,43 +324,16 @@ def _table(found: _Found, top: int) -> Table:
     from rich import box
     from rich.table import Table
 
-    surface, printed = found.surface, found.printed
-    filtered = "reference_filter" in surface.columns()
+    from glucoloop.report.tuning_rows import heads, tuning_rows
+
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("Rank", "m", "p", "Γ_y", "Γ_u", *(["φ_r"] if filtered else [])):
-        table.add_column(name, justify="right")
-    for name, unit in (("SSE", "(mg/dl)²"), ("Undershoot", "mg/dl"), ("Settling, 2 %", "min"), ("Travel", "mU/min")):
-        table.add_column(f"{name}\n{unit}", justify="right")
-    table.add_column("")
-    order = surface.order().tolist()
-    here = order.index(surface.index(printed.tuning))
-    shown = [*order[:top], *([order[here]] if here >= top else [])]
-    for number, point in enumerate(shown):
-        if number == top:
+    for name, unit in heads(found.surface):
+        table.add_column(f"{name}\n{unit}" if unit else name, justify="right" if name else "left")
+    for row in tuning_rows(found.surface, found.printed, top):
+        if row.apart:
             table.add_section()
-        tuning = surface.tunings[point]
-        rank = surface.rank_of(tuning).rank
-        parameters = [tuning.move_horizon, tuning.prediction_horizon, tuning.output_weight, tuning.move_weight]
-        table.add_row(
-            "-" if rank is None else str(rank),
-            *(f"{value:g}" for value in parameters),
-            *([f"{getattr(tuning, 'reference_filter', 0.0):g}"] if filtered else []),
-            f"{surface.sse[point]:.1f}",
-            f"{surface.undershoot_mg_dl[point]:.1f}",
-            f"{surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'}",
-            f"{surface.insulin_total_variation_mU_min[point]:.0f}",
-            ", ".join(_remarks(surface, point, point == order[here])),
-        )
+        table.add_row(*row.cells)
     return table
-
-
-def _remarks(surface: TuningSurface, point: int, printed: bool) -> Iterator[str]:
-    if printed:
-        yield "printed"
-    if not surface.feasible[point]:
-        yield "breaks a constraint"
-    if surface.oscillates[point]:
-        yield "oscillates"
 
 
 def _verdict(found: _Found) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,6 +123,21 @@ class TuningSurface:
             sse=float(self.sse[here]),
             best=None if best is None else self.tunings[best],
             best_sse=None if best is None else float(self.sse[best]),
+        )
+
+    def only(self, tunings: Collection[MPCTuning]) -> TuningSurface:
+        """The same results for some of the tunings, in the order of the surface."""
+        kept = np.array([tuning in tunings for tuning in self.tunings], bool)
+        arrays = {
+            field.name: value[kept]
+            for field in dataclasses.fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return dataclasses.replace(
+            self,
+            tunings=tuple(tuning for tuning in self.tunings if tuning in tunings),
+            refused=tuple(one for one in self.refused if one[0] in tunings),
+            **arrays,
         )
 
     def columns(self) -> dict[str, npt.NDArray[Any]]:

@@ -1,0 +1,102 @@
+"""Where each tuning of a surface stands: two parameters make the axes, the others a panel for each combination."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from glucoloop.control.tuning import MPCTuning, StateTuning
+from glucoloop.trials.tuning.surface import TuningSurface
+
+MOST_PANELS: Final = 12
+# The first of these that vary become the axes; the others, panels.
+PARAMETERS: Final = ("prediction_horizon", "reference_filter", "move_horizon", "move_weight", "output_weight")
+
+Kind = Literal["tried", "impossible", "refused", "not tried"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One place of the grid."""
+
+    kind: Kind
+    """"impossible" where the prediction horizon is shorter than the move horizon; "refused" where the design failed."""
+    point: int | None = None
+    """Of the surface's arrays, where the tuning was tried."""
+    reason: str = ""
+    """Why the design failed."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which parameter stands where, and what every cell holds."""
+
+    x: str
+    y: str
+    panels: tuple[str, ...]
+    levels: dict[str, list[float]]
+    """The values of each parameter, in rising order."""
+    cells: dict[tuple[float, ...], Cell]
+    """By the values of the parameters, in the order of `levels`."""
+
+    def combinations(self) -> list[tuple[float, ...]]:
+        """What distinguishes the panels; one empty combination for a single panel."""
+        place = [list(self.levels).index(name) for name in self.panels]
+        return sorted({tuple(values[at] for at in place) for values in self.cells})
+
+    def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
+        """The cells of a panel, `[row][column]`; no place is left empty."""
+        fixed = {name: values[0] for name, values in self.levels.items()}
+        fixed |= dict(zip(self.panels, combination, strict=True))
+
+        def cell(x: float, y: float) -> Cell:
+            values = fixed | {self.x: x, self.y: y}
+            known = self.cells.get(tuple(values[name] for name in self.levels))
+            if known is not None:
+                return known
+            return Cell("impossible" if values["prediction_horizon"] < values["move_horizon"] else "not tried")
+
+        return [[cell(x, y) for x in self.levels[self.x]] for y in self.levels[self.y]]
+
+
+def _value(tuning: MPCTuning, name: str) -> float:
+    value: float = getattr(tuning, name)
+    return value
+
+
+def layout(surface: TuningSurface) -> Layout:
+    """Lay out a surface.
+
+    Raises
+    ------
+    ValueError
+        For more panels than can be seen.
+    """
+    tried = {tuning: Cell("tried", point) for point, tuning in enumerate(surface.tunings)}
+    refused = {tuning: Cell("refused", reason=reason) for tuning, reason in surface.refused}
+    cells: dict[MPCTuning, Cell] = {**refused, **tried}
+    filtered = all(isinstance(tuning, StateTuning) for tuning in cells)
+    names = [name for name in PARAMETERS if filtered or name != "reference_filter"]
+    levels = {name: sorted({_value(tuning, name) for tuning in cells}) for name in names}
+    varying = [name for name in names if len(levels[name]) > 1]
+    x, y, *_ = [*varying, *(name for name in names if name not in varying)]
+    found = Layout(
+        x=x,
+        y=y,
+        panels=tuple(varying[2:]),
+        levels=levels,
+        cells={tuple(_value(tuning, name) for name in names): cell for tuning, cell in cells.items()},
+    )
+    needed = len(found.combinations())
+    if needed > MOST_PANELS:
+        raise ValueError(
+            f"the surface would need {needed} panels, at most {MOST_PANELS} can be seen; "
+            f"give fewer values of {' and '.join(found.panels)}"
+        )
+    return found
+
+
+def texts(names: Sequence[str], symbols: dict[str, str], values: Sequence[float]) -> str:
+    """Parameters and their values, as the title of a panel tells them."""
+    return ", ".join(f"{symbols[name]} = {value:g}" for name, value in zip(names, values, strict=True))
