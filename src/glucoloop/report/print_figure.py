@@ -13,7 +13,12 @@ KINDS: Final = ("png", "svg", "pdf")
 
 # Journals refuse PDF and PostScript with Type 3 fonts, matplotlib's default. In SVG letters are outlines, so that they
 # look the same where the font is missing; names of clipping paths would be drawn by chance without a salt.
-_FOR_PRINT: Final = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "glucoloop"}
+_FOR_PRINT: Final[dict[Any, Any]] = {
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "glucoloop",
+}
 _UNDATED: Final[dict[str, dict[str, None]]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
