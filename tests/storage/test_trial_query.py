@@ -1,6 +1,11 @@
 """Questions to a trial: answered from its files, and unable to do anything else."""
 
 import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
 
 import polars as pl
 import pytest
@@ -9,6 +14,7 @@ from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.query import trial_tables
 from glucoloop.storage.trials.run import run_here
 from glucoloop.storage.trials.shard import compute_shard
+from glucoloop.storage.trials.stoppable import LEFT_BEHIND
 
 SUMMARY = {
     "controllers": {"mpc": {"metrics": {"gri": {"mean": 1.5, "p95": None}, "settled_2pct": {"share_pct": 50.0}}}}
@@ -47,6 +53,12 @@ QUESTIONS = {
     "with a as (select 1 as one) select one from a;": [(1,)],
     "select count(*) from (describe people)": [(52,)],
     "select count(*) / 2 from people where not able": [(3.0,)],
+    "pivot people on controller using count(able) group by able order by able -- sorted": [
+        (False, 3, 3),
+        (True, 297, 297),
+    ],
+    "pivot people on controller in ('pid') using count(*) group by able order by able;": [(False, 3), (True, 297)],
+    "with p as (pivot people on controller using count(*) group by able) select sum(mpc) from p": [(300,)],
 }
 
 
@@ -73,6 +85,11 @@ def test_many_rows_come_in_parts(finished):
         ("drop view people", "is not one question"),
         ("create table x as select 1", "is not one question"),
         ("copy people to 'x.csv'", "is not one question"),
+        ("copy (pivot people on controller using count(*)) to 'shards/x.csv'", "is not one question"),
+        ("create table x as pivot people on controller using count(*)", "is not one question"),
+        ("pivot people on controller using count(*); drop view people", "is not one question"),
+        ("pivot people on controller using count(*)) ; drop view people; from (people", "Parser Error"),
+        ("call duckdb_tables()", "is not one question"),
         ("explain analyze copy people to 'x.csv'", "is not one question"),
         ("attach 'x.db'", "is not one question"),
         ("install httpfs", "is not one question"),
@@ -92,6 +109,63 @@ def test_refusals(finished, sql, told):
     assert told in str(refused.value)
     assert "\n" not in str(refused.value)
     assert sorted(finished.rglob("*")) == before
+
+
+def test_tables_are_described_and_summarised(finished):
+    columns, rows = ask(finished, "describe people")
+    assert columns[:2] == ["column_name", "column_type"]
+    assert ("controller", "VARCHAR") in [row[:2] for row in rows]
+    columns, rows = ask(finished, "summarize select minimum_mg_dl from people")
+    assert dict(zip(columns, rows[0], strict=True))["count"] == 600
+
+
+DEAF = "select md5(repeat('x', 200000000)) from range(10)"
+"""DuckDB does not look for an interrupt within a chunk of rows."""
+
+
+@pytest.mark.parametrize("sql", ["select count(*) from range(1000000) a, range(1000000) b where hash(a, b) = 3", DEAF])
+def test_question_that_takes_too_long_is_ended_and_leaves_nothing(finished, tmp_path, monkeypatch, sql):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with trial_tables(finished) as tables, pytest.raises(ValueError, match=r"took more than 0.1 s; ask for less"):
+        tables.ask(sql, timeout_s=0.1)
+    assert not list(tmp_path.glob("glucoloop-query-*"))
+    for thread in threading.enumerate():  # what is left of the deaf one, before the next test
+        if thread.name == LEFT_BEHIND:
+            thread.join()
+
+
+def test_rows_that_take_too_long_are_refused(finished):
+    with trial_tables(finished) as tables:
+        answer = tables.ask("select range from range(1000000000000)", timeout_s=1.0)
+        with pytest.raises(ValueError, match="took more than 1 s"):
+            for _ in answer.rows:
+                pass
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan")])
+def test_time_limit_that_is_not_possible_is_refused(finished, seconds):
+    with trial_tables(finished) as tables, pytest.raises(ValueError, match="give more than 0 s"):
+        tables.ask("select 1", timeout_s=seconds)
+
+
+def test_what_does_not_fit_in_memory_and_on_the_disk_is_refused(finished, monkeypatch):
+    monkeypatch.setattr("glucoloop.storage.trials.query._MEMORY", "50MB")
+    monkeypatch.setattr("glucoloop.storage.trials.query._SPILL", "10MB")
+    with pytest.raises(ValueError, match="needs more than 50MB of memory and 10MB of disk; ask for fewer rows"):
+        ask(finished, "select * from range(20000000) order by hash(range) limit 19999999")
+
+
+def test_what_killed_processes_left_is_removed(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    ended = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    left = tmp_path / f"glucoloop-query-{int(ended.stdout)}-a"
+    at_work = tmp_path / f"glucoloop-query-{os.getppid()}-b"
+    for folder in (left, at_work):
+        folder.mkdir()
+        (folder / "spill").write_text("")
+    assert ask(finished, "select 1")[1] == [(1,)]
+    assert not left.exists()
+    assert at_work.exists()
 
 
 def test_trial_that_is_not_finished_answers_about_what_is_done(tmp_path, make_trial, pretend):

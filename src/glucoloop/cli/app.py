@@ -28,6 +28,7 @@ from glucoloop.cli import (
 )
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
+from glucoloop.storage.trials.stoppable import left_behind
 
 USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
 """Typer hands out only this one of its usage errors; the others share its base."""
@@ -102,16 +103,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def program() -> None:
     """The command as a process: `main`, but an interrupted one ends at once.
 
-    The interpreter would take itself apart first, while threads of JAX still compute in it, and now and then crash.
+    The interpreter would take itself apart first, while threads of JAX still compute in it, and now and then crash; and
+    it would wait for work that does not stop.
     """
     try:
         main()
     except SystemExit as leaving:
-        if leaving.code != 130:
+        if leaving.code != 130 and not left_behind():
             raise
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(130)
+        os._exit(leaving.code if isinstance(leaving.code, int) else 0)
 
 
 def _leave_usage(error: Exception, arguments: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +21,7 @@ HELP: Final = (
     "Ask the folder of a trial a question in SQL, in the dialect of DuckDB.\n\n"
     "Its tables are people (a row a person and controller), counts and bands (glucose and insulin over time), summary, "
     "and traces if they were kept; without a question their columns are listed. A trial that is not finished answers "
-    "about the shards that are done. Nothing is written.\n\n"
+    "about the shards that are done. Nothing is written. Ctrl-C ends a question at once, --timeout after a while.\n\n"
     "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
@@ -30,15 +31,22 @@ _MOST_SHOWN: Final = 1000
 
 def command(
     folder: Annotated[str, typer.Argument(help="The folder that glucoloop trial wrote.", metavar="DIR")],
-    sql: Annotated[str | None, typer.Argument(help="One SELECT.", metavar="SQL")] = None,
+    sql: Annotated[str | None, typer.Argument(help="One SELECT, PIVOT, DESCRIBE or SUMMARIZE.", metavar="SQL")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object: columns, and a list of rows.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print lines of comma-separated values, however many.")] = False,
+    timeout: Annotated[
+        str | None,
+        typer.Option(
+            "--timeout", help="Longest time that the answer may take; any by default.", metavar="S", show_default=False
+        ),
+    ] = None,
 ) -> None:
     """Ask, and print the answer."""
     if json and csv:
         raise ValueError("--json and --csv exclude one another; leave one out")
     if not folder:
         raise ValueError("DIR is empty; give the folder of a trial")
+    seconds = None if timeout is None else _seconds(timeout)
     from glucoloop.storage.trials.query import trial_tables
 
     with trial_tables(Path(folder)) as tables:
@@ -47,13 +55,23 @@ def command(
         if sql is None:
             _list(tables, json=json)
             return
-        answer = tables.ask(sql)
+        answer = tables.ask(sql, timeout_s=seconds)
         if csv:
             _print_csv(answer)
         elif json:
             _print_json(answer)
         else:
             _print_table(answer)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise ValueError(f"--timeout is {text!r}; give a number of seconds above 0")
+    return seconds
 
 
 def _list(tables: TrialTables, *, json: bool) -> None:

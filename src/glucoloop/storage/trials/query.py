@@ -1,14 +1,18 @@
 """Questions to the folder of a trial, in SQL.
 
-DuckDB reads the Parquet files where they are. A question is one SELECT: nothing is written, and no other file is read.
+DuckDB reads the Parquet files where they are. A question is one that only reads, a SELECT, PIVOT, DESCRIBE or
+SUMMARIZE: nothing is written, and no other file is read. What does not fit in memory goes to a temporary folder, up to
+a limit; the folder goes with the question, and that of a process that was killed with the next question.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
+import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +22,7 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards
 from glucoloop.storage.trials.header import read_header
+from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, left_behind
 from glucoloop.trials.printable import is_printable
 
 with needed_for("a question in SQL"):
@@ -31,8 +36,12 @@ VIEWS: Final = {
     "traces": "glucose and insulin of those whose traces were kept",
 }
 _MEMORY: Final = "1GB"
+_SPILL: Final = "4GB"
+_SCRATCH: Final = "glucoloop-query-"
+"""Folder for what does not fit in memory; the number of the process follows."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
+_Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
 """What a question in several lines may hold."""
 
@@ -55,37 +64,73 @@ class TrialTables:
         self.done = done
         self.shards = shards
 
-    def ask(self, sql: str) -> Answer:
+    def ask(self, sql: str, *, timeout_s: float | None = None) -> Answer:
         """Answer a question.
+
+        Parameters
+        ----------
+        sql : str
+        timeout_s : float, optional
+            Time for the answer and all of its rows; no limit by default.
 
         Raises
         ------
         ValueError
-            For what is not one SELECT, or what DuckDB refuses.
+            For what is not one question that only reads, what DuckDB refuses, or an answer that takes too long.
         """
+        if timeout_s is not None and not timeout_s > 0.0:
+            raise ValueError(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
         if not is_printable(sql.translate(_SPACES)):
             raise ValueError(f"{_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
         try:
             statements = self._connection.extract_statements(sql)
-            if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
+            if len(statements) != 1 or not self._only_reads(statements[0]):
                 raise ValueError(
                     f"{_line(sql)!r} is not one question that only reads; give one SELECT, "
                     'like "select controller, avg(undershoot_mg_dl) from people group by all"'
                 )
-            self._connection.execute(statements[0])
-            columns = [of[0] for of in self._connection.description]
-            first = self._connection.fetchmany(_ROWS)
-        except (duckdb.Error, OverflowError) as error:
+        except duckdb.Error as error:
             raise ValueError(_refusal(error)) from None
-        return Answer(columns, self._rows(first))
+        work: Stoppable[_Rows] = Stoppable(self._connection.interrupt, timeout_s)
 
-    def _rows(self, rows: list[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
-        while rows:
-            yield from rows
+        def fetch() -> _Rows:
+            found: _Rows = self._connection.fetchmany(_ROWS)
+            return found
+
+        def begin() -> _Rows:
+            self._connection.execute(statements[0])
+            return fetch()
+
+        def part(of: Callable[[], _Rows]) -> _Rows:
             try:
-                rows = self._connection.fetchmany(_ROWS)
+                return work.run(of)
+            except TimeLimitError:
+                raise ValueError(
+                    f"the answer took more than {timeout_s:g} s; ask for less, or allow more time"
+                ) from None
             except (duckdb.Error, OverflowError) as error:
                 raise ValueError(_refusal(error)) from None
+
+        def rows(found: _Rows) -> Iterator[tuple[Any, ...]]:
+            while found:
+                yield from found
+                found = part(fetch)
+
+        first = part(begin)
+        return Answer([of[0] for of in self._connection.description], rows(first))
+
+    def _only_reads(self, statement: Any) -> bool:
+        """Whether a statement is a query, or a PIVOT, which DuckDB carries out as several statements."""
+        if statement.type == duckdb.StatementType.SELECT:
+            return True
+        if statement.type != duckdb.StatementType.MULTI:
+            return False
+        # COPY, CREATE and INSERT of a PIVOT are several statements too, but only a query may stand in parentheses.
+        try:
+            inside = self._connection.extract_statements(f"from ({statement.query.rstrip().rstrip(';')}\n)")
+        except duckdb.Error:
+            return False
+        return len(inside) == 1 and inside[0].type == duckdb.StatementType.MULTI
 
 
 @contextlib.contextmanager
@@ -104,7 +149,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
     place = folder.resolve()
     if _SPECIAL & set(str(place)):
         raise ValueError(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
-    with tempfile.TemporaryDirectory(prefix="glucoloop-") as scratch, duckdb.connect(":memory:") as connection:
+    with _connected() as connection, _scratch() as scratch:
         try:
             for name, statement in _views(folder, [shard.name for shard in shards]).items():
                 connection.execute(f"create view {name} as {statement}")
@@ -112,6 +157,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
                 _summary(connection, folder)
             connection.execute("set memory_limit = ?", [_MEMORY])
             connection.execute("set temp_directory = ?", [scratch])
+            connection.execute("set max_temp_directory_size = ?", [_SPILL])
             connection.execute("set allowed_directories = ?", [[str(place)]])
             connection.execute("set enable_external_access = false")
             connection.execute("set lock_configuration = true")
@@ -124,6 +170,41 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
         views = dict(columns)
         known = {name: views[name] for name in VIEWS if name in views}
         yield TrialTables(connection, known, len(shards), header.shards)
+
+
+@contextlib.contextmanager
+def _connected() -> Iterator[Any]:
+    """A database in memory. One in which work was left behind is left open, since closing would wait for it."""
+    connection = duckdb.connect(":memory:")
+    try:
+        yield connection
+    finally:
+        if not left_behind():
+            connection.close()
+
+
+@contextlib.contextmanager
+def _scratch() -> Iterator[str]:
+    """A temporary folder of this process; those of processes that were killed are removed."""
+    for old in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
+        number = old.name.removeprefix(_SCRATCH).partition("-")[0]
+        if number.isdecimal() and not _is_running(int(number)):
+            shutil.rmtree(old, ignore_errors=True)
+    scratch = tempfile.mkdtemp(prefix=f"{_SCRATCH}{os.getpid()}-")
+    try:
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True  # somebody else's
+    return True
 
 
 def _views(folder: Path, shards: list[str]) -> dict[str, str]:
@@ -182,6 +263,11 @@ def _name(text: str) -> str:
 
 def _refusal(error: Exception) -> str:
     """DuckDB's own message in a line, without the part that points into the text."""
+    if isinstance(error, duckdb.OutOfMemoryException):
+        return (
+            f"the question needs more than {_MEMORY} of memory and {_SPILL} of disk; ask for fewer rows or columns, or "
+            "group them"
+        )
     if isinstance(error, OverflowError):
         return "the answer holds a span of time that is too long to be shown; cast it to varchar"
     return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])

@@ -1,0 +1,71 @@
+"""Work is ended by Ctrl-C and by a time limit, whether it listens or not."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from glucoloop.storage.trials.stoppable import LEFT_BEHIND, Stoppable, TimeLimitError, left_behind
+
+
+class Work:
+    """Waits until it is told to go on; a deaf one does not hear that it should stop."""
+
+    def __init__(self, deaf):
+        self.goes_on, self.begun, self.asked, self.deaf = threading.Event(), threading.Event(), 0, deaf
+
+    def __call__(self):
+        self.begun.set()
+        self.goes_on.wait(60)
+
+    def stop(self):
+        self.asked += 1
+        if not self.deaf:
+            self.goes_on.set()
+
+
+@pytest.fixture(params=[False, True], ids=["listens", "deaf"])
+def work(request):
+    work = Work(request.param)
+    yield work
+    work.goes_on.set()
+    for thread in threading.enumerate():
+        if thread.name == LEFT_BEHIND:
+            thread.join(5)
+    assert not left_behind()
+
+
+def test_answers_and_errors_are_those_of_the_work():
+    assert Stoppable(lambda: None).run(lambda: 3) == 3
+    with pytest.raises(ZeroDivisionError):
+        Stoppable(lambda: None).run(lambda: 1 // 0)
+
+
+def test_time_limit_ends_the_work(work):
+    with pytest.raises(TimeLimitError):
+        Stoppable(work.stop, 0.05).run(work)
+    assert work.asked
+    assert left_behind() == work.deaf
+
+
+def test_time_limit_is_for_all_pieces_together(work):
+    limited = Stoppable(work.stop, 0.05)
+    with pytest.raises(TimeLimitError):
+        limited.run(work)
+    with pytest.raises(TimeLimitError):
+        limited.run(work)
+
+
+def test_interrupt_ends_the_work(work):
+    def press():
+        work.begun.wait(60)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    presses = threading.Thread(target=press)
+    presses.start()
+    with pytest.raises(KeyboardInterrupt):
+        Stoppable(work.stop).run(work)
+    presses.join()
+    assert work.asked
+    assert left_behind() == work.deaf
