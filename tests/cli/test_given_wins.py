@@ -23,6 +23,7 @@ KEYS_OF = {
     "robust": own_keys,
     "trial": trial_keys,
     "stress": own_keys,
+    "adversary": own_keys,
     "detect": detection_keys,
     "identify": identification_keys,
     "claims": lambda asked: {"seeds": asked.seeds, "people": asked.people},
@@ -49,7 +50,7 @@ def test_every_command_with_a_file_is_here():
 
 @pytest.mark.parametrize("command", KEYS_OF.keys() - {"claims"})
 def test_number_given_wins_and_the_rest_of_the_file_stands(command):
-    more = CASES if command in ("compare", "trial", "stress") else {}
+    more = CASES if command in ("compare", "trial", "stress", "adversary") else {}
     found = read(command, {"noise_variance": 2.0}, {**LATE, **more})
     assert found["noise_variance"] == 2.0
     assert found["dead_time_min"] == 5.0
@@ -82,7 +83,7 @@ def test_controller_given_holds_for_every_case_of_a_comparison():
     assert [case["controller"] for case in found.values()] == ["pid", "pid"]
 
 
-@pytest.mark.parametrize("command", ["trial", "stress"])
+@pytest.mark.parametrize("command", ["trial", "stress", "adversary"])
 def test_controllers_given_take_the_place_of_those_of_the_file(command):
     for of_file in (CASES, {"controllers": ["mpc", "imc"]}, {**CASES, "controllers": ["imc"]}):
         assert list(cases_of(read(command, {"controllers": ["pid"]}, of_file))) == ["pid"]

@@ -12,6 +12,7 @@ import typer
 
 import glucoloop
 from glucoloop.cli import (
+    adversary,
     bound,
     claims,
     compare,
@@ -54,6 +55,7 @@ app.command("trial", help=trial.HELP)(trial.command)
 app.command("stress", help=stress.HELP)(stress.command)
 app.command("detect", help=detect.HELP)(detect.command)
 app.command("verify", help=verify.HELP)(verify.command)
+app.command("adversary", help=adversary.HELP)(adversary.command)
 app.command("query", help=query.HELP)(query.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
 app.command("claims", help=claims.HELP)(claims.command)

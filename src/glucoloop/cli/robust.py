@@ -239,10 +239,10 @@ def _finish(asked: Robust, folder: RobustFolder, wanted: int) -> Found:
 
 
 def _search(asked: Robust, folder: RobustFolder, engine: SearchEngine, bounds: Sequence[Bound], wanted: int) -> None:
-    from glucoloop.cli.robust_progress import candidates_told
+    from glucoloop.cli.search_progress import counted_out
 
     before = folder.candidates[:]
-    with candidates_told(len(before), wanted) as told:
+    with counted_out(len(before), wanted, "candidates") as told:
         for candidate in engine.candidates(asked.far.rounds, bounds, before):
             folder.add(candidate)
             told(len(folder.candidates))

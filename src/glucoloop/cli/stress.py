@@ -11,7 +11,7 @@ from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import FAULTS, NO_FAULT, Given, Option, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import note, show, stage
-from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
+from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL, WORKERS
 from glucoloop.cli.trial_progress import counted
 
 if TYPE_CHECKING:
@@ -40,15 +40,6 @@ _FILES: Final = (
     "figure.svg",
 )
 _NOT_HERE: Final = ("traces", "guard", NO_FAULT, DASK.key, "mmol")
-_GUARDS: Final = Option(
-    "guards",
-    "--guards",
-    str,
-    "Whether controllers are tried with a guard, without one, or both.",
-    "Guard",
-    metavar="both|with|without",
-    default="both",
-)
 _WORDS: Final = {
     FAULTS: "A fault that is tried alone, in place of the usual ones; repeat it for more. ",
     "out": "Folder of the test; one that was begun there goes on.",
@@ -75,7 +66,7 @@ def _options() -> Iterator[Option]:
             help=told if option.key == FAULTS else _WORDS.get(option.key, told),
             default=_DEFAULTS.get(option.key, option.default),
         )
-    yield _GUARDS
+    yield GUARDS
 
 
 _OPTIONS: Final = tuple(_options())

@@ -31,6 +31,15 @@ CONTROLLERS: Final = Option(
     metavar="NAME",
     default="mpc",
 )
+GUARDS: Final = Option(
+    "guards",
+    "--guards",
+    str,
+    "Whether controllers are tried with a guard, without one, or both.",
+    "Guard",
+    metavar="both|with|without",
+    default="both",
+)
 WORKERS: Final = Option(
     "workers",
     "--workers",

@@ -15,11 +15,11 @@ from glucoloop.config.stress import PAPER_CONTROLLERS
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
 from glucoloop.threefry import LARGEST_COUNTER
-from glucoloop.trials.adversary import Effort, ErrorSpace
+from glucoloop.trials.adversary import Cell, Effort, ErrorSpace
 from glucoloop.trials.catalogue import Value
 from glucoloop.trials.guard_catalogue import GUARD, complete_guard
 from glucoloop.trials.stress import Guards
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.trials.trial import Trial
 
 SEARCHED: Final = (*PAPER_CONTROLLERS, "meal-mpc")
 _USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
@@ -47,29 +47,6 @@ class AdversaryKeys(BaseModel):
     sequences: Annotated[int, Field(ge=4, le=4096)] = 32
     """Sequences of errors in a generation, of each start."""
     search_seed: Seed = 1
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One search: a controller, guarded or not, and the largest error."""
-
-    case: TrialCase
-    space: ErrorSpace
-
-    @property
-    def guarded(self) -> bool:
-        """Whether there is a guard around the controller."""
-        return self.case.guard is not None
-
-    @property
-    def error_pct(self) -> float:
-        """Largest error of a reading."""
-        return 100.0 * self.space.error
-
-    @property
-    def name(self) -> str:
-        """A label of its own."""
-        return f"{self.case.label}{', guarded' if self.guarded else ''}, ±{self.error_pct:g} %"
 
 
 @dataclass(frozen=True)

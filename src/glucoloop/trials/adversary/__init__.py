@@ -1,6 +1,7 @@
 """The worst plausible sensor errors: what a search finds that makes a controller do the most harm."""
 
 from glucoloop.trials.adversary.attack import Attack, Harm, Lane
+from glucoloop.trials.adversary.outcome import Cell, Outcome, search_all
 from glucoloop.trials.adversary.random_errors import RandomErrors, random_errors
 from glucoloop.trials.adversary.search import (
     Effort,
@@ -16,17 +17,20 @@ from glucoloop.trials.adversary.space import ErrorSpace
 
 __all__ = [
     "Attack",
+    "Cell",
     "Effort",
     "ErrorSpace",
     "Generation",
     "Harm",
     "Judge",
     "Lane",
+    "Outcome",
     "RandomErrors",
     "Worst",
     "generations",
     "judge_of",
     "random_errors",
+    "search_all",
     "worst_errors",
     "worst_of",
 ]

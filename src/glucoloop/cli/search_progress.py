@@ -13,8 +13,8 @@ from glucoloop.cli.trial_progress import BETWEEN_LINES_S
 
 
 @contextlib.contextmanager
-def candidates_told(before: int, wanted: int) -> Iterator[Callable[[int], None]]:
-    """Tell on standard error how many candidates are done: in one line where somebody watches, else now and then."""
+def counted_out(before: int, wanted: int, what: str) -> Iterator[Callable[[int], None]]:
+    """Tell on standard error how many of what are done: in one line where somebody watches, else now and then."""
     since, last = time.monotonic(), time.monotonic()
     started: int | None = None
 
@@ -23,9 +23,9 @@ def candidates_told(before: int, wanted: int) -> Iterator[Callable[[int], None]]
         further = done - (before if started is None else started)
         rate = further / max(time.monotonic() - since, 1e-9)
         left = f", {_duration((wanted - done) / rate)} left" if further and started is not None else ""
-        return f"{done} of {wanted} candidates{left}"
+        return f"{done} of {wanted} {what}{left}"
 
-    with stages(f"Trying {wanted - before} candidates") as update:
+    with stages(f"Trying {wanted - before} {what}") as update:
 
         def tell(done: int) -> None:
             nonlocal since, last, started

@@ -1,0 +1,122 @@
+"""What came of the searches: every controller, guarded or not, under errors of every size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.control import Controller
+from glucoloop.patients.operating_point import patient
+from glucoloop.pumps import dose_limits
+from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.trials.adversary.attack import Attack
+from glucoloop.trials.adversary.random_errors import RandomErrors, random_errors
+from glucoloop.trials.adversary.search import Effort, Generation, Worst, generations, judge_of, worst_of
+from glucoloop.trials.adversary.space import ErrorSpace
+from glucoloop.trials.designs import controller_of
+from glucoloop.trials.trial import Trial, TrialCase
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One search: a controller, guarded or not, and the largest error."""
+
+    case: TrialCase
+    space: ErrorSpace
+
+    @property
+    def guarded(self) -> bool:
+        """Whether there is a guard around the controller."""
+        return self.case.guard is not None
+
+    @property
+    def controller(self) -> str:
+        """The controller in words."""
+        return f"{self.case.label}, guarded" if self.guarded else self.case.label
+
+    @property
+    def error_pct(self) -> float:
+        """Largest error of a reading."""
+        return 100.0 * self.space.error
+
+    @property
+    def name(self) -> str:
+        """A label that no other search has."""
+        return f"{self.controller}, ±{self.error_pct:g} %"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one search."""
+
+    cell: Cell
+    engine: str
+    """That closed the loops: native or xla."""
+    peak_without_errors_mg_dl: float
+    lowest_without_errors_mg_dl: float
+    worst: Worst
+    random: RandomErrors
+    """Errors of the same size by chance, on the people of the trial."""
+
+
+def search_all(
+    groups: Iterable[tuple[Trial, Sequence[Cell]]],
+    effort: Effort,
+    person: int | None,
+    *,
+    before: Mapping[str, Sequence[Array]] | None = None,
+    told: Callable[[Cell, Generation], None] | None = None,
+) -> Iterator[Outcome]:
+    """The outcomes of searches, each as soon as it is known.
+
+    Parameters
+    ----------
+    groups : iterable of (Trial, cells)
+        Trials of one case, and the searches about it.
+    effort : Effort
+    person : int or None
+        On whom is searched: a person of the population, or the nominal patient.
+    before : mapping, optional
+        Scores of generations that are known, by the name of the cell, see `generations`.
+    told : callable, optional
+        Called after each generation.
+
+    Raises
+    ------
+    ValueError
+        For a design that is not possible, or a person without a basal rate.
+    """
+    for trial, cells in groups:
+        with one_at_a_time:
+            attack = Attack(trial, _designed(trial), cells[0].space, lanes=effort.lanes)
+            who = attack.one(person)
+        for cell in cells:
+            known = (before or {}).get(cell.name, ())
+            for generation in generations(judge_of(attack, who), cell.space, effort, known):
+                if told is not None:
+                    told(cell, generation)
+            never = np.full((cell.space.stretches, 1), float(cell.space.samples))
+            without = attack.on_one(who, np.zeros((cell.space.samples, 1)), never)
+            yield Outcome(
+                cell=cell,
+                engine=attack.engine,
+                peak_without_errors_mg_dl=float(without.peak_mg_dl[0]),
+                lowest_without_errors_mg_dl=float(without.lowest_mg_dl[0]),
+                worst=worst_of(attack, who, cell.space, generation),
+                random=random_errors(attack, cell.space, trial.people, effort.seed),
+            )
+
+
+def _designed(trial: Trial) -> Controller:
+    limits = dose_limits(
+        max_change_mU_min=trial.max_change_mU_min,
+        min_mU_min=trial.min_insulin_mU_min,
+        max_mU_min=trial.max_insulin_mU_min,
+    )
+    return controller_of(trial, trial.cases[0], patient(trial.operating_point), limits)
