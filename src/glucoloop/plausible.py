@@ -15,9 +15,7 @@ from typing import Final
 from glucoloop.units import MG_DL_PER_MMOL_L, MG_PER_G, MIN_PER_H, MU_PER_U, PMOL_PER_U
 
 CONFIRM_OPTION: Final = "add --allow-unusual"
-"""How a value is confirmed on the command line."""
-CONFIRM_KEY: Final = "add allow_unusual = true"
-"""How it is confirmed in a configuration file."""
+"""How a value is confirmed on the command line, wherever it stands."""
 CONFIRM_ARGUMENT: Final = "pass allow_unusual=True"
 """How it is confirmed in Python."""
 
@@ -69,6 +67,17 @@ class Quantity:
             converted = value * other.factor
             if value != 0.0 and self.plausible(converted):
                 yield other, converted
+
+    def looks_like(self, value: float) -> str | None:
+        """Which unit the value looks like, as part of a sentence: ``that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl``.
+
+        None where no other unit makes it plausible.
+        """
+        found = next(self.meant(value), None)
+        if found is None:
+            return None
+        other, converted = found
+        return f"that looks like {other.name}: {value:g} {other.name} is {_rounded(converted)} {self.unit}"
 
     def within(self, *, least: float | None = None, most: float | None = None, reason: str) -> Quantity:
         """The same quantity in a narrower range, which is known only where it is used."""
@@ -130,13 +139,10 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
         return None
     told = f"{value:g} {quantity.unit}"
     because = f", but {quantity.reason}" if quantity.reason else ""
-    found = next(quantity.meant(value), None)
-    if found is not None:
-        other, converted = found
-        own = _rounded(converted)
+    for _, converted in quantity.meant(value):
         return (
-            f"{called} is {told}{because}; that looks like {other.name}: {value:g} {other.name} is {own} "
-            f"{quantity.unit}. Give {own}, or {confirm} if {told} is meant"
+            f"{called} is {told}{because}; {quantity.looks_like(value)}. Give {_rounded(converted)}, or {confirm} "
+            f"if {told} is meant"
         )
     if quantity.reason:
         return f"{called} is {told}{because}. Give another value, or {confirm} if {told} is meant"

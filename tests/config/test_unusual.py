@@ -90,7 +90,7 @@ def test_unusual_value_is_asked_about(command, key, value, told):
     with pytest.raises(ValueError, match=r".") as refused:
         read(with_others(command, key, value))
     assert told in str(refused.value)
-    assert "add allow_unusual = true if" in str(refused.value)
+    assert "add --allow-unusual if" in str(refused.value)
 
 
 @pytest.mark.parametrize(("command", "key", "value", "told"), list(cases()))
@@ -127,8 +127,25 @@ def test_a_higher_target_needs_a_smaller_pump():
 def test_what_is_not_possible_is_refused_even_so():
     with pytest.raises(ValueError, match="setpoint_mg_dl is 5000; give a value above 0 and at most 2000"):
         read_run({"setpoint_mg_dl": 5000.0, "allow_unusual": True})
-    with pytest.raises(ValueError, match="a meal of 5000 g is not possible"):
-        read_run({"meals": ["5000g@50min"], "allow_unusual": True})
+    with pytest.raises(ValueError, match="a meal of 50000 g is not possible; that looks like mg: 50000 mg is 50 g"):
+        read_run({"meals": ["50000g@50min"], "allow_unusual": True})
+    with pytest.raises(ValueError, match=r"sample_time_min is 300; give .* at most 120; that looks like s: 300 s is 5"):
+        read_run({"sample_time_min": 300.0})
+
+
+@pytest.mark.parametrize("command", ["run", "trial", "stress", "detect"])
+def test_clock_time_without_a_unit_is_asked_about(command):
+    read, keys_of = READERS[command]
+    day = {"run": {"duration_min": 1440.0}, "trial": {}, "stress": {"duration_min": 1440.0}, "detect": {}}[command]
+    with pytest.raises(ValueError, match=r"^the meal '45g@7' begins 7 min after the start; that looks like hours. Wr"):
+        read(
+            {**day, "meals": ["45g@7"], "meal_time_spread_min": 0.0}
+            if command != "run"
+            else {**day, "meals": ["45g@7"]}
+        )
+    for text, minutes in (("45g@7h", 420), ("45g@7min", 7), ("45g@420", 420)):
+        more = {} if command == "run" else {"meal_time_spread_min": 0.0}
+        assert keys_of(read({**day, **more, "meals": [text]}))["meals"] == [f"45g@{minutes}min"]
 
 
 def test_confirmation_is_no_part_of_what_a_trial_is():

@@ -17,6 +17,7 @@ from glucoloop.config.sentences import one_sentence
 from glucoloop.config.unusual import (
     Names,
     ask_about,
+    ask_about_clock,
     ask_about_meals,
     ask_about_pump,
     ask_about_settings,
@@ -187,6 +188,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     situation = checked(Situation, _only(keys, Situation), names)
     if not situation.allow_unusual:
         ask_about_surroundings(situation, situation.eaten(), names)
+        ask_about_clock(situation.meals, situation.duration_min)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
@@ -210,7 +212,7 @@ def ask_about_surroundings(situation: Surroundings, meals: Iterable[Meal], names
         names=names,
     )
     ask_about(situation, names)
-    ask_about_meals(meals, names)
+    ask_about_meals(meals)
 
 
 def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[str, str] | None = None) -> Case:

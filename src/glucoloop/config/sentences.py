@@ -8,6 +8,8 @@ from typing import Any, Final, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from glucoloop.plausible import Quantity
+
 _KINDS: Final = {
     "int": "a whole number",
     "float": "a number",
@@ -50,7 +52,17 @@ def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping
     value = first["input"]
     shown = f"{value:g}" if isinstance(value, float) else repr(value)
     shown = shown if len(shown) <= _LONGEST_VALUE else f"{shown[:_LONGEST_VALUE]}..."
-    return f"{name} is {shown}; give {_wanted(first, record, key)}"
+    return f"{name} is {shown}; give {_wanted(first, record, key)}{_meant(value, record, key)}"
+
+
+def _meant(value: object, record: type[BaseModel], key: str) -> str:
+    """The unit that a value beyond the bounds looks like."""
+    found = record.model_fields.get(key)
+    quantity = None if found is None else quantity_of(found)
+    if quantity is None or isinstance(value, bool) or not isinstance(value, int | float):
+        return ""
+    told = quantity.looks_like(value)
+    return "" if told is None else f"; {told}"
 
 
 def _is_branch(part: int | str) -> bool:
@@ -89,6 +101,11 @@ def _bounds(record: type[BaseModel], key: str) -> str:
 def metadata_of(field: FieldInfo) -> list[Any]:
     """Bounds and plausible range of a field; an optional one keeps them with the branch that is not None."""
     return [*field.metadata, *(item for branch in get_args(field.annotation) for item in _of_branch(branch))]
+
+
+def quantity_of(field: FieldInfo) -> Quantity | None:
+    """What a field measures, with the range in which people mean it; None if that is not declared."""
+    return next((item for item in metadata_of(field) if isinstance(item, Quantity)), None)
 
 
 def _of_branch(branch: Any) -> list[Any]:

@@ -24,7 +24,7 @@ from glucoloop.config.run import (
     read_case,
     whole_samples,
 )
-from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about
+from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.meals.plan import MOST_DAYS, MealPlan
 from glucoloop.patients.population import PRESETS, Population
 from glucoloop.simulation.closed_loop import sample_grid
@@ -110,6 +110,7 @@ def read_trial(
     if not situation.allow_unusual:
         ask_about(own, names)
         ask_about_surroundings(situation, meals, names)
+        ask_about_clock(own.meals, own.duration_min or (own.days or 1) * MIN_PER_DAY)
     if "meals" not in keys and own.duration_min is not None:
         meals = [meal for meal in meals if meal.t_min < own.duration_min]
     plan = MealPlan(

@@ -1,7 +1,7 @@
 """Values of a configuration that are possible but hardly meant: each is asked about in the error.
 
 The plausible range of a key stands in its type, beside its bounds; that of a setting of a controller, a guard or a
-fault stands in the catalogue. `allow_unusual` in the configuration confirms all of them.
+fault stands in the catalogue. `allow_unusual` in a file, or the option, confirms all of them.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from glucoloop.config.sentences import metadata_of
+from glucoloop.config.meal_text import names_unit, parse_meal
+from glucoloop.config.sentences import quantity_of
 from glucoloop.meals import Meal
 from glucoloop.patients import patient
-from glucoloop.plausible import CONFIRM_KEY, CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
+from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
 from glucoloop.trials.catalogue import Setting
+from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 Names = Mapping[str, str] | None
 """What a key is called where it was given."""
@@ -33,7 +35,7 @@ def ask_about(record: BaseModel, names: Names = None) -> None:
     """
     for key, field in type(record).model_fields.items():
         value = getattr(record, key)
-        quantity = next((item for item in metadata_of(field) if isinstance(item, Quantity)), None)
+        quantity = quantity_of(field)
         if quantity is not None and value is not None:
             _ask(value, quantity, key, names)
 
@@ -46,11 +48,24 @@ def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object],
             _ask(value, setting.quantity, setting.name, names)
 
 
-def ask_about_meals(meals: Iterable[Meal], names: Names = None) -> None:
+def ask_about_meals(meals: Iterable[Meal]) -> None:
     """The same for the size of each meal."""
     for meal in meals:
-        called = f"the size of the meal at {meal.t_min:g} min"
-        ask(meal.carbs_g, MEAL, called, _confirm("meals", names))
+        ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
+
+
+def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
+    """Ask about a meal like ``45g@7`` in a run of a day or longer: minutes are meant by few who leave the unit out."""
+    if horizon_min < MIN_PER_DAY:
+        return
+    for text in meals:
+        meal = parse_meal(text)
+        if not names_unit(text) and 0.0 < meal.t_min < HOURS_PER_DAY:
+            size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
+            raise ValueError(
+                f"the meal {text!r} begins {time} min after the start; that looks like hours. "
+                f"Write {size}@{time}h, or {size}@{time}min if minutes are meant"
+            )
 
 
 def ask_about_pump(
@@ -84,9 +99,4 @@ def _at_rest(operating_point: str) -> tuple[float, float]:
 
 
 def _ask(value: float, quantity: Quantity, key: str, names: Names) -> None:
-    ask(value, quantity, (names or {}).get(key, key), _confirm(key, names))
-
-
-def _confirm(key: str, names: Names) -> str:
-    """A value that came as an option is confirmed by one, and a value in a file by a key."""
-    return CONFIRM_OPTION if (names or {}).get(key, key).startswith("--") else CONFIRM_KEY
+    ask(value, quantity, (names or {}).get(key, key), CONFIRM_OPTION)
