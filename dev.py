@@ -332,7 +332,8 @@ def first_commands(env: Environment) -> None:
     """What a newcomer does first: a run, a trial and a stress test."""
     glucoloop = env.program("glucoloop")
     with tempfile.TemporaryDirectory(prefix="glucoloop-") as folder:
-        for name, *options in (("run",), ("trial", "--people", "50"), ("stress", "--people", "4")):
+        stress = ("stress", "--people", "4", "--controller", "mpc", "--fault", "stuck, start_min=60, duration_min=90")
+        for name, *options in (("run",), ("trial", "--people", "50"), stress):
             out = ["--out", str(Path(folder) / name)]
             check(env, f"{env.folder.name}: glucoloop {name}", [glucoloop, name, *options, *out])
 
