@@ -3,14 +3,17 @@
 The names below are the everyday interface; they are imported when first used, so that `import glucoloop` and
 ``glucoloop --help`` answer at once. Everything else lives in the layers: `glucoloop.patients`, `glucoloop.control` and
 so on.
+
+Importing glucoloop switches JAX to float64 for the whole process, for controllers are designed in it; nothing else of
+JAX changes. See `glucoloop.arithmetic`.
 """
 
 from __future__ import annotations
 
 import importlib
-import os
-import sys
 from typing import TYPE_CHECKING, Any
+
+from glucoloop.arithmetic import use_float64
 
 if TYPE_CHECKING:
     from glucoloop.bounds import optimal_doses
@@ -51,10 +54,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Glucose control is designed in float64. JAX reads the variable when it is first imported.
-os.environ.setdefault("JAX_ENABLE_X64", "true")
-if "jax" in sys.modules:
-    sys.modules["jax"].config.update("jax_enable_x64", True)
+use_float64()
 
 _HOME = {
     "Adaptive": "simulation",

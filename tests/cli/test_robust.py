@@ -16,6 +16,7 @@ from glucoloop.trials.robust.objectives import METRICS
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
+    "arithmetic.json",
     "SHA256SUMS",
     "best.toml",
     "candidates.csv",

@@ -1,7 +1,9 @@
 """A trial without a simulator: what becomes of a person is a formula of his random numbers."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -9,8 +11,10 @@ import pytest
 from glucoloop.config.trial import read_trial
 from glucoloop.metrics import Metrics
 from glucoloop.patients.population import draw
-from glucoloop.storage.trials.shard import edges
+from glucoloop.storage.trials.folder import trial_folder
+from glucoloop.storage.trials.shard import compute_shard, edges
 from glucoloop.threefry import uniforms
+from glucoloop.trials.trial import Trial
 
 
 def pretend(trial):
@@ -65,12 +69,49 @@ def _pretend():
     return pretend
 
 
-@pytest.fixture
-def make_trial():
+def make_trial(**keys):
+    keys = {"people": 300, "seed": 4, "duration_min": 300.0, "meals": ["50g@50min"], "shard_people": 64, **keys}
+    return read_trial({"controllers": ["mpc", "pid"], **keys})
+
+
+@pytest.fixture(name="make_trial")
+def _make_trial():
     """A trial of 300 people under two controllers in shards of 64, or another one."""
+    return make_trial
 
-    def make(**keys):
-        keys = {"people": 300, "seed": 4, "duration_min": 300.0, "meals": ["50g@50min"], "shard_people": 64, **keys}
-        return read_trial({"controllers": ["mpc", "pid"], **keys})
 
-    return make
+@dataclasses.dataclass(frozen=True)
+class Tiny:
+    """A trial of some shards of one person, whose contents are there already."""
+
+    trial: Trial
+    shards: list[dict[str, bytes]]
+
+    final: ClassVar = {"summary.json": b"{}", "report.html": b"<html>"}
+
+    def run(self, path: Path, *, overwrite: bool = False) -> None:
+        """What a command does, without computing anything."""
+        with trial_folder(path, self.trial, overwrite=overwrite) as folder:
+            if folder.finished:
+                return
+            for index in folder.missing():
+                folder.put(index, self.shards[index])
+            folder.finish(self.final)
+
+
+def tiny(shards, **keys):
+    keys = {"controllers": ["basal"], "people": shards, "shard_people": 1, "duration_min": 10.0, "meals": [], **keys}
+    trial = make_trial(**keys)
+    return Tiny(trial, [compute_shard(trial, index, pretend(trial), lambda: None) for index in range(shards)])
+
+
+@pytest.fixture(scope="session", name="tiny")
+def _tiny():
+    """A small trial, and another one of another seed and size."""
+    return tiny(2), tiny(3, seed=5)
+
+
+@pytest.fixture
+def _quick_disk(monkeypatch):
+    """Nobody cuts the power in a test."""
+    monkeypatch.setattr("os.fsync", lambda descriptor: None)

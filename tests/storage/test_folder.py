@@ -43,22 +43,6 @@ def test_failure_changes_nothing(tmp_path, error):
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
 
 
-def test_old_folder_is_back_if_the_swap_fails(tmp_path, monkeypatch):
-    write(tmp_path / "out", "one")
-    before = contents(tmp_path)
-    rename = Path.rename
-
-    def fail_once(self, target):
-        if self.name.startswith(".out."):
-            raise OSError(28, "No space left on device")
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", fail_once)
-    with pytest.raises(OSError, match="No space"):
-        write(tmp_path / "out", "two", overwrite=True)
-    assert contents(tmp_path) == before
-
-
 def test_earlier_result_gives_way_only_when_asked(tmp_path):
     write(tmp_path / "out", "one")
     with pytest.raises(ValueError, match="holds an earlier result"):

@@ -13,6 +13,7 @@ import pytest
 from glucoloop.storage.trials.cluster import connected, run_on_cluster
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.run import run_here
+from glucoloop.storage.trials.shard import compute_shard
 from glucoloop.trials import engine
 
 pytest.importorskip("distributed")
@@ -75,17 +76,17 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
 class Refusing:
     """A cluster whose workers fail."""
 
-    def __init__(self, client, errors):
-        self.client, self.errors = client, list(errors)
+    def __init__(self, client, errors, pretend):
+        self.client, self.errors, self.pretend = client, list(errors), pretend
         self.loop, self.nthreads = client.loop, client.nthreads
 
     def submit(self, function, *arguments, **options):
-        error = self.errors.pop(0) if self.errors else None
+        error, pretend = self.errors.pop(0) if self.errors else None, self.pretend
 
-        def fails(*arguments):
+        def fails(trial, index, *arguments):
             if error is not None:
                 raise error
-            return {"people.parquet": b"", "bands.parquet": b""}
+            return compute_shard(trial, index, pretend(trial), lambda: None)
 
         return self.client.submit(fails, *arguments, **options)
 
@@ -99,9 +100,9 @@ def client():
         yield client
 
 
-def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client):
+def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client, pretend):
     with trial_folder(tmp_path / "out", make_trial()) as folder:
-        run_on_cluster(folder, Refusing(client, [RuntimeError("a"), RuntimeError("b")]), lambda people: None)
+        run_on_cluster(folder, Refusing(client, [RuntimeError("a"), RuntimeError("b")], pretend), lambda people: None)
         assert folder.done == 5
 
 
@@ -112,10 +113,10 @@ def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client):
         ([None, ValueError("a worker has glucoloop 9, and this is 0")], "a worker has glucoloop 9"),
     ],
 )
-def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_trial, client, errors, told):
+def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_trial, client, pretend, errors, told):
     with trial_folder(tmp_path / "out", make_trial()) as folder:
         with pytest.raises(ValueError, match=r"shard \d failed") as failed:
-            run_on_cluster(folder, Refusing(client, errors), lambda people: None)
+            run_on_cluster(folder, Refusing(client, errors, pretend), lambda people: None)
         assert told in str(failed.value)
         assert f"{folder.done} of 5 shards are done and kept" in str(failed.value)
 

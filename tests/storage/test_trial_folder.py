@@ -35,7 +35,8 @@ def whole(tmp_path, make_trial, pretend):
 
 
 def test_whole_folder_holds_what_it_says(whole, tmp_path, make_trial):
-    shards = [f"shards/{index:05d}/{name}" for index in range(5) for name in (SUMS, "bands.parquet", "people.parquet")]
+    names = (SUMS, "bands.parquet", "people.parquet", "shard.json")
+    shards = [f"shards/{index:05d}/{name}" for index in range(5) for name in names]
     assert sorted(whole) == sorted([SUMS, "trial.json", "trial.toml", *FINAL, *shards])
     header = json.loads(whole["trial.json"])
     assert header["fingerprint"] == fingerprint(make_trial())
@@ -183,15 +184,47 @@ def test_another_version_is_refused(tmp_path, make_trial, monkeypatch):
         pass
 
 
-def test_other_libraries_are_noted(tmp_path, make_trial):
-    with trial_folder(tmp_path / "out", make_trial()):
-        pass
-    header = tmp_path / "out/trial.json"
-    found = json.loads(header.read_text())
-    found["libraries"]["jax"] = "0.0.1"
-    header.write_text(json.dumps(found))
-    with trial_folder(tmp_path / "out", make_trial()) as folder:
-        assert any("jax 0.0.1" in note for note in folder.notes)
+def edit_header(path, part, name, value):
+    found = json.loads((path / "trial.json").read_text())
+    found[part][name] = value
+    (path / "trial.json").write_text(json.dumps(found))
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value"),
+    [
+        ("libraries", "jax", "0.0.1"),
+        ("libraries", "scipy", "0.0.1"),
+        ("libraries", "llvmlite", "0.0.1"),
+        ("arithmetic", "processor", "8086"),
+        ("arithmetic", "XLA_FLAGS", "--xla_cpu_enable_fast_math=true"),
+        ("arithmetic", "jax_enable_x64", "0"),
+    ],
+)
+def test_shards_of_other_arithmetic_are_not_mixed(tmp_path, tiny, part, name, value):
+    tiny, _ = tiny
+    with trial_folder(tmp_path / "out", tiny.trial) as folder:
+        folder.put(0, tiny.shards[0])
+    edit_header(tmp_path / "out", part, name, value)
+    before = contents(tmp_path / "out")
+    with pytest.raises(ValueError, match=r"shard 00000 of .* belongs to something else: its arithmetic"):
+        tiny.run(tmp_path / "out")
+    (tmp_path / "out/shards/00000").rename(tmp_path / "00000")
+    with pytest.raises(ValueError, match=rf"was computed with {name} {value}, and here it is .* the same bits"):
+        tiny.run(tmp_path / "out")
+    (tmp_path / "00000").rename(tmp_path / "out/shards/00000")
+    assert contents(tmp_path / "out") == before
+    tiny.run(tmp_path / "out", overwrite=True)
+    assert json.loads((tmp_path / "out/trial.json").read_text())[part][name] != value
+
+
+def test_other_tables_are_noted(tmp_path, tiny):
+    tiny, _ = tiny
+    with trial_folder(tmp_path / "out", tiny.trial) as folder:
+        folder.put(0, tiny.shards[0])
+    edit_header(tmp_path / "out", "libraries", "polars", "0.0.1")
+    with trial_folder(tmp_path / "out", tiny.trial) as folder:
+        assert any("polars 0.0.1" in note for note in folder.notes)
 
 
 def test_overwriting_begins_again_but_spares_what_others_put_there(tmp_path, make_trial, pretend, whole):
@@ -228,7 +261,7 @@ def test_place_that_is_taken_is_refused(tmp_path, make_trial):
 def test_two_runs_at_once_are_refused_and_the_lock_of_a_dead_one_is_free(tmp_path, make_trial):
     hold = (
         "import pathlib, sys, time\n"
-        "from glucoloop.storage.trials.lock import locked\n"
+        "from glucoloop.storage.lock import locked\n"
         f"with locked(pathlib.Path({str(tmp_path)!r})):\n"
         "    print('held', flush=True)\n"
         "    time.sleep(60)\n"
@@ -272,7 +305,7 @@ def test_full_disk_keeps_what_is_done(tmp_path, make_trial, pretend, whole, monk
 
 
 def test_full_disk_is_told_in_a_sentence(tmp_path, make_trial, pretend, monkeypatch):
-    full_after(monkeypatch, 20)
+    full_after(monkeypatch, 24)
     with pytest.raises(ValueError, match="cannot be written to") as told:
         run(tmp_path / "out", make_trial(), pretend)
     assert "No space left on device; 3 of 5 shards are done and kept, free some space and run the same" in str(

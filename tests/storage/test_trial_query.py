@@ -193,5 +193,5 @@ def test_folder_that_is_no_trial_or_has_no_shard_is_refused(tmp_path, make_trial
 def test_damaged_shard_is_told(finished):
     place = finished / "shards/00001/people.parquet"
     place.write_bytes(b"PAR1" + place.read_bytes()[4:-8] + b"\0" * 8)
-    with pytest.raises(ValueError, match=r"00001/people\.parquet"):
+    with pytest.raises(ValueError, match=r"shard 00001 .* is damaged: people\.parquet"):
         ask(finished, "select avg(gri) from people")

@@ -67,8 +67,8 @@ def test_shard_is_read_back(make_trial, pretend, tmp_path):
         run_here(folder, pretend(trial), lambda people: None)
         total = no_counts(trial)
         for index in range(trial.shards):
-            add_counts(folder.shard(index), trial, total)
-        people = read_people(folder.shard(2), trial)["pid"]
+            add_counts(folder.shard(index), trial, index, total)
+        people = read_people(folder.shard(2), trial, 2)["pid"]
         shards = list(folder.people())
     said = pretend(trial)("pid", trial.shard(2), False)
     np.testing.assert_array_equal(people.person, said.person)

@@ -11,6 +11,7 @@ from typing import Annotated, Final
 import typer
 
 import glucoloop
+from glucoloop.arithmetic import pin
 from glucoloop.cli import (
     adversary,
     bound,
@@ -29,6 +30,7 @@ from glucoloop.cli import (
 )
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
+from glucoloop.cli.screen import note
 from glucoloop.storage.trials.stoppable import left_behind
 
 USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
@@ -84,6 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
     if any("\0" in argument for argument in arguments):
         mistake("an argument holds a NUL character, which no name or number does; leave it out")
+    note(pin())
     try:
         with heeded():
             code = app(args=arguments, prog_name="glucoloop", standalone_mode=False)

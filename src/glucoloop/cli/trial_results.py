@@ -76,7 +76,7 @@ def _bands(folder: TrialFolder) -> Bands:
     trial = folder.trial
     total: dict[str, Counts] = no_counts(trial)
     for index in range(trial.shards):
-        add_counts(folder.shard(index), trial, total)
+        add_counts(folder.shard(index), trial, index, total)
     bins = edges(trial)
     return {
         label: {quantity: quantiles_of_counts(bins[quantity], counts) for quantity, counts in of_label.items()}

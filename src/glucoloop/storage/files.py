@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from glucoloop.storage import disk
+
 LARGEST_TEXT_BYTES: Final = 200_000_000
 
 
 def read_text(path: Path, what: str) -> str:
-    """Text of a file.
+    """Text of a file that the user named, which may also be a link or a pipe.
 
     Parameters
     ----------
@@ -35,6 +37,19 @@ def read_text(path: Path, what: str) -> str:
             data = file.read(LARGEST_TEXT_BYTES + 1)
     except OSError as error:
         raise ValueError(f"{path} cannot be read as {what}: {error.strerror}") from None
+    return _text(data, path, what)
+
+
+def kept_text(path: Path, what: str) -> str:
+    """Text of a file of a folder that this program keeps: as `read_text`, but of a regular file only."""
+    try:
+        data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read as {what}: {error.strerror}") from None
+    return _text(data, path, what)
+
+
+def _text(data: bytes, path: Path, what: str) -> str:
     if len(data) > LARGEST_TEXT_BYTES:
         raise ValueError(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
     if not data.strip():

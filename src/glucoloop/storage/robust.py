@@ -7,7 +7,6 @@ marks a search as finished; one that is given more rounds goes on from there.
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,38 +15,46 @@ from typing import Any, Final
 import polars as pl
 
 import glucoloop
+from glucoloop import arithmetic
 from glucoloop.config.robust import HowFar, Robust
 from glucoloop.config.toml import read_toml, toml_text
-from glucoloop.storage.files import read_text
-from glucoloop.storage.folder import SUMS
+from glucoloop.storage import disk
+from glucoloop.storage.disk import SUMS
+from glucoloop.storage.files import kept_text
+from glucoloop.storage.resumable import Layout, ResumableFolder, opened
 from glucoloop.storage.strict_json import json_text
-from glucoloop.storage.tables import parquet
-from glucoloop.storage.trials.durable import digest, in_the_making, put_file, read_sums, remove, sums_text
-from glucoloop.storage.trials.lock import LOCK, locked
+from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 from glucoloop.trials.robust import OBJECTIVES, Candidate, Search
 
 CONFIGURATION: Final = "robust.toml"
+ARITHMETIC: Final = "arithmetic.json"
 CANDIDATES: Final = "candidates.parquet"
 SUMMARY: Final = "robust.json"
 FINAL: Final = ("best.toml", "candidates.csv", "check.parquet", "front.pdf", "front.png", "front.svg", SUMMARY)
 """Written when all rounds are done."""
-_NAMES: Final = (CONFIGURATION, CANDIDATES, SUMS, LOCK, *FINAL)
+_MOST_CANDIDATES: Final = 1_000_000
+_LAYOUT: Final = Layout(
+    what="search", first=CONFIGURATION, files=(*FINAL, ARITHMETIC), done=CANDIDATES, done_is_folder=False
+)
 
 
-class RobustFolder:
+class RobustFolder(ResumableFolder):
     """The folder of a search that this process may write to; see `robust_folder`."""
 
     def __init__(self, path: Path, asked: Robust) -> None:
-        self.path = path
+        super().__init__(path, _LAYOUT)
         self.asked = asked
-        self.notes: tuple[str, ...] = ()
-        """What else is worth knowing, one sentence each."""
         self.candidates: list[Candidate] = []
 
     @property
-    def finished(self) -> bool:
-        """Whether all that was asked for is there."""
-        return (self.path / SUMS).exists()
+    def anything_done(self) -> bool:
+        """Whether there is a candidate."""
+        return bool(self.candidates)
+
+    @property
+    def kept(self) -> str:
+        """How many candidates there are."""
+        return f"{len(self.candidates)} candidates are kept"
 
     def add(self, candidate: Candidate) -> None:
         """Keep a candidate.
@@ -57,56 +64,65 @@ class RobustFolder:
         ValueError
             If it cannot be written; those that are there stay.
         """
-        self.candidates.append(candidate)
-        self._put(CANDIDATES, parquet(candidate_table(self.asked.search, self.candidates)))
+        together = [*self.candidates, candidate]
+        self.put_file(CANDIDATES, parquet(candidate_table(self.asked.search, together)))
+        self.candidates = together
 
     def finish(self, files: Mapping[str, bytes]) -> None:
         """Put the files about the whole search in their places, the digests of all files last."""
         for name, data in files.items():
-            self._put(name, data)
-        names = (CONFIGURATION, CANDIDATES, *files)
-        self._put(SUMS, sums_text({name: digest(self.path / name) for name in names}))
+            self.put_file(name, data)
+        names = (CONFIGURATION, ARITHMETIC, CANDIDATES, *files)
+        self.put_file(SUMS, disk.sums_text({name: disk.digest(self.path / name) for name in names}))
 
     def summary(self) -> dict[str, Any]:
         """The summary of a finished search, as it was written."""
-        found: dict[str, Any] = json.loads(read_text(self.path / SUMMARY, "the summary of a search"))
+        found: dict[str, Any] = json.loads(kept_text(self.path / SUMMARY, "the summary of a search"))
         return found
 
-    def _put(self, name: str, data: bytes) -> None:
-        try:
-            put_file(self.path / name, data)
-        except OSError as error:
-            raise ValueError(
-                f"{name} cannot be written to {self.path}: {error.strerror}; {len(self.candidates)} candidates are "
-                "kept, free some space and run the same command again"
-            ) from None
+    def create(self) -> None:
+        """Say what the folder is about."""
+        self.candidates = []
+        self._write_what()
 
-    def _begin(self) -> None:
-        """Say what the folder is about, or check that it is the same search."""
-        for entry in self.path.iterdir():
-            if in_the_making(entry.name):
-                remove(entry)
-        text = toml_text(self.asked.keys(), f"robust --config {CONFIGURATION}")
+    def load(self) -> None:
+        """Take up the candidates of the same search; one that goes further makes anew what rests on how far."""
         place = self.path / CONFIGURATION
-        if place.exists():
-            there, version = read_toml(read_text(place, "a configuration"), str(place))
-            self._refuse_another(there, version)
-            self._read_candidates()
-            self._check_finished(there)
-        if not place.exists() or place.read_bytes() != text.encode():
-            put_file(place, text.encode())
+        there, version = read_toml(kept_text(place, "a configuration"), str(place))
+        self._refuse_another(there, version)
+        candidates = self._read_candidates()
+        finished = self._is_whole(there)
+        if not finished:
+            self._refuse_other_arithmetic(anything_done=bool(candidates))
+        self.candidates = candidates
+        if not finished:
+            disk.remove(self.path / SUMS)
+            self._write_what()
 
-    def _read_candidates(self) -> None:
-        if not (self.path / CANDIDATES).exists():
-            return
-        self.candidates = read_candidates(self.path / CANDIDATES, self.asked.search)
+    def refuse_foreign_parts(self) -> None:
+        """Candidates are one file, in which nothing else can be."""
+
+    def _write_what(self) -> None:
+        files = {
+            CONFIGURATION: toml_text(self.asked.keys(), f"robust --config {CONFIGURATION}").encode(),
+            ARITHMETIC: (json_text(arithmetic.identity()) + "\n").encode(),
+        }
+        for name, data in files.items():
+            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
+                disk.put_file(self.path / name, data)
+
+    def _read_candidates(self) -> list[Candidate]:
+        if not disk.is_file(self.path / CANDIDATES):
+            return []
         rounds, batch = self.asked.far.rounds, self.asked.search.batch
-        if len(self.candidates) > rounds * batch:
+        candidates = read_candidates(self.path / CANDIDATES, self.asked.search)
+        if len(candidates) > rounds * batch:
             told = f"{rounds} round of {batch} is" if rounds == 1 else f"{rounds} rounds of {batch} are"
             raise ValueError(
-                f"{self.path} holds {len(self.candidates)} candidates, and {told} fewer; "
+                f"{self.path} holds {len(candidates)} candidates, and {told} fewer; "
                 "ask for more rounds, or choose another folder with --out"
             )
+        return candidates
 
     def _refuse_another(self, there: Mapping[str, Any], version: str | None) -> None:
         if version != glucoloop.__version__:
@@ -123,12 +139,33 @@ class RobustFolder:
                     "with --out, or add --overwrite to replace it"
                 )
 
-    def _check_finished(self, there: Mapping[str, Any]) -> None:
-        """Make anew what rests on how far the search goes, if that has changed, or if something is gone."""
-        sums, far = read_sums(self.path), self.asked.far.model_dump(mode="json")
-        whole = all(digest(self.path / name) == value for name, value in sums.items())
-        if sums and not (whole and all(there.get(key) == value for key, value in far.items())):
-            remove(self.path / SUMS)
+    def _refuse_other_arithmetic(self, *, anything_done: bool) -> None:
+        if not anything_done:
+            return
+        try:
+            there = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
+            found = arithmetic.difference({name: str(of) for name, of in there.items()}, arithmetic.identity())
+        except (ValueError, AttributeError, RecursionError):
+            raise ValueError(
+                f"{self.path / ARITHMETIC} is damaged or gone, so it is not known how the candidates were computed; "
+                "choose another folder with --out, or add --overwrite to begin again"
+            ) from None
+        if found is not None:
+            name, before, now = found
+            raise ValueError(
+                f"{self.path} was computed with {name} {before}, and here it is {now}, which does not give the same "
+                "bits; go on as before, choose another folder with --out, or add --overwrite to begin again"
+            )
+
+    def _is_whole(self, there: Mapping[str, Any]) -> bool:
+        """Whether all is there, for as many rounds as are asked for; ValueError if something was changed."""
+        if not disk.is_file(self.path / SUMS):
+            return False
+        sums, far = disk.read_sums(self.path), self.asked.far.model_dump(mode="json")
+        self.refuse_changed(sums)
+        whole = all(name in _LAYOUT.names and disk.is_file(self.path / name) for name in sums)
+        complete = {CONFIGURATION, ARITHMETIC, CANDIDATES} <= sums.keys()
+        return whole and complete and all(there.get(key) == value for key, value in far.items())
 
 
 def _shown(value: object) -> object:
@@ -144,7 +181,7 @@ def robust_folder(path: Path, asked: Robust, *, overwrite: bool = False) -> Iter
     path : Path
     asked : Robust
     overwrite : bool
-        Begin again, whatever search the folder holds.
+        Begin again, whatever search the folder holds; the very same one that is not finished goes on.
 
     Raises
     ------
@@ -152,62 +189,8 @@ def robust_folder(path: Path, asked: Robust, *, overwrite: bool = False) -> Iter
         If the place is taken by something else, by another search or by another run, or cannot be written to. A new
         folder is gone again if the block fails before a candidate is done.
     """
-    made = not path.exists()
-    with contextlib.ExitStack() as stack:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(path))
-            _refuse_foreign(path)
-            if overwrite:
-                _clear(path)
-            new = not (path / CONFIGURATION).exists()
-            folder = RobustFolder(path, asked)
-            folder._begin()
-        except (FileExistsError, NotADirectoryError):
-            raise ValueError(f"{path} is not a folder and cannot be one; choose another place with --out") from None
-        except OSError as error:
-            stack.close()
-            _leave(path, made)
-            raise ValueError(
-                f"the output folder {path} cannot be written: {error.strerror}; choose another with --out"
-            ) from None
-        try:
-            yield folder
-        except BaseException:
-            if new and not folder.candidates:
-                _clear(path)
-                stack.close()
-                _leave(path, made)
-            raise
-
-
-def _leave(path: Path, made: bool) -> None:
-    """Take away a folder that was made in vain."""
-    if made:
-        with contextlib.suppress(OSError):
-            path.rmdir()
-
-
-def _refuse_foreign(path: Path) -> None:
-    holds = sorted(entry.name for entry in path.iterdir() if entry.name != LOCK and not in_the_making(entry.name))
-    foreign = [name for name in holds if name not in _NAMES]
-    if foreign:
-        raise ValueError(f"{path} holds {foreign[0]}, which is no part of a search; choose another folder with --out")
-    if holds and CONFIGURATION not in holds:
-        raise ValueError(f"{path} is not empty and holds no search; choose another folder with --out")
-
-
-def _clear(path: Path) -> None:
-    """Take an earlier search away: the list of digests first, what it is about last."""
-    sums = read_sums(path)
-    for name in (*FINAL, CANDIDATES):
-        if name in sums and (path / name).exists() and digest(path / name) != sums[name]:
-            raise ValueError(
-                f"{path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
-                "move that away, or choose another folder with --out"
-            )
-    for name in (SUMS, *FINAL, CANDIDATES, CONFIGURATION):
-        remove(path / name)
+    with opened(RobustFolder(path, asked), overwrite=overwrite) as folder:
+        yield folder
 
 
 def candidate_table(search: Search, candidates: Sequence[Candidate]) -> pl.DataFrame:
@@ -231,8 +214,9 @@ def read_candidates(place: Path, search: Search) -> list[Candidate]:
     ValueError
         If it is not what was written.
     """
+    bounds = TableBounds(least_rows=0, most_rows=_MOST_CANDIDATES, columns=len(search.space) + len(OBJECTIVES) + 2)
     try:
-        table = pl.read_parquet(io.BytesIO(place.read_bytes()))
+        table = read_parquet(place, bounds)
         rows = table.select(candidate_table(search, ()).columns).rows(named=True)
         if [row["candidate"] for row in rows] != list(range(len(rows))):
             raise ValueError

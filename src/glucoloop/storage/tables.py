@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -13,11 +14,16 @@ import polars as pl
 from glucoloop.control import Status
 from glucoloop.identification import Record
 from glucoloop.simulation import Trace
+from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
+from glucoloop.storage.parquet_size import parquet_size
 
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
 MEAL_COLUMN: Final = "carbs_g"
 """A record may have it."""
+
+_CELL_BYTES: Final = 16
+_OVERHEAD_BYTES: Final = 10_000_000
 
 
 def sample_table(trace: Trace) -> pl.DataFrame:
@@ -76,6 +82,51 @@ def parquet(table: pl.DataFrame) -> bytes:
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     return buffer.getvalue()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableBounds:
+    """How large a table can be."""
+
+    least_rows: int
+    most_rows: int
+    columns: int
+    """At most."""
+    longest_text: int = 0
+    """Bytes of the texts of a row, at most."""
+
+    @property
+    def most_bytes(self) -> int:
+        """What it unfolds to, at most."""
+        return _OVERHEAD_BYTES + self.most_rows * (self.columns * _CELL_BYTES + self.longest_text)
+
+    def check(self, data: bytes) -> int:
+        """Rows of a Parquet file; ValueError if it says that it holds more or less than can be."""
+        size = parquet_size(data)
+        if not self.least_rows <= size.rows <= self.most_rows:
+            wanted = f"{self.least_rows}" if self.least_rows == self.most_rows else f"at most {self.most_rows}"
+            raise ValueError(f"it has {size.rows} rows, and {wanted} are expected")
+        if size.bytes > self.most_bytes:
+            raise ValueError(f"it unfolds to {size.bytes} bytes, and at most {self.most_bytes} are expected")
+        return size.rows
+
+
+def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
+    """A table that this program wrote, checked for its size before it is unfolded.
+
+    Raises
+    ------
+    ValueError
+        If it is no Parquet file, damaged, or larger than it can be.
+    OSError
+        If it cannot be read.
+    """
+    data = disk.read_bytes(place, bounds.most_bytes)
+    try:
+        bounds.check(data)
+        return pl.read_parquet(io.BytesIO(data))
+    except (ValueError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise ValueError(f"{place} is damaged: {' '.join(str(error).split())}") from None
 
 
 def csv(table: pl.DataFrame) -> bytes:

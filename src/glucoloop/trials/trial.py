@@ -19,7 +19,7 @@ from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials.catalogue import Value
 from glucoloop.units import MIN_PER_DAY
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Of the files of a trial; another one is not continued."""
 MOST_PEOPLE: Final = 1_000_000_000
 SHARD_PATIENT_DAYS: Final = 16_384

@@ -13,10 +13,11 @@ import signal
 import threading
 import uuid
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import glucoloop
+from glucoloop import arithmetic
 from glucoloop._extras import needed_for
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.run import Progress
@@ -32,13 +33,22 @@ _CONNECT_S: Final = 30
 _designing = threading.Lock()
 
 
-def shard_on_worker(trial: Trial, index: int, version: str) -> dict[str, bytes]:
+def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
     """The files of a shard, computed by a worker.
+
+    Parameters
+    ----------
+    trial : Trial
+    index : int
+    version : str
+        Of glucoloop, where the folder is.
+    identity : mapping
+        What the bits depend on there; see `glucoloop.arithmetic`.
 
     Raises
     ------
     ValueError
-        If the worker has another version of glucoloop.
+        If the worker has another version of glucoloop, or would compute other bits.
     """
     from glucoloop.trials import engine
 
@@ -46,6 +56,13 @@ def shard_on_worker(trial: Trial, index: int, version: str) -> dict[str, bytes]:
         raise ValueError(
             f"a worker has glucoloop {glucoloop.__version__}, and this is {version}; "
             "install the same on all workers and run the same command again"
+        )
+    other = arithmetic.difference(identity, arithmetic.identity())
+    if other is not None:
+        name, here, there = other
+        raise ValueError(
+            f"a worker has {name} {there}, and here it is {here}, which does not give the same bits; "
+            "have workers of one kind, with the same libraries and settings, and run the same command again"
         )
     with _designing:  # kept by the process, and made once even where it has several threads
         prepared = engine.prepare(trial)
@@ -121,7 +138,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
     ValueError
         If a shard fails again and again, or cannot be written; those that are done stay.
     """
-    trial = folder.trial
+    trial, identity = folder.trial, arithmetic.identity()
     waiting = deque(folder.missing())
     tried: Counter[int] = Counter()
     running: dict[Any, int] = {}
@@ -137,6 +154,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
                 trial,
                 index,
                 glucoloop.__version__,
+                identity,
                 key=f"glucoloop-{fingerprint(trial)[:16]}-{index:05d}-{uuid.uuid4().hex}",
                 pure=False,
             )

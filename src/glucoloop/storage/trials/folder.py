@@ -1,7 +1,8 @@
 """The folder of a trial: its shards appear whole, one after the other, and a run that was cut short goes on.
 
-What is there is never computed again, and never changed. What a killed run left in the making is removed. At the end
-the list of digests appears, which marks a trial as finished.
+What is there is never computed again, and never changed. Each shard says to which trial and which people it belongs
+and with which arithmetic it was computed; what does not belong there is refused. At the end the list of digests
+appears, which marks a trial as finished.
 """
 
 from __future__ import annotations
@@ -13,12 +14,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from glucoloop import arithmetic
 from glucoloop.config import toml_text
 from glucoloop.config.trial import trial_keys
-from glucoloop.storage.folder import SUMS
-from glucoloop.storage.trials.durable import digest, in_the_making, put_file, put_folder, read_sums, remove, sums_text
-from glucoloop.storage.trials.header import HEADER, difference, header_of, other_libraries, read_header
-from glucoloop.storage.trials.lock import LOCK, locked
+from glucoloop.storage import disk
+from glucoloop.storage.disk import SUMS
+from glucoloop.storage.files import kept_text
+from glucoloop.storage.resumable import Layout, ResumableFolder, opened
+from glucoloop.storage.trials.binding import SHARD, bound, whole_shard
+from glucoloop.storage.trials.header import (
+    HEADER,
+    Header,
+    arithmetic_of,
+    difference,
+    header_of,
+    other_arithmetic,
+    other_tables,
+    read_header,
+)
 from glucoloop.trials.people import Shard
 from glucoloop.trials.trial import Trial
 
@@ -45,9 +58,11 @@ class Kind:
     """Files that are written when all shards are done."""
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def layout(self) -> Layout:
         """All that may be in the folder."""
-        return (HEADER, self.configuration, SHARDS, SUMS, LOCK, *self.final)
+        return Layout(
+            what="trial", first=HEADER, files=(*self.final, self.configuration), done=SHARDS, done_is_folder=True
+        )
 
 
 def plain_trial(trial: Trial) -> Kind:
@@ -56,15 +71,14 @@ def plain_trial(trial: Trial) -> Kind:
     return Kind(configuration=CONFIGURATION, text=text, final=FINAL)
 
 
-class TrialFolder:
+class TrialFolder(ResumableFolder):
     """The folder of a trial that this process may write to; see `trial_folder`."""
 
     def __init__(self, path: Path, trial: Trial, kind: Kind) -> None:
-        self.path = path
+        super().__init__(path, kind.layout)
         self.trial = trial
         self.kind = kind
-        self.notes: tuple[str, ...] = ()
-        """What else is worth knowing, one sentence each."""
+        self._header = header_of(trial)
         self._sums: dict[int, dict[str, str]] = {}
         """Of the shards that are done."""
 
@@ -74,9 +88,14 @@ class TrialFolder:
         return len(self._sums)
 
     @property
-    def finished(self) -> bool:
-        """Whether all that the trial writes is there."""
-        return (self.path / SUMS).exists()
+    def anything_done(self) -> bool:
+        """Whether a shard is done."""
+        return bool(self._sums)
+
+    @property
+    def kept(self) -> str:
+        """How many shards are done."""
+        return f"{self.done} of {self.trial.shards} shards are done and kept"
 
     def missing(self) -> list[int]:
         """Shards that are not done."""
@@ -96,13 +115,12 @@ class TrialFolder:
         Raises
         ------
         ValueError
-            If it cannot be written; those that are done stay.
+            If its files are not what they must be, or cannot be written; those that are done stay.
         """
-        try:
-            put_folder(self.shard(index), files)
-        except OSError as error:
-            raise self._unwritten(f"shard {index}", error) from None
-        self._sums[index] = read_sums(self.shard(index))
+        binding = bound(self.trial, index, files, **_binding(self._header))
+        with self.unwritten(f"shard {index}"):
+            disk.put_folder(self.shard(index), {**files, SHARD: binding})
+        self._sums[index] = disk.read_sums(self.shard(index))
 
     def finish(self, files: Mapping[str, bytes]) -> None:
         """Put the files about the whole trial in their places, the digests of all files last.
@@ -112,79 +130,99 @@ class TrialFolder:
         ValueError
             If one cannot be written; the shards stay.
         """
-        name = SUMS
-        try:
-            for name, data in files.items():
-                put_file(self.path / name, data)
-            name = SUMS
-            put_file(self.path / SUMS, sums_text(self._digests(files)))
-        except OSError as error:
-            raise self._unwritten(name, error) from None
+        for name, data in files.items():
+            self.put_file(name, data)
+        self.put_file(SUMS, disk.sums_text(self._digests(files)))
 
     def people(self) -> Iterator[Shard]:
         """The shards that are done, in order, one at a time."""
         from glucoloop.storage.trials.shard import read_people
 
         for index in sorted(self._sums):
-            yield read_people(self.shard(index), self.trial)
+            yield read_people(self.shard(index), self.trial, index)
 
     def summary(self) -> dict[str, Any]:
         """The summary of a finished trial, as it was written."""
-        found: dict[str, Any] = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
+        found: dict[str, Any] = json.loads(kept_text(self.path / SUMMARY, "the summary of a trial"))
         return found
 
-    def _digests(self, files: Iterable[str]) -> dict[str, str]:
-        top = {name: digest(self.path / name) for name in (HEADER, self.kind.configuration, *files)}
-        of_shards = {
-            f"{SHARDS}/{self.shard(index).name}/{name}": value
-            for index, sums in self._sums.items()
-            for name, value in sums.items()
-        }
-        return {**top, **of_shards}
+    def create(self) -> None:
+        """Write what the folder is about."""
+        self._sums = {}
+        disk.put_file(self.path / HEADER, self._header.text().encode())
+        self._complete()
 
-    def _unwritten(self, what: str, error: OSError) -> ValueError:
-        return ValueError(
-            f"{what} cannot be written to {self.path}: {error.strerror}; {self.done} of {self.trial.shards} shards are "
-            "done and kept, free some space and run the same command again"
-        )
-
-    def _begin(self) -> None:
-        """Write what the folder is about, unless it says so already."""
-        header, text = header_of(self.trial), self.kind.text
-        if not (self.path / HEADER).exists():
-            put_file(self.path / HEADER, header.text().encode())
+    def load(self) -> None:
+        """Take up the shards that are done, and refuse what is damaged or belongs elsewhere."""
         there = read_header(self.path)
-        refused = difference(there, header, self.path)
+        refused = difference(there, self._header, self.path)
         if refused is not None:
             raise ValueError(refused)
-        self.notes = tuple(other_libraries(there, header, self.path))
         configuration = self.path / self.kind.configuration
-        if not configuration.exists():
-            put_file(configuration, text.encode())
-        elif configuration.read_bytes() != text.encode():
+        if disk.is_file(configuration) and disk.read_bytes(configuration) != self.kind.text.encode():
             raise ValueError(
                 f"{configuration} was changed since glucoloop wrote it; move it away and run the same command again"
             )
-        (self.path / SHARDS).mkdir(exist_ok=True)
+        _refuse_foreign(self.path, self.trial.shards)
+        sums = {
+            index: whole_shard(self.shard(index), self.path, index, **_binding(there))
+            for index in _numbers(self.path, self.trial.shards)
+        }
+        finished = self._check_finished(sums)
+        self._check_arithmetic(there, finished=finished)
+        self._sums = sums
+        self._complete()
+        if not finished and self.finished:
+            disk.remove(self.path / SUMS)  # something was taken away, and is made again
 
-    def _check(self) -> None:
-        """Remove what a killed run left, and refuse what is damaged."""
-        for folder in (self.path, self.path / SHARDS):
-            for entry in folder.iterdir():
-                if in_the_making(entry.name):
-                    remove(entry)
-        for index in range(self.trial.shards):
-            if self.shard(index).exists():
-                self._sums[index] = _whole_shard(self.shard(index), self.path)
-        sums = read_sums(self.path)
-        for name in self.kind.final:
-            if name in sums and (self.path / name).exists() and digest(self.path / name) != sums[name]:
-                raise ValueError(
-                    f"{self.path / name} was changed since glucoloop wrote it; "
-                    "move it away and run the same command again"
-                )
-        if sums and (self.missing() or not all((self.path / name).exists() for name in sums)):
-            remove(self.path / SUMS)  # something was taken away, and is made again
+    def refuse_foreign_parts(self) -> None:
+        """Raise ValueError if there is something beside the shards of a trial, or in one of them."""
+        _refuse_foreign(self.path, None)
+
+    def _complete(self) -> None:
+        """Make what stands between the header and the first shard."""
+        if not disk.is_file(self.path / self.kind.configuration):
+            disk.put_file(self.path / self.kind.configuration, self.kind.text.encode())
+        if not disk.is_folder(self.path / SHARDS):
+            disk.make_folders(self.path / SHARDS)
+
+    def _check_arithmetic(self, there: Header, *, finished: bool) -> None:
+        """Refuse to go on with other arithmetic than the shards were computed with."""
+        other = other_arithmetic(there, self._header, self.path)
+        if other is not None and not finished:
+            raise ValueError(
+                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
+                "add --overwrite to begin again"
+            )
+        self.notes = (*([f"{other}."] if other else []), *other_tables(there, self._header, self.path))
+
+    def _check_finished(self, shards: Mapping[int, Mapping[str, str]]) -> bool:
+        """Whether all is there that the list of digests tells.
+
+        Raises
+        ------
+        ValueError
+            If something is not as it tells, or it does not tell all.
+        """
+        if not disk.is_file(self.path / SUMS):
+            return False
+        sums = disk.read_sums(self.path)
+        self.refuse_changed(sums)
+        top = {HEADER, *self.layout.files}
+        wrong = [name for name in top if name not in sums and disk.is_file(self.path / name)]
+        wrong += [name for name in sums if name not in top and _index_of(name, self.trial.shards) is None]
+        told = {name: digest for name, digest in sums.items() if _index_of(name, self.trial.shards) in shards}
+        if wrong or told != _of_shards(self.path, shards):
+            raise ValueError(
+                f"{self.path / SUMS} does not list {wrong[0] if wrong else 'the shards'} as it is; "
+                "move it away and run the same command again"
+            )
+        there = all(disk.is_file(self.path / name) for name in sums if name in top)
+        return there and len(shards) == self.trial.shards
+
+    def _digests(self, files: Iterable[str]) -> dict[str, str]:
+        top = {name: disk.digest(self.path / name) for name in (HEADER, self.kind.configuration, *files)}
+        return {**top, **_of_shards(self.path, self._sums)}
 
 
 def shard_path(folder: Path, index: int) -> Path:
@@ -192,12 +230,19 @@ def shard_path(folder: Path, index: int) -> Path:
     return folder / SHARDS / f"{index:05d}"
 
 
-def done_shards(folder: Path, shards: int) -> list[Path]:
-    """The shards of a trial that are done, in order."""
-    there = folder / SHARDS
-    names = (entry.name for entry in there.iterdir() if entry.is_dir()) if there.is_dir() else ()
-    numbers = sorted(int(name) for name in names if name.isascii() and name.isdecimal() and len(name) < _DIGITS)
-    return [shard_path(folder, number) for number in numbers if number < shards]
+def done_shards(folder: Path, header: Header) -> list[Path]:
+    """The shards of a trial that are done, in order.
+
+    Raises
+    ------
+    ValueError
+        If one is damaged, or belongs to something else.
+    """
+    _refuse_foreign(folder, header.shards)
+    numbers = _numbers(folder, header.shards)
+    for index in numbers:
+        whole_shard(shard_path(folder, index), folder, index, **_binding(header))
+    return [shard_path(folder, index) for index in numbers]
 
 
 @contextlib.contextmanager
@@ -211,98 +256,65 @@ def trial_folder(
     path : Path
     trial : Trial
     overwrite : bool
-        Begin again, whatever trial the folder holds.
+        Begin again, whatever trial the folder holds; the very same one that is not finished goes on.
     kind : Kind, optional
         What it holds beside the shards; a plain trial by default.
 
     Raises
     ------
     ValueError
-        If the place is taken by something else, by another trial or by another run, if a shard is damaged, or if the
-        folder cannot be written to. A new folder is gone again if the block fails before a shard is done.
+        If the place is taken by something else, by another trial or by another run, if a shard is damaged or belongs
+        to something else, or if the folder cannot be written to. A new folder is gone again if the block fails before
+        a shard is done.
     """
-    made, kind = not path.exists(), plain_trial(trial) if kind is None else kind
-    with contextlib.ExitStack() as stack:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(path))
-            _refuse_foreign(path, kind)
-            if overwrite:
-                _clear(path, kind)
-            new = not (path / HEADER).exists()
-            folder = TrialFolder(path, trial, kind)
-            folder._begin()
-            folder._check()
-        except (FileExistsError, NotADirectoryError):
-            raise ValueError(f"{path} is not a folder and cannot be one; choose another place with --out") from None
-        except OSError as error:
-            stack.close()
-            _leave(path, made)
+    with opened(TrialFolder(path, trial, plain_trial(trial) if kind is None else kind), overwrite=overwrite) as folder:
+        yield folder
+
+
+def _binding(header: Header) -> dict[str, str]:
+    return {"fingerprint": header.fingerprint, "arithmetic": arithmetic.digest(arithmetic_of(header))}
+
+
+def _numbers(folder: Path, shards: int) -> list[int]:
+    """Which shards there are."""
+    there = (_number(name, shards) for name in disk.names(folder / SHARDS))
+    return sorted(number for number in there if number is not None)
+
+
+def _number(name: str, shards: int | None) -> int | None:
+    """The number of a shard of this name, out of so many or of any; None if none is called so."""
+    if not (name.isascii() and name.isdecimal() and len(name) < _DIGITS) or name != f"{int(name):05d}":
+        return None
+    return int(name) if shards is None or int(name) < shards else None
+
+
+def _index_of(name: str, shards: int) -> int | None:
+    """The number of the shard of which a file is; None if it is of none."""
+    parts = name.split("/")
+    return _number(parts[1], shards) if len(parts) == 3 and parts[0] == SHARDS else None
+
+
+def _of_shards(folder: Path, shards: Mapping[int, Mapping[str, str]]) -> dict[str, str]:
+    """Digests of the files of shards, by the name from the folder of the trial."""
+    return {
+        f"{SHARDS}/{shard_path(folder, index).name}/{name}": value
+        for index, sums in shards.items()
+        for name, value in sums.items()
+    }
+
+
+def _refuse_foreign(folder: Path, shards: int | None) -> None:
+    """Refuse what is no shard, out of so many or of any, and no file of a shard."""
+    from glucoloop.storage.trials.shard import BANDS, PEOPLE, TRACES
+
+    known = (PEOPLE, BANDS, TRACES, SHARD, SUMS)
+    for name in disk.names(folder / SHARDS):
+        if disk.is_part(name):
+            continue
+        place = folder / SHARDS / name
+        foreign = [""] if _number(name, shards) is None else [f"/{of}" for of in disk.names(place) if of not in known]
+        if foreign:
             raise ValueError(
-                f"the output folder {path} cannot be written: {error.strerror}; "
-                "free some space and run the same command again, or choose another with --out"
-            ) from None
-        try:
-            yield folder
-        except BaseException:
-            if new and not folder.done:
-                _clear(path, kind)
-                stack.close()
-                _leave(path, made)
-            raise
-
-
-def _leave(path: Path, made: bool) -> None:
-    """Take away a folder that was made in vain."""
-    if made:
-        with contextlib.suppress(OSError):
-            path.rmdir()
-
-
-def _refuse_foreign(path: Path, kind: Kind) -> None:
-    """Refuse a folder that holds something that is no part of a trial."""
-    holds = [entry.name for entry in path.iterdir() if entry.name != LOCK and not in_the_making(entry.name)]
-    foreign = sorted(name for name in holds if name not in kind.names)
-    if foreign:
-        raise ValueError(f"{path} holds {foreign[0]}, which is no part of a trial; choose another folder with --out")
-    if holds and HEADER not in holds:
-        raise ValueError(f"{path} is not empty and holds no trial; choose another folder with --out")
-
-
-def _clear(path: Path, kind: Kind) -> None:
-    """Take an earlier trial away: the list of digests first, its header last."""
-    shards = path / SHARDS
-    for entry in sorted(shards.iterdir()) if shards.is_dir() else ():
-        if not (entry.name.isdecimal() or in_the_making(entry.name)):
-            raise ValueError(
-                f"{path} holds {SHARDS}/{entry.name}, which is no part of a trial, so it is not replaced; "
+                f"{folder} holds {SHARDS}/{name}{foreign[0]}, which is no part of a trial; "
                 "move that away, or choose another folder with --out"
             )
-    sums = read_sums(path)
-    for name in (*kind.final, kind.configuration):
-        if name in sums and (path / name).exists() and digest(path / name) != sums[name]:
-            raise ValueError(
-                f"{path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
-                "move that away, or choose another folder with --out"
-            )
-    for name in (SUMS, *kind.final, kind.configuration, SHARDS, HEADER):
-        remove(path / name)
-
-
-def _whole_shard(place: Path, folder: Path) -> dict[str, str]:
-    """Digests of a shard that is as it was written.
-
-    Raises
-    ------
-    ValueError
-        If it is not.
-    """
-    sums = read_sums(place)
-    unlisted = {entry.name for entry in place.iterdir()} - {SUMS} != sums.keys()
-    damaged = [name for name, value in sums.items() if digest(place / name) != value] or [SUMS] * unlisted
-    if damaged:
-        raise ValueError(
-            f"shard {place.name} of {folder} is damaged: {damaged[0]} is not as it was written; "
-            f"delete {place} and run the same command again"
-        )
-    return sums

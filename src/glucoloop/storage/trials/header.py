@@ -10,15 +10,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import glucoloop
+from glucoloop import arithmetic
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
-from glucoloop.storage.files import read_text
+from glucoloop.storage import disk
+from glucoloop.storage.files import kept_text
 from glucoloop.storage.strict_json import json_text
 from glucoloop.trials.trial import FORMAT, Trial, fingerprint
 
 HEADER: Final = "trial.json"
 _KIND: Final = "glucoloop-trial"
-_LIBRARIES: Final = ("jax", "jaxlib", "numpy", "polars")
+_TABLES: Final = "polars"
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,9 @@ class Header:
     people: int
     shards: int
     libraries: Mapping[str, str]
+    """Versions of what computes and of what writes tables."""
+    arithmetic: Mapping[str, str]
+    """What the bits of the results depend on; see `glucoloop.arithmetic.identity`."""
     config: Mapping[str, Any]
 
     def text(self) -> str:
@@ -40,12 +45,15 @@ class Header:
 
 def header_of(trial: Trial) -> Header:
     """The header of a trial that begins now."""
+    here = arithmetic.identity()
+    libraries = {name: here[name] for name in arithmetic.LIBRARIES}
     return Header(
         version=glucoloop.__version__,
         fingerprint=fingerprint(trial),
         people=trial.people,
         shards=trial.shards,
-        libraries={name: importlib.metadata.version(name) for name in _LIBRARIES},
+        libraries={**libraries, _TABLES: importlib.metadata.version(_TABLES)},
+        arithmetic={name: value for name, value in here.items() if name not in libraries},
         config={key: value for key, value in trial_keys(trial).items() if value is not None},
     )
 
@@ -61,25 +69,28 @@ def read_header(folder: Path) -> Header:
     place = folder / HEADER
     if not folder.is_dir():
         raise ValueError(f"{folder} is not a folder; give the folder of a trial, as --out named it")
-    if not place.exists():
+    if not disk.is_file(place):
         raise ValueError(f"{folder} holds no trial, for there is no {HEADER}; give a folder that glucoloop trial wrote")
     try:
-        found = json.loads(read_text(place, "the header of a trial"))
+        found = json.loads(kept_text(place, "the header of a trial"))
         kind, version = found.pop("format"), found.pop("format_version")
-        header = Header(**found)
-        _check(header)
+        of_format = kind == _KIND and version == FORMAT
+        header = Header(**found) if of_format else None
+        if header is not None:
+            _check(header)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise ValueError(f"{place} is damaged; delete {folder} and run the trial again") from None
-    if kind != _KIND or version != FORMAT:
+    if header is None:
         raise ValueError(f"{place} is of another format, {kind} {version}; read it with the glucoloop that wrote it")
     return header
 
 
 def _check(header: Header) -> None:
     """Raise TypeError unless each part is of its kind."""
-    if not all(isinstance(text, str) for text in (header.version, header.fingerprint, *header.libraries.values())):
+    if not all(isinstance(part, dict) for part in (header.libraries, header.arithmetic, header.config)):
         raise TypeError
-    if not all(isinstance(part, dict) for part in (header.libraries, header.config)):
+    texts = (header.version, header.fingerprint, *header.libraries.values(), *header.arithmetic.values())
+    if not all(isinstance(text, str) for text in texts):
         raise TypeError
     cases = header.config.get(CASES_KEY, [])
     if not isinstance(cases, list) or not all(isinstance(case, dict) and "label" in case for case in cases):
@@ -96,6 +107,8 @@ def difference(there: Header, here: Header, folder: Path) -> str | None:
             f"go on with {there.version}, or choose another folder with --out"
         )
     if there.fingerprint == here.fingerprint:
+        if (there.people, there.shards, json_text(there.config)) != (here.people, here.shards, json_text(here.config)):
+            return f"{folder / HEADER} was changed since glucoloop wrote it; delete {folder} and run the trial again"
         return None
     name, before, now = _first_difference(there.config, here.config)
     return (
@@ -104,12 +117,26 @@ def difference(there: Header, here: Header, folder: Path) -> str | None:
     )
 
 
-def other_libraries(there: Header, here: Header, folder: Path) -> Iterator[str]:
-    """What to know where a trial goes on with other libraries than it began with."""
-    for name, version in here.libraries.items():
-        before = there.libraries.get(name)
-        if before != version:
-            yield f"{folder} was begun with {name} {before}, and this is {version}; last digits may differ."
+def arithmetic_of(header: Header) -> dict[str, str]:
+    """What the bits of the results depend on, as `glucoloop.arithmetic.identity` says it."""
+    computing = {name: version for name, version in header.libraries.items() if name != _TABLES}
+    return {**computing, **header.arithmetic}
+
+
+def other_arithmetic(there: Header, here: Header, folder: Path) -> str | None:
+    """In what the arithmetic differs between the one who began a trial and this process, in a sentence without end."""
+    found = arithmetic.difference(arithmetic_of(there), arithmetic_of(here))
+    if found is None:
+        return None
+    name, before, now = found
+    return f"{folder} was computed with {name} {before}, and here it is {now}"
+
+
+def other_tables(there: Header, here: Header, folder: Path) -> Iterator[str]:
+    """What to know where tables are written by another version than the first ones."""
+    before, now = (of.libraries.get(_TABLES) for of in (there, here))
+    if before != now:
+        yield f"{folder} was begun with {_TABLES} {before}, and this is {now}; tables hold the same, in other bytes."
 
 
 def _first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> tuple[str, object, object]:

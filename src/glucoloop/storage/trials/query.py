@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop._extras import needed_for
+from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import read_text
-from glucoloop.storage.folder import SUMS
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards
 from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, left_behind
@@ -143,7 +143,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
         If it holds no trial, or none of its shards is done.
     """
     header = read_header(folder)
-    shards = done_shards(folder, header.shards)
+    shards = done_shards(folder, header)
     if not shards:
         raise ValueError(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
     place = folder.resolve()

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.storage.tables import parquet
+from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 from glucoloop.trials.bins import glucose_edges, insulin_edges
 from glucoloop.trials.people import People
 from glucoloop.trials.trial import Trial
@@ -22,6 +22,8 @@ PEOPLE: Final = "people.parquet"
 BANDS: Final = "bands.parquet"
 TRACES: Final = "traces.parquet"
 QUANTITIES: Final = ("glucose", "insulin")
+_MOST_COLUMNS: Final = 256
+_QUANTITY_BYTES: Final = 8
 _FIRST_COLUMNS: Final = ("person", "controller", "able", "basal_insulin_mU_min")
 
 Simulate = Callable[[str, npt.NDArray[np.int64], bool], "PeopleResult"]
@@ -44,6 +46,23 @@ def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
     """When glucose and insulin are counted [min]: glucose also at the end."""
     t_min = trial.sample_time_min * np.arange(trial.samples + 1, dtype=np.float64)
     return {"glucose": t_min, "insulin": t_min[:-1]}
+
+
+def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
+    """The files of a shard, and how large each can be."""
+    person, cases = trial.shard(index), len(trial.cases)
+    label = max(len(case.label.encode()) for case in trial.cases)
+    counted = sum(t_min.size * (edges(trial)[name].size - 1) for name, t_min in times(trial).items())
+    traced = int(trial.traced(person).sum())
+    rows = person.size * cases
+    found = {
+        PEOPLE: TableBounds(least_rows=rows, most_rows=rows, columns=_MOST_COLUMNS, longest_text=label),
+        BANDS: TableBounds(least_rows=0, most_rows=counted * cases, columns=7, longest_text=label + _QUANTITY_BYTES),
+    }
+    if traced:
+        rows = traced * times(trial)["glucose"].size * cases
+        found[TRACES] = TableBounds(least_rows=rows, most_rows=rows, columns=5, longest_text=label)
+    return found
 
 
 def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[], None]) -> dict[str, bytes]:
@@ -129,27 +148,39 @@ def _trace_tables(
         yield table.with_columns(pl.col(pl.Float32).fill_nan(None))
 
 
-def read_people(folder: Path, trial: Trial) -> dict[str, People]:
-    """The people of a shard, by controller."""
-    table = pl.read_parquet(folder / PEOPLE)
-    yes_or_no = frozenset(name for name, kind in table.schema.items() if kind == pl.Boolean and name != "able")
-    numbers = pl.exclude("person", "controller", "able").cast(pl.Float64).fill_null(np.nan)
-    table = table.with_columns(numbers)
+def read_people(folder: Path, trial: Trial, index: int) -> dict[str, People]:
+    """The people of a shard, by controller.
+
+    Raises
+    ------
+    ValueError
+        If these are not its people under the controllers of the trial.
+    """
+    place = folder / PEOPLE
+    table = read_parquet(place, bounds(trial, index)[PEOPLE])
+    person = trial.shard(index)
     drawn = {v.parameter: column_name(v.parameter) for v in trial.population.variations}
-    metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values()}]
-    people = {}
-    # Rows of a controller follow one another.
-    for position, case in enumerate(trial.cases):
-        size = table.height // len(trial.cases)
-        of_case = {column.name: column.to_numpy() for column in table.slice(position * size, size)}
-        people[case.label] = People(
-            person=of_case["person"],
-            able=of_case["able"],
-            basal_insulin_mU_min=of_case["basal_insulin_mU_min"],
-            drawn={name: of_case[column] for name, column in drawn.items()},
-            metrics={name: of_case[name] for name in metrics},
-            yes_or_no=yes_or_no,
-        )
+    try:
+        yes_or_no = frozenset(name for name, kind in table.schema.items() if kind == pl.Boolean and name != "able")
+        table = table.with_columns(pl.exclude("person", "controller", "able").cast(pl.Float64).fill_null(np.nan))
+        metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values()}]
+        people = {}
+        # Rows of a controller follow one another.
+        for position, case in enumerate(trial.cases):
+            rows = table.slice(position * person.size, person.size)
+            if not (rows["controller"] == case.label).all() or not np.array_equal(rows["person"], person):
+                raise ValueError(f"the rows of {case.label!r} are not those of persons {person[0]} to {person[-1]}")
+            of_case = {column.name: column.to_numpy() for column in rows}
+            people[case.label] = People(
+                person=of_case["person"],
+                able=of_case["able"],
+                basal_insulin_mU_min=of_case["basal_insulin_mU_min"],
+                drawn={name: of_case[column] for name, column in drawn.items()},
+                metrics={name: of_case[name] for name in metrics},
+                yes_or_no=yes_or_no,
+            )
+    except (pl.exceptions.PolarsError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{place} is damaged: {' '.join(str(error).split())}") from None
     return people
 
 
@@ -162,10 +193,23 @@ def no_counts(trial: Trial) -> dict[str, Counts]:
     }
 
 
-def add_counts(folder: Path, trial: Trial, total: dict[str, Counts]) -> None:
-    """Add the counts of a shard to those of others."""
-    table = pl.read_parquet(folder / BANDS)
-    for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
-        counts: Any = total[str(label)][str(quantity)]
-        when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
-        counts[when, part["bin"].to_numpy()] += part["count"].to_numpy()
+def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts]) -> None:
+    """Add the counts of a shard to those of others.
+
+    Raises
+    ------
+    ValueError
+        If they are not counts of its people.
+    """
+    place = folder / BANDS
+    table = read_parquet(place, bounds(trial, index)[BANDS])
+    try:
+        for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
+            counts: Any = total[str(label)][str(quantity)]
+            when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
+            number, count = part["bin"].to_numpy(), part["count"].to_numpy()
+            if min(when.min(), number.min()) < 0 or not 0 <= count.min() <= count.max() <= trial.shard(index).size:
+                raise ValueError("it counts people who cannot be")
+            np.add.at(counts, (when, number), count)
+    except (pl.exceptions.PolarsError, KeyError, IndexError, TypeError, ValueError) as error:
+        raise ValueError(f"{place} is damaged: {' '.join(str(error).split())}") from None

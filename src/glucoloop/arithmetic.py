@@ -1,0 +1,177 @@
+"""The arithmetic that results depend on to the bit: settings of JAX, libraries, processor, and flags of XLA.
+
+Importing glucoloop switches JAX to float64, when JAX is there or as soon as it is imported, and changes nothing else:
+neither JAX's other settings nor the environment that child processes inherit. The command line calls `pin`, which
+fixes all of `SETTINGS` for its process. `identity` says which arithmetic a process has, so that results of two kinds
+of arithmetic are never mixed in one folder.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.abc
+import importlib.machinery
+import importlib.metadata
+import importlib.util
+import json
+import os
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import Final
+
+FLOAT64: Final = "jax_enable_x64"
+SETTINGS: Final[Mapping[str, bool | int | str | None]] = {
+    FLOAT64: True,
+    "jax_default_matmul_precision": None,
+    "jax_default_prng_impl": "threefry2x32",
+    "jax_disable_jit": False,
+    "jax_disable_most_optimizations": False,
+    "jax_numpy_dtype_promotion": "standard",
+    "jax_random_seed_offset": 0,
+    "jax_threefry_partitionable": True,
+}
+"""JAX's settings that change results, as glucoloop computes."""
+LIBRARIES: Final = ("jax", "jaxlib", "llvmlite", "numpy", "scipy")
+XLA_FLAGS: Final = "XLA_FLAGS"
+_VARIABLES: Final = (XLA_FLAGS, "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
+"""Variables of the environment that change results and are not JAX's."""
+_ROUNDING_FLAGS: Final = ("--xla_cpu_", "--xla_allow_")
+_YES: Final = ("y", "yes", "t", "true", "on", "1")
+_wanted: dict[str, bool | int | str | None] = {}
+"""What is set as soon as JAX is imported."""
+
+
+def use_float64() -> None:
+    """Switch JAX to float64, now or as soon as it is imported.
+
+    Warns if ``JAX_ENABLE_X64`` asks for something else.
+    """
+    _want({FLOAT64: SETTINGS[FLOAT64]})
+
+
+def pin() -> list[str]:
+    """Fix all of `SETTINGS` for this process and those that it starts.
+
+    Returns
+    -------
+    list of str
+        Sentences about what the environment asks for and is not heeded, and about flags that change results.
+    """
+    notes = []
+    for name, value in SETTINGS.items():
+        variable = name.upper()
+        told = os.environ.get(variable)
+        if told is not None and not _means(told, value):
+            notes.append(f"{variable}={told} is not heeded; glucoloop computes with {_text(value) or 'none'}.")
+            if value is None:
+                del os.environ[variable]
+            else:
+                os.environ[variable] = _text(value)
+    _want(SETTINGS)
+    flags = [flag for flag in os.environ.get(XLA_FLAGS, "").split() if flag.startswith(_ROUNDING_FLAGS)]
+    if flags:
+        notes.append(f"{XLA_FLAGS} has {' '.join(flags)}; results may differ from those without it.")
+    return notes
+
+
+def identity() -> dict[str, str]:
+    """What the bits of a result depend on in this process: versions, processor, platform, flags and settings.
+
+    Two processes with the same identity give the same bits.
+    """
+    import jax
+
+    return {
+        **_versions(),
+        "processor": _processor(),
+        "platform": jax.default_backend(),
+        **{name: " ".join(os.environ.get(name, "").split()) for name in _VARIABLES},
+        **{name: _text(value) for name, value in jax.config.values.items() if name in SETTINGS},
+    }
+
+
+def digest(of: Mapping[str, str]) -> str:
+    """A short name of an identity."""
+    return hashlib.sha256(json.dumps(dict(of), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def difference(there: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, str, str] | None:
+    """The first thing in which two identities differ, as its name and the two values; None if they are the same."""
+    for name in dict.fromkeys([*here, *there]):
+        before, now = (of.get(name) or "not given" for of in (there, here))
+        if before != now:
+            return name, before, now
+    return None
+
+
+@functools.cache
+def _versions() -> Mapping[str, str]:
+    return {name: importlib.metadata.version(name) for name in LIBRARIES}
+
+
+@functools.cache
+def _processor() -> str:
+    """Its name in LLVM, and a digest of the features that code may use."""
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features().flatten()
+    return f"{binding.get_host_cpu_name()} ({hashlib.sha256(features.encode()).hexdigest()[:8]})"
+
+
+def _want(settings: Mapping[str, bool | int | str | None]) -> None:
+    _wanted.update(settings)
+    if "jax" in sys.modules and hasattr(sys.modules["jax"], "config"):
+        _apply(sys.modules["jax"])
+    elif not any(isinstance(finder, _WhenImported) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _WhenImported())
+
+
+def _apply(jax: ModuleType) -> None:
+    told = os.environ.get(FLOAT64.upper())
+    if told is not None and not _means(told, SETTINGS[FLOAT64]):
+        warnings.warn(
+            f"{FLOAT64.upper()}={told} is not heeded: glucoloop designs controllers in float64 and switches JAX to it; "
+            "leave the variable out",
+            stacklevel=2,
+        )
+    for name, value in _wanted.items():
+        if jax.config.values.get(name, value) != value:
+            jax.config.update(name, value)
+
+
+def _means(told: str, value: bool | int | str | None) -> bool:
+    if isinstance(value, bool):
+        return (told.strip().lower() in _YES) == value
+    return told.strip() == _text(value)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    return "" if value is None else str(value)
+
+
+class _WhenImported(importlib.abc.MetaPathFinder):
+    """Sets JAX up once it is imported, for importing it here would take a second that ``--help`` does not have."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        del path, target
+        if fullname != "jax":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is None or spec.loader is None:
+            return spec
+        run = spec.loader.exec_module
+
+        def run_and_set(module: ModuleType) -> None:
+            run(module)
+            _apply(module)
+
+        spec.loader.exec_module = run_and_set  # type: ignore[method-assign]
+        return spec

@@ -1,0 +1,421 @@
+"""File operations of this layer: what they write is there whole or not at all, and they touch files and folders only.
+
+A folder may come from somebody else. What stands under one of its names and is no regular file or real folder - a
+symbolic link, a pipe, a device, a socket - is named in an error; it is never read, waited for, or written through.
+
+What is in the making has a name that begins with a dot and ends in ``.part``; it is on the disk before it is renamed,
+and what is removed is renamed first. So a process may die between any two operations, and `is_part` tells what it left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import functools
+import hashlib
+import os
+import stat
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+try:
+    import fcntl
+except ImportError:  # Windows, where nothing is locked
+    fcntl = None  # type: ignore[assignment]
+
+SUMS: Final = "SHA256SUMS"
+PART: Final = ".part"
+LARGEST_BYTES: Final = 4_000_000_000
+"""Of a file that is read into memory."""
+
+_SAFE: Final = (
+    getattr(os, "O_NOFOLLOW", 0)
+    | getattr(os, "O_NONBLOCK", 0)
+    | getattr(os, "O_CLOEXEC", 0)
+    | getattr(os, "O_BINARY", 0)
+)
+"""No link is followed and no pipe is waited for."""
+_CHUNK: Final = 1 << 20
+_AT_CWD: Final = -100
+_EXCHANGE: Final = 2
+_FILE, _FOLDER = "a file", "a folder"
+_KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
+    (stat.S_ISREG, _FILE),
+    (stat.S_ISDIR, _FOLDER),
+    (stat.S_ISLNK, "a symbolic link"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def kind(path: Path) -> str:
+    """What stands under a name, like ``"a pipe"``; the empty text if nothing does."""
+    try:
+        mode = os.lstat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
+    return _kind_of(mode)
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file.
+
+    Raises
+    ------
+    ValueError
+        If something else stands there.
+    """
+    return _is(path, _FILE)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a real folder.
+
+    Raises
+    ------
+    ValueError
+        If something else stands there.
+    """
+    return _is(path, _FOLDER)
+
+
+def names(folder: Path) -> list[str]:
+    """Names in a folder, in order; none if there is no folder."""
+    return sorted(os.listdir(folder)) if is_folder(folder) else []
+
+
+def is_part(name: str, *of: str) -> bool:
+    """Whether a process that died left this in the making or in the removing, of one of some names or of any."""
+    if not (name.startswith(".") and name.endswith(PART)):
+        return False
+    return not of or name[1 : -len(PART)] in of
+
+
+def part_of(path: Path) -> Path:
+    """Where something is while it is made or removed."""
+    return path.with_name(f".{path.name}{PART}")
+
+
+def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
+    """Contents of a regular file.
+
+    Raises
+    ------
+    ValueError
+        If it is no regular file, or larger than `most` bytes.
+    OSError
+        If it is absent or cannot be read.
+    """
+    with _opened(path) as descriptor:
+        size = os.fstat(descriptor).st_size
+        if size > most:
+            raise ValueError(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
+        return b"".join(_chunks(descriptor, most))
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a regular file in hexadecimal; the empty text if there is none.
+
+    Raises
+    ------
+    ValueError
+        If something else stands there.
+    """
+    if not is_file(path):
+        return ""
+    found = hashlib.sha256()
+    with _opened(path) as descriptor:
+        for chunk in _chunks(descriptor):
+            found.update(chunk)
+    return found.hexdigest()
+
+
+def write_new(place: Path, data: bytes) -> None:
+    """Write a file that is not there yet, down to the disk."""
+    descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFE, 0o666)
+    try:
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(place)
+        raise
+
+
+def put_file(place: Path, data: bytes) -> None:
+    """Put a file in its place, taking that of an earlier one."""
+    is_file(place)
+    part = part_of(place)
+    remove(part)
+    write_new(part, data)
+    try:
+        os.replace(part, place)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
+    sync(place.parent)
+
+
+def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
+    """Put a folder in its place, which must be free, with its files and the list of their digests."""
+    part = part_of(place)
+    remove(part)
+    try:
+        os.mkdir(part)
+        for name, data in files.items():
+            write_new(part / name, data)
+        write_new(part / SUMS, sums_text({name: hashlib.sha256(data).hexdigest() for name, data in files.items()}))
+        sync(part)
+        os.rename(part, place)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            remove(part)
+        raise
+    sync(place.parent)
+
+
+def make_folders(path: Path) -> list[Path]:
+    """Make a folder and those that lead to it; returns the new ones, the deepest first."""
+    missing: list[Path] = []
+    while not path.is_dir():
+        missing.insert(0, path)
+        path = path.parent
+        if path in missing:
+            break
+    made: list[Path] = []
+    try:
+        for folder in missing:
+            try:
+                os.mkdir(folder)
+            except FileExistsError:
+                if not folder.is_dir():  # and not made by another process just now
+                    raise
+            else:
+                made.insert(0, folder)
+    except BaseException:
+        remove_empty(made)
+        raise
+    return made
+
+
+def remove_empty(folders: list[Path]) -> None:
+    """Remove folders that were made in vain, as far as they are empty."""
+    with contextlib.suppress(OSError):
+        for folder in folders:
+            os.rmdir(folder)
+
+
+def remove(path: Path) -> None:
+    """Remove what stands under a name, if anything does; a folder is there whole until it is gone.
+
+    A link is removed, and not what it points to.
+    """
+    there = kind(path)
+    if not there:
+        return
+    if there != _FOLDER:
+        os.unlink(path)
+        return
+    if not is_part(path.name):
+        part = part_of(path)
+        remove(part)
+        os.rename(path, part)
+        with contextlib.suppress(OSError):  # a part of a folder that a power cut leaves is told by its digests
+            sync(path.parent)
+        path = part
+    _remove_tree(path)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Let two folders of the same disk take each other's place in one step; False where the system cannot."""
+    call = _renameat2()
+    if call is None:
+        return False
+    if call(_AT_CWD, os.fsencode(one), _AT_CWD, os.fsencode(other), _EXCHANGE) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP):
+        return False
+    raise OSError(code, os.strerror(code), str(one))
+
+
+def rename(one: Path, other: Path) -> None:
+    """Give a file or folder another name on the same disk."""
+    os.rename(one, other)
+
+
+def sync(folder: Path) -> None:
+    """Make what happened to the names in a folder last; Windows does so by itself and opens no folders."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # the user may have named it by a link
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sums_text(digests: Mapping[str, str]) -> bytes:
+    """The list that ``sha256sum -c`` checks."""
+    return "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items())).encode()
+
+
+def read_sums(folder: Path) -> dict[str, str]:
+    """Name -> digest from the list in a folder; empty if there is no list.
+
+    Raises
+    ------
+    ValueError
+        If it is not as `sums_text` writes it.
+    """
+    place = folder / SUMS
+    if not is_file(place):
+        return {}
+    text = read_bytes(place)
+    try:
+        lines = text.decode().splitlines()
+        found = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    except UnicodeDecodeError:
+        found = {}
+    if not found or sums_text(found) != text:
+        raise ValueError(f"{place} was changed since glucoloop wrote it; move it away and run the same command again")
+    return found
+
+
+@contextlib.contextmanager
+def flocked(path: Path, *, create: bool) -> Iterator[int | None]:
+    """Hold the lock of a file or folder while the block runs; the lock of a process that died is free.
+
+    Returns
+    -------
+    int or None
+        Its descriptor; None if another process holds the lock, or if there is nothing to lock and none is to be made.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a regular file of one name, nor a folder.
+    """
+    while True:
+        descriptor = _open_to_lock(path, create=create)
+        if descriptor is None:
+            yield None
+            return
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                if error.errno not in (errno.EAGAIN, errno.EACCES):
+                    raise
+                yield None
+                return
+            if not _is_still(path, descriptor):
+                continue  # the one who held it has removed it
+            yield descriptor
+            return
+        finally:
+            os.close(descriptor)
+
+
+def overwrite(descriptor: int, data: bytes) -> None:
+    """Replace the contents of a file that is open for writing, in place."""
+    os.ftruncate(descriptor, 0)
+    os.write(descriptor, data)
+
+
+def can_lock() -> bool:
+    """Whether this system locks files."""
+    return fcntl is not None
+
+
+def _kind_of(mode: int) -> str:
+    return next((told for is_one, told in _KINDS if is_one(mode)), "something that is no file")
+
+
+def _is(path: Path, wanted: str) -> bool:
+    there = kind(path)
+    if there in ("", wanted):
+        return bool(there)
+    raise _refused(path, there, wanted)
+
+
+def _refused(path: Path, there: str, wanted: str) -> ValueError:
+    return ValueError(f"{path} is {there}, not {wanted}; move it away and run the same command again")
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    there = kind(path)
+    if there not in ("", _FILE):
+        raise _refused(path, there, _FILE)
+    descriptor = os.open(path, os.O_RDONLY | _SAFE)
+    try:
+        there = _kind_of(os.fstat(descriptor).st_mode)
+        if there != _FILE:
+            raise _refused(path, there, _FILE)
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _chunks(descriptor: int, most: int | None = None) -> Iterator[bytes]:
+    """Contents of a file that may grow while it is read."""
+    read = 0
+    while chunk := os.read(descriptor, _CHUNK):
+        read += len(chunk)
+        if most is not None and read > most:
+            raise ValueError(f"a file grew beyond {most} bytes while it was read; run the same command again")
+        yield chunk
+
+
+def _remove_tree(folder: Path) -> None:
+    for name in os.listdir(folder):
+        if kind(folder / name) == _FOLDER:
+            _remove_tree(folder / name)
+        else:
+            os.unlink(folder / name)
+    os.rmdir(folder)
+
+
+def _open_to_lock(path: Path, *, create: bool) -> int | None:
+    there = kind(path)
+    if there == _FOLDER and not create:
+        return os.open(path, os.O_RDONLY | _SAFE)
+    if there not in ("", _FILE):
+        raise _refused(path, there, _FILE)
+    if not there and not create:
+        return None
+    descriptor = os.open(path, os.O_RDWR | (os.O_CREAT if create else 0) | _SAFE, 0o666)
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(descriptor)
+        raise _refused(path, "a file that has other names too", "a file of its own")
+    return descriptor
+
+
+def _is_still(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.lstat(path))
+    except OSError:
+        return False
+
+
+@functools.cache
+def _renameat2() -> Any:
+    """Linux's call to exchange two names; None elsewhere."""
+    try:
+        call = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError, TypeError):
+        return None
+    call.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint]
+    return call
