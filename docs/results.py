@@ -24,12 +24,14 @@ def number(value):
 
 
 def cell(found):
-    """Median, percentiles, and whether it agrees."""
+    """Median, percentiles, and whether it agrees; a tilde where only the spread of the seeds makes it agree."""
     if found is None:
         return "not run"
     middle = "551+" if found["unsettled"] else number(found["median"])
     spread = "" if found["p10"] is None else f" ({number(found['p10'])} to {number(found['p90'])})"
     text = f"{middle}{spread}"
+    if found["agrees_by_spread"]:
+        return f"{text} ~"
     return text if found["agrees"] else f"*{text}*"
 
 
@@ -40,9 +42,21 @@ def page(report):
         point: [entry["reproduced"][point]["agrees"] for entry in entries if point in entry["reproduced"]]
         for point in points
     }
-    told = "; ".join(f"{sum(agrees)} of {len(agrees)} printed entries agree at `{p}`" for p, agrees in counts.items())
+    by_spread = {
+        point: sum(entry["reproduced"][point]["agrees_by_spread"] for entry in entries if point in entry["reproduced"])
+        for point in points
+    }
+    told = "; ".join(
+        f"{sum(agrees)} of {len(agrees)} printed entries agree at `{p}`, {by_spread[p]} of them by the spread of the "
+        "seeds alone"
+        for p, agrees in counts.items()
+    )
     seeds = report["seeds"][points[0]]
-    lines = [f"With {seeds} seeds, glucoloop {report['glucoloop']}: {told}.\n", "Entries in italics do not agree.\n"]
+    lines = [f"With {seeds} seeds, glucoloop {report['glucoloop']}: {told}.\n"]
+    lines.append(
+        "Entries in italics do not agree. "
+        "Entries with a tilde agree only because the printed number lies within the spread of the seeds.\n"
+    )
     for heading, prefix in SECTIONS.items():
         lines += [f"**{heading}**\n", "| Entry | Printed | " + " | ".join(f"`{point}`" for point in points) + " |"]
         lines.append("| :--- | :--- |" + " :--- |" * len(points))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from glucoloop.papers.parker1999 import experiments
-from glucoloop.papers.parker1999.comparison import Reproduced, Row, compare
+from glucoloop.papers.parker1999.comparison import Reproduced, Row, compare, count
 from glucoloop.papers.parker1999.pages import html_report, markdown_report
 from glucoloop.papers.parker1999.parts import FIGURES, chosen
 from glucoloop.papers.parker1999.published import Entry, published
@@ -92,6 +92,22 @@ class TestVerdict:
     def test_a_printed_number_among_the_seeds_agrees(self):
         assert _row(10.0, Reproduced(14.0, low=9.5, high=20.0)).agrees(POINT) is True
         assert _row(9.0, Reproduced(14.0, low=9.5, high=20.0)).agrees(POINT) is False
+
+    def test_what_only_the_spread_makes_agree_is_told_apart(self):
+        assert _row(10.0, Reproduced(14.0, low=9.5, high=20.0)).agrees_by_spread(POINT) is True
+        assert _row(10.0, Reproduced(10.9, low=9.5, high=20.0)).agrees_by_spread(POINT) is False
+        assert _row(9.0, Reproduced(14.0, low=9.5, high=20.0)).agrees_by_spread(POINT) is False
+        assert _row(15.0, Reproduced(3.0, low=2.0, high=20.0), "at-most").agrees_by_spread(POINT) is False
+        assert _row("551+", Reproduced(551.0, unsettled=True)).agrees_by_spread(POINT) is False
+        assert Row(entry=_row(1.0, Reproduced(1.0)).entry, reproduced={}).agrees_by_spread(POINT) is False
+
+    def test_the_count_says_how_many_rest_on_the_spread(self):
+        rows = [
+            _row(10.0, found) for found in (Reproduced(14.0, low=9.5, high=20.0), Reproduced(10.0), Reproduced(1.0))
+        ]
+        told = "2 of 3 printed entries reproduce, 1 of them only within the spread of the seeds"
+        assert count(rows, POINT) == told
+        assert count(rows[1:], POINT) == "1 of 2 printed entries reproduce"
 
     def test_a_bound_agrees_when_it_is_kept(self):
         assert _row(15.0, Reproduced(3.0), "at-most").agrees(POINT) is True

@@ -105,6 +105,8 @@ def _whole(option: str, text: str, least: int, most: int) -> int:
 def _tell(rows: Sequence[Row], points: Sequence[str]) -> None:
     from rich.table import Table
 
+    from glucoloop.papers.parker1999.comparison import count
+
     table = Table(box=None, pad_edge=False)
     table.add_column("entry")
     table.add_column("printed", justify="right")
@@ -117,5 +119,4 @@ def _tell(rows: Sequence[Row], points: Sequence[str]) -> None:
         table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
     show(table)
     for point in points:
-        verdicts = [row.agrees(point) for row in rows if row.agrees(point) is not None]
-        print(f"{point}: {sum(map(bool, verdicts))} of {len(verdicts)} printed entries reproduce.")
+        print(f"{point}: {count(rows, point)}.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -43,6 +43,10 @@ class Reproduced:
             return cls(median=float(array[0]), unsettled=unsettled)
         low, median, high = (float(part) for part in np.percentile(array, [10, 50, 90]))
         return cls(median=median, low=low, high=high, unsettled=unsettled)
+
+    def spans(self, value: float) -> bool:
+        """Whether a value lies between the 10th and the 90th percentile of the seeds."""
+        return self.low is not None and self.high is not None and self.low <= value <= self.high
 
     @property
     def text(self) -> str:
@@ -86,9 +90,32 @@ class Row:
             return printed == found.median
         if self.entry.kind == "at-most":
             return found.median <= printed
-        close = abs(found.median - printed) <= _CLOSE * abs(printed)
-        spread = found.low is not None and found.high is not None and found.low <= printed <= found.high
-        return close or spread
+        return _close(found.median, printed) or found.spans(printed)
+
+    def agrees_by_spread(self, operating_point: str) -> bool:
+        """Whether the entry reproduces only because the seeds spread over the printed number.
+
+        Its median is more than a tenth away: another realisation of the noise could well have been printed.
+        """
+        found, printed = self.reproduced.get(operating_point), self.entry.printed
+        if not self.agrees(operating_point) or found is None or self.entry.kind == "at-most":
+            return False
+        if isinstance(printed, str) or isinstance(found.median, str):
+            return False
+        return not _close(found.median, printed)
+
+
+def _close(found: float, printed: float) -> bool:
+    return abs(found - printed) <= _CLOSE * abs(printed)
+
+
+def count(rows: Iterable[Row], operating_point: str) -> str:
+    """How many entries reproduce at an operating point, as a sentence without its end."""
+    measured = [row for row in rows if row.agrees(operating_point) is not None]
+    agree = sum(bool(row.agrees(operating_point)) for row in measured)
+    spread = sum(row.agrees_by_spread(operating_point) for row in measured)
+    only = f", {spread} of them only within the spread of the seeds" if spread else ""
+    return f"{agree} of {len(measured)} printed entries reproduce{only}"
 
 
 def _number(value: float) -> str:
