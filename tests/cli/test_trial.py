@@ -295,3 +295,18 @@ def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
     assert trial_progress._duration(59) == "59 s"
     assert trial_progress._duration(75) == "1 min 15 s"
     assert trial_progress._duration(7290) == "2 h 1 min"
+
+
+def test_people_below_the_validity_of_their_model_are_told():
+    from glucoloop.cli.trial_telling import _notes
+
+    nobody = {"count": 0, "person": []}
+    told = {"people": 9, "setpoint_mg_dl": 81.1, "unable": nobody, "basal_beyond_pump": nobody}
+    of = {
+        "mpc": {"not_finite": nobody, "below_validity": {"count": 2, "person": [3, 7]}},
+        "older": {"not_finite": nobody},
+    }
+    assert list(_notes({**told, "controllers": of})) == [
+        "mpc: glucose of 2 people was lower than the model is valid for: person 3, 7. Read it as severe hypoglycemia; "
+        "its depth means nothing."
+    ]

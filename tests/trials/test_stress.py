@@ -101,7 +101,7 @@ def people(below_60, minimum, able=(True, True, True), **metrics):
 def test_a_row_compares_each_person_with_himself_without_the_fault(asked):
     tried = (Tried("mpc", False, ""), Tried("mpc", False, FAULTS[0]))
     stress = dataclasses.replace(asked.stress, tried=tried)
-    without = people([0.0, 2.0, 9.0], [70.0, 58.0, 40.0])
+    without = people([0.0, 2.0, 9.0], [70.0, 58.0, 40.0], time_below_validity_pct=[0.0, 0.0, 0.5])
     under = people([1.5, 2.9, 2.0], [57.0, 53.0, 55.0], samples_fallback=[4.0, 0.0, 0.0], low_events=[2, 1, 0])
     rows = stress_rows(stress, iter([{tried[0].label: without, tried[1].label: under}]))
     assert rows[0].worse == ()
@@ -114,6 +114,7 @@ def test_a_row_compares_each_person_with_himself_without_the_fault(asked):
     assert (rows[1].lowest_mg_dl, rows[1].lowest_person) == (53.0, 1)
     assert rows[1].fallback_pct == pytest.approx(100.0 * 4.0 / 3.0 / stress.trial.samples)
     assert rows[1].low_events == 3
+    assert [row.people_below_validity for row in rows] == [1, 0]
 
 
 def test_people_who_cannot_take_part_are_left_out(asked):

@@ -32,6 +32,7 @@ def population(seed, people=PEOPLE, unable=0.01):
     metrics["peak_mg_dl"] = metrics["minimum_mg_dl"] + rng.gamma(2.0, 40.0, people)
     metrics["time_below_60_pct"] = np.where(metrics["minimum_mg_dl"] < 60.0, 3.0, 0.0)
     metrics["time_below_60_pct"][~able] = np.nan
+    metrics["time_below_validity_pct"] = np.where(able & (metrics["minimum_mg_dl"] < 44.5), 1.0, 0.0 * basal)
     return People(np.arange(people), able, basal, {"F_LC": rng.random(people)}, metrics, YES_OR_NO)
 
 
@@ -85,6 +86,25 @@ def test_who_is_not_able_and_who_is_beyond_the_pump_are_named(cases, summary):
     assert list(summary.unable.person) == np.flatnonzero(~people.able).tolist()
     assert summary.unable.count == (~people.able).sum()
     assert list(summary.beyond_pump.person) == np.flatnonzero(people.basal_insulin_mU_min > 66.9).tolist()
+
+
+def test_people_below_the_validity_of_their_model_are_named(cases, summary):
+    for label, people in cases.items():
+        low = np.flatnonzero(people.metrics["time_below_validity_pct"] > 0.0)
+        assert 0 < low.size < PEOPLE
+        assert list(summary.cases[label].below_validity.person) == low.tolist()
+        assert summary.as_dict()["controllers"][label]["below_validity"]["count"] == low.size
+
+
+def test_folders_without_that_metric_are_summed_up(cases):
+    older = {
+        label: dataclasses.replace(
+            people, metrics={name: of for name, of in people.metrics.items() if name != "time_below_validity_pct"}
+        )
+        for label, people in cases.items()
+    }
+    summary = summarise_people(dealt(older, PEOPLE), max_insulin_mU_min=66.9)
+    assert summary.cases["mpc"].below_validity.count == 0
 
 
 def test_worst_are_those_with_the_least_glucose(cases, summary):

@@ -16,6 +16,7 @@ from glucoloop.config.run import Situation
 from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.report.validity import validity_told
 
 _ARRAYS = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
 _BEGINS = "told from noise that it begins"
@@ -63,6 +64,11 @@ class Bounded:
                     f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
                     f"{plan.optimality:.2g} more, so this is no bound."
                 )
+        limit = float(patient(self.config.operating_point).lowest_valid_glucose_mg_dl)
+        for label, plan in self.plans.items():
+            not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
+            if not_valid is not None:
+                yield f"{label}: {not_valid}"
         if self.config.dead_time_min and self.plans:
             yield f"Readings are {self.config.dead_time_min:g} min late: what is known is known so much later."
         if len(self.config.meals) > 1:

@@ -41,7 +41,12 @@ def validity(trace: Trace) -> dict[str, Any]:
 
 def validity_note(trace: Trace) -> str | None:
     """What to know of a run in which glucose was lower than the model is valid for, or None."""
-    periods = periods_below(trace.fine_t_min, trace.fine_glucose_mg_dl, trace.lowest_valid_mg_dl)
+    return validity_told(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
+
+
+def validity_told(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
+    """The same of glucose at some times, with the limit of the model; arguments as for `periods_below`."""
+    periods = periods_below(t_min, glucose_mg_dl, limit_mg_dl)
     if not periods:
         return None
     told = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
@@ -49,6 +54,6 @@ def validity_note(trace: Trace) -> str | None:
         told = [*told[: _MOST_PERIODS - 1], f"in {len(told) - _MOST_PERIODS + 1} later periods"]
     when = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
     return (
-        f"Glucose was below {float(trace.lowest_valid_mg_dl):.1f} mg/dl {when}: the patient's model is not valid "
+        f"Glucose was below {limit_mg_dl:.1f} mg/dl {when}: the patient's model is not valid "
         "there. Read these values as severe hypoglycemia; their depth means nothing."
     )
