@@ -5,7 +5,9 @@ import dataclasses
 import pytest
 
 from glucoloop.trials import campaign
-from glucoloop.trials.campaign.invariants import DOSE, PROMISES
+from glucoloop.trials.campaign import nonsense
+from glucoloop.trials.campaign.invariants import CAPS, DOSE, PROMISES
+from glucoloop.trials.campaign.nonsense import NonsenseArm, NonsenseResult
 from glucoloop.trials.campaign.result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
 
 KEPT = Arm(
@@ -119,6 +121,26 @@ def test_a_campaign_runs(glucoloop, monkeypatch):
     assert "30 loops, 600 samples, " in answer.out
 
 
+@pytest.mark.parametrize("broken", [{}, {CAPS: (7, 9)}])
+def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatch, broken):
+    arm = NonsenseArm(
+        controller="pid",
+        loops=50,
+        broken={promise: len(broken.get(promise, ())) for promise in nonsense.PROMISES},
+        told={promise: broken.get(promise, ()) for promise in nonsense.PROMISES},
+    )
+    result = NonsenseResult(seed=3, arms=(arm,))
+    monkeypatch.setattr(nonsense, "run_nonsense", lambda given, progress: result)
+    asked = ("verify", "--nonsense", 4800, "--seed", 3, "--controller", "pid")
+    answer = glucoloop(*asked)
+    assert answer.code == (1 if broken else 0)
+    assert "4800 samples of guarded controllers that were told nonsense, " in answer.out
+    assert answer.out.endswith(f"Broken: {CAPS}.\n" if broken else "Every promise was kept.\n")
+    again = "glucoloop verify --nonsense 1 --seed 3 --controller pid --person 9"
+    assert (f"pid, guarded, loop 9: {CAPS}; {again}" in answer.out) == bool(broken)
+    assert glucoloop(*asked, "--json").json["violations"][CAPS] == len(broken.get(CAPS, ()))
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [
@@ -127,6 +149,8 @@ def test_a_campaign_runs(glucoloop, monkeypatch):
         (("--seed", -1), "--seed is -1; give a whole number from 0 to 4294967295."),
         (("--controller", "pid", "--controller", "pid"), "a controller is named twice in pid, pid; leave one out."),
         (("--person", 1, "--loops", 5), "--loops and --person exclude one another; leave one out."),
+        (("--nonsense", 10, "--loops", 5), "--loops and --nonsense exclude one another; leave one out."),
+        (("--nonsense", 0), "--nonsense is 0; give a whole number from 1 to 100000000000."),
     ],
 )
 def test_what_cannot_be_tried_is_refused_in_a_sentence(refused, given, told):

@@ -23,7 +23,8 @@ HELP: Final = (
     "\n\n"
     "  glucoloop verify\n\n"
     "  glucoloop verify --loops 1000000 --seed 2 --json > found.json\n\n"
-    "  glucoloop verify --seed 2 --controller mpc --person 17"
+    "  glucoloop verify --seed 2 --controller mpc --person 17\n\n"
+    "  glucoloop verify --nonsense 100000000"
 )
 _RUN: Final = "Campaign"
 _OUTPUT: Final = "Output"
@@ -41,6 +42,14 @@ OPTIONS: Final = (
         default="all",
     ),
     Option("person", "--person", int, "Only the loops of this one, with what fails in them.", _RUN, metavar="N"),
+    Option(
+        "nonsense",
+        "--nonsense",
+        int,
+        "Instead, tell guarded controllers nonsense in so many samples, with memory lost, and check doses and caps.",
+        _RUN,
+        metavar="SAMPLES",
+    ),
     Option("json", "--json", bool, "Print one JSON object instead of a table.", _OUTPUT),
 )
 
@@ -51,22 +60,37 @@ def command(given: Given) -> None:
     as_json = bool(given.pop("json", False))
     if "person" in given and "loops" in given:
         raise ValueError("--loops and --person exclude one another; leave one out")
+    if "nonsense" in given and "loops" in given:
+        raise ValueError("--loops and --nonsense exclude one another; leave one out")
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.trials.campaign import Campaign
+        from glucoloop.trials.campaign.nonsense import Nonsense
 
         if "controllers" in given:
             given["controllers"] = tuple(given["controllers"])
+        campaign = nonsense = None
         try:
-            campaign = Campaign(**given)
+            if "nonsense" in given:
+                named = {"nonsense": "samples", "person": "loop"}
+                nonsense = Nonsense(**{named.get(key, key): value for key, value in given.items()})
+            else:
+                campaign = Campaign(**given)
         except ValueError as error:
             raise ValueError(_called(str(error))) from None
     keep_compiled()
-    _carry_out(campaign, as_json=as_json)
+    if nonsense is not None:
+        from glucoloop.cli.verify_nonsense import carry_out
+
+        carry_out(nonsense, as_json=as_json)
+    elif campaign is not None:
+        _carry_out(campaign, as_json=as_json)
 
 
 def _called(told: str) -> str:
     """A sentence about a key, as one about its option."""
+    if told.startswith("samples is "):
+        return f"--nonsense{told.removeprefix('samples')}"
     for option in OPTIONS:
         if told.startswith(f"{option.key} is "):
             return option.name + told.removeprefix(option.key)

@@ -25,11 +25,13 @@ from glucoloop.patients.sorensen import INSULIN, STATE_NAMES
 from glucoloop.patients.varying import NOMINAL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.loop import Sampled
+from glucoloop.trials.campaign.caps import Caps, Counted
 from glucoloop.trials.campaign.watched import WatchedDecision, WatchedDelivery, WatchedReading
 
 DOSE: Final = "dose delivered: finite, and within the pump's range"
 COMMAND: Final = "dose asked for: finite, and within the pump's range"
 RATE: Final = "dose asked for: within the rate limit of what the pump reported"
+CAPS: Final = "dose asked for by a guard: within its caps on board and per hour"
 STATUS: Final = "status: a known one"
 CONTROLLER: Final = "state of the controller: finite"
 PUMP: Final = "state of the pump: finite"
@@ -39,7 +41,7 @@ INSULIN_THERE: Final = "insulin in every organ, and glucagon: not below zero"
 GLUCOSE_THERE: Final = "glucose in every organ: not below what uptake explains"
 
 PROMISES: Final = (
-    *(DOSE, COMMAND, RATE, STATUS, CONTROLLER),
+    *(DOSE, COMMAND, RATE, CAPS, STATUS, CONTROLLER),
     *(PUMP, FAULTS, PATIENT, INSULIN_THERE, GLUCOSE_THERE),
 )
 
@@ -62,6 +64,8 @@ class Kept:
     """(promises, ...) samples at which each was broken."""
     first_min: jax.Array
     """(promises, ...) when it first was; infinite: never."""
+    counted: Counted | None
+    """For the caps of a guard; None without one."""
 
 
 @pytree
@@ -74,21 +78,24 @@ class Promises:
     limits: DoseLimits = PARKER_1999_LIMITS
     lightest_kg: float = REFERENCE_WEIGHT_KG
     """Nobody weighs less."""
+    caps: Caps | None = None
+    """Of the guard; None without one, for which that promise is kept."""
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Kept:
         """Nothing has been broken."""
-        del insulin_mU_min
         none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
         return Kept(
             lowest_mg_dl=glucose_mg_dl,
             below_60=jnp.zeros_like(glucose_mg_dl),
             broken=none,
             first_min=none + jnp.inf,
+            counted=None if self.caps is None else self.caps.init(insulin_mU_min),
         )
 
     def step(self, kept: Kept, happened: Sampled, t_min: jax.Array) -> Kept:
         """Check a sample, and take in the time until the next."""
-        held = self.held(happened, kept.lowest_mg_dl)
+        counted, within_caps = self._within_caps(kept.counted, happened)
+        held = self.held(happened, kept.lowest_mg_dl, within_caps)
         broken = jnp.where(jnp.stack([held[name] for name in PROMISES]), 0.0, 1.0)
         below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
         return Kept(
@@ -96,9 +103,18 @@ class Promises:
             below_60=kept.below_60 + jnp.sum(below, axis=0),
             broken=kept.broken + broken,
             first_min=jnp.where((broken > 0.0) & (kept.broken == 0.0), t_min, kept.first_min),
+            counted=counted,
         )
 
-    def held(self, happened: Sampled, lowest_mg_dl: jax.Array) -> dict[str, jax.Array]:
+    def _within_caps(self, counted: Counted | None, happened: Sampled) -> tuple[Counted | None, jax.Array]:
+        decision = cast(WatchedDecision, happened.decision)
+        if self.caps is None or counted is None:
+            return counted, jnp.ones_like(decision.insulin_mU_min, bool)
+        return self.caps.step(counted, decision.told_mU_min, decision.insulin_mU_min)
+
+    def held(
+        self, happened: Sampled, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True
+    ) -> dict[str, jax.Array]:
         """Promise -> whether it is kept at a sample, ``(...)`` each; what is not a number keeps none.
 
         Parameters
@@ -106,6 +122,8 @@ class Promises:
         happened : Sampled
         lowest_mg_dl : (...) array
             Arterial glucose has never been lower.
+        within_caps : (...) array
+            Whether what is asked for is within the caps of the guard, if there is one.
         """
         decision, reading = cast(WatchedDecision, happened.decision), cast(WatchedReading, happened.reading)
         delivery, limits, x = cast(WatchedDelivery, happened.delivery), self.limits, happened.x
@@ -116,6 +134,7 @@ class Promises:
             DOSE: self._in_range(delivery.insulin_mU_min),
             COMMAND: self._in_range(command),
             RATE: slow | ~meant,
+            CAPS: jnp.asarray(within_caps),
             STATUS: functools.reduce(operator.or_, [decision.status == int(known) for known in Status]),
             CONTROLLER: decision.sound,
             PUMP: delivery.sound,

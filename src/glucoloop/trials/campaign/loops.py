@@ -11,13 +11,14 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller
+from glucoloop.control import Controller, Guard
 from glucoloop.patients import patient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.campaign.caps import Caps
 from glucoloop.trials.campaign.invariants import Promises
 from glucoloop.trials.campaign.people import LIGHTEST_KG, draw_people, draw_random_meals
 from glucoloop.trials.campaign.random_faults import SAMPLE_MIN, Order, random_faults
@@ -56,6 +57,7 @@ class Loops:
         nominal, self._grid = patient(OPERATING_POINT), sample_grid(horizon, SAMPLE_MIN)
         self._seed, self._order, self._controller = seed, order, controller
         self._horizon, limits = horizon, PARKER_1999_LIMITS
+        caps = Caps(settings=controller.settings, limits=limits) if isinstance(controller, Guard) else None
         example = draw_people(seed, np.arange(2))
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
         self._cohort = Cohort(
@@ -65,7 +67,7 @@ class Loops:
             WatchedSensor(inner=faults.sensor(person=0)),
             WatchedPump(inner=faults.pump(limits, person=0)),
             self._grid,
-            Promises(limits=limits, lightest_kg=LIGHTEST_KG),
+            Promises(limits=limits, lightest_kg=LIGHTEST_KG, caps=caps),
             setpoint_mg_dl=float(nominal.setpoint_mg_dl),
             meals=None,
             varied_controller=WatchedController(inner=told_of_basal(controller, example.basal_insulin_mU_min)),
