@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import importlib
 import os
-import tempfile
 import warnings
 from pathlib import Path
 from typing import Final
+
+from glucoloop.cli.screen import note
 
 VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
 OFF: Final = "off"
 
 
 def keep_compiled() -> None:
-    """Switch JAX's persistent cache on, and silently leave it off where its folder cannot be written to."""
+    """Switch JAX's persistent cache on.
+
+    It silently stays off where its folder cannot be written to, and with a sentence where somebody else could.
+    """
     config = importlib.import_module("jax").config  # untyped: JAX's own stubs leave `update` so
     # A bug keeps its whole traceback; `mistakes` tells bugs apart by where an error was raised.
     config.update("jax_traceback_filtering", "off")
     folder = cache_folder()
-    if folder is None or not _writable(folder):
+    if folder is None or not _usable(folder):
         return
     config.update("jax_compilation_cache_dir", str(folder))
     config.update("jax_persistent_cache_min_compile_time_secs", 0)
@@ -37,10 +43,18 @@ def cache_folder() -> Path | None:
     return Path(told) if told else Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled"
 
 
-def _writable(folder: Path) -> bool:
+@functools.cache
+def _usable(folder: Path) -> bool:
+    """Whether a folder of programs can be used; what is in it is checked, once in a process."""
+    from glucoloop.storage.programs import check_programs, private_folder, seal_programs
+
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
+        private_folder(folder)
+        check_programs(folder)
     except OSError:
         return False
+    except ValueError as error:
+        note([f"Compiled programs are not kept: {error}."])
+        return False
+    atexit.register(seal_programs, folder)
+    return True

@@ -1,0 +1,106 @@
+"""The folder of compiled programs: code, which runs as it stands, so it is its owner's alone and checked before use.
+
+JAX reads and writes the entries, and runs whatever it finds. Somebody who may write to the folder may run code and
+change results; so a folder that others can write to, or that is somebody else's, is not used. Beside each entry stands
+its digest, written when the process that compiled it ends; an entry that does not fit, or has none, is removed before
+JAX sees it. That tells damage, a write that was cut short and an entry that was edited; against somebody who has the
+owner's own rights, and could change this program as well, nothing here helps.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import Final
+
+from glucoloop.storage import disk
+
+MOST_BYTES: Final = 256_000_000
+"""Of all entries; the oldest go first."""
+_ENTRY: Final = "-cache"
+_DIGEST: Final = ".sha256"
+_DIGEST_BYTES: Final = 64
+_OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
+
+
+def private_folder(folder: Path) -> None:
+    """Make a folder that is this user's alone, or check that it is.
+
+    Raises
+    ------
+    ValueError
+        If somebody else owns it or may write to it.
+    OSError
+        If it cannot be made or written to.
+    """
+    disk.make_folders(folder.parent)
+    if not disk.is_folder(folder):
+        os.mkdir(folder, 0o700)
+    if os.name == "nt":
+        return
+    above, found = os.stat(folder.parent).st_mode, os.lstat(folder)
+    if found.st_uid != os.getuid():
+        raise ValueError(f"{folder} belongs to another user")
+    if above & _OTHERS_WRITE and not above & stat.S_ISVTX:
+        raise ValueError(f"others can put another folder in the place of {folder}")
+    if found.st_mode & _OTHERS_WRITE:
+        raise ValueError(f"others can write to {folder}; empty it and run chmod 700 on it")
+    if stat.S_IMODE(found.st_mode) != 0o700:
+        os.chmod(folder, 0o700)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+
+
+def check_programs(folder: Path, most_bytes: int = MOST_BYTES) -> None:
+    """Remove entries that are not as they were written, and the oldest ones beyond a total size."""
+    found: list[tuple[float, int, Path]] = []
+    for name in disk.names(folder):
+        entry = folder / name.removesuffix(_DIGEST)
+        if not entry.name.endswith(_ENTRY):
+            continue
+        with contextlib.suppress(OSError):
+            if name != entry.name:
+                if not disk.kind(entry):
+                    disk.remove(folder / name)
+            elif _is_whole(entry):
+                told = os.lstat(entry)
+                found.append((told.st_mtime, told.st_size, entry))
+            else:
+                _remove(entry)
+    total = sum(size for _, size, _ in found)
+    for _, size, entry in sorted(found):
+        if total <= most_bytes:
+            break
+        with contextlib.suppress(OSError):
+            _remove(entry)
+        total -= size
+
+
+def seal_programs(folder: Path) -> None:
+    """Write the digests of new entries."""
+    with contextlib.suppress(OSError, ValueError):
+        for name in disk.names(folder):
+            entry = folder / name
+            if name.endswith(_ENTRY) and not disk.kind(_digest_of(entry)):
+                with contextlib.suppress(OSError, ValueError):
+                    disk.put_file(_digest_of(entry), disk.digest(entry).encode())
+
+
+def _is_whole(entry: Path) -> bool:
+    try:
+        return disk.read_bytes(_digest_of(entry), _DIGEST_BYTES) == disk.digest(entry).encode()
+    except (OSError, ValueError):
+        return False
+
+
+def _remove(entry: Path) -> None:
+    for path in (entry, _digest_of(entry)):
+        if disk.kind(path) not in ("", "a folder"):
+            disk.remove(path)
+
+
+def _digest_of(entry: Path) -> Path:
+    return entry.with_name(f"{entry.name}{_DIGEST}")
