@@ -3,6 +3,9 @@
 import errno
 import json
 import os
+import subprocess
+import sys
+from concurrent.futures import CancelledError
 from pathlib import Path
 
 import pytest
@@ -234,6 +237,117 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
     assert answer.code == 130
     assert answer.err == "glucoloop: interrupted, nothing was written.\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def lost_scheduler():
+    from distributed.comm import CommClosedError
+
+    raise CommClosedError("in <TCP (closed)>: Stream is closed")
+
+
+def loop_of_links():
+    try:
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), "out")
+    except OSError as error:
+        raise error
+
+
+def raising(error):
+    def fail(*given):
+        raise error
+
+    return fail
+
+
+REFUSED_BY_THE_MACHINE = {
+    "memory": (raising(MemoryError()), "there is not enough memory for this"),
+    "memory of XLA": (
+        raising(RuntimeError("RESOURCE_EXHAUSTED: Out of memory")),
+        "there is not enough memory for this",
+    ),
+    "platform": (
+        raising(RuntimeError("Unable to initialize backend 'foo': Backend 'foo' is not in the list")),
+        "JAX cannot start: Unable to initialize backend 'foo'",
+    ),
+    "scheduler": (lost_scheduler, "the connection to the Dask scheduler was lost (in <TCP (closed)>"),
+    "cancelled": (raising(CancelledError()), "the connection to the Dask scheduler was lost (CancelledError)"),
+    "full disk": (raising(OSError(errno.ENOSPC, "No space left on device")), "written; free some space or choose"),
+    "links": (loop_of_links, "out: Too many levels of symbolic links, nothing was written; choose another place"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED_BY_THE_MACHINE)
+def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monkeypatch, what):
+    fail, told = REFUSED_BY_THE_MACHINE[what]
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: fail())
+    assert told in refused("run", "--out", "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [(OSError(errno.EIO, "Input/output error"), 2, "Input/output error"), (KeyboardInterrupt(), 130, "interrupted")],
+)
+def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: None)
+    monkeypatch.setattr("glucoloop.cli.run._write", lambda folder, *_: folder.write("a.txt", "a"))
+    monkeypatch.setattr("glucoloop.cli.run._tell", raising(error))
+    answer = glucoloop("run", "--out", "out")
+    assert (answer.code, answer.err) == (code, f"glucoloop: {told}, the results are in out.\n")
+    assert (tmp_path / "out/a.txt").read_text() == "a"
+
+
+def test_folder_behind_links_that_lead_nowhere_is_refused(refused, tmp_path, monkeypatch):
+    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    for out in ("a", "a/out"):
+        assert "a" in refused("run", "--out", out)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [f"{'a.' * 2999}a = 1", f"[{'a.' * 2999}a]", f"meals = [{{{'a.' * 2999}a = 1}}]", "a = " + "[" * 100 + "]" * 100],
+)
+def test_configuration_that_is_nested_deeply_is_refused(refused, tmp_path, text):
+    (tmp_path / "a.toml").write_text(text)
+    assert "nested too deeply" in refused("run", "--config", "a.toml")
+
+
+@pytest.mark.parametrize("depth", [11, 150, 190, 199, 100_000])
+@pytest.mark.parametrize(("begin", "end"), [("[", "]"), ('{"a":', "}")])
+def test_model_that_is_nested_deeply_is_refused(refused, tmp_path, model_text, depth, begin, end):
+    model = json.loads(model_text)
+    model["provenance"]["settings"] = {"deep": "here"}
+    text = json.dumps(model).replace('"here"', begin * depth + "1" + end * depth)
+    (tmp_path / "m.json").write_text(text)
+    told = refused("run", "--model", "m.json")
+    assert "nested more than 10 times" in told or "recursion limit exceeded" in told
+
+
+def test_closed_streams_are_no_bug(tmp_path):
+    """A shell's ``2>&-`` and ``>&-``."""
+    for closed, code in (("2>&-", 2), (">&-", 2), (">&- 2>&-", 2)):
+        line = f"{sys.executable} -m glucoloop run --meal 5x {closed}"
+        done = subprocess.run(["sh", "-c", line], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == code
+        assert "Traceback" not in done.stderr
+        assert done.stdout == ""
+
+
+def test_platform_that_jax_does_not_have_is_told(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "glucoloop", "run", "--duration", "60"],
+        cwd=tmp_path,
+        env={**os.environ, "JAX_PLATFORMS": "foo"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("glucoloop: JAX cannot start as JAX_PLATFORMS=foo asks:")
+    assert done.stderr.count("\n") == 1
 
 
 def test_bug_keeps_its_traceback(monkeypatch):

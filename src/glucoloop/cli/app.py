@@ -6,7 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import Annotated, Final, NoReturn
 
 import typer
 
@@ -30,6 +30,7 @@ from glucoloop.cli import (
 )
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
+from glucoloop.cli.results import forgotten
 from glucoloop.cli.screen import note
 from glucoloop.storage.trials.stoppable import left_behind
 
@@ -81,6 +82,12 @@ def _program(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and leave: 0 done, 2 the user's mistake, in one sentence, 130 interrupted; a bug is a traceback."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    with forgotten():
+        _main(arguments)
+
+
+def _main(arguments: list[str]) -> NoReturn:
+    _open_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         # What the terminal or the pipe has no character for is told as its escape, as on standard error.
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -94,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _leave_usage(error, arguments)
     except (KeyboardInterrupt, typer.Abort):
         interrupted()
-    except (ValueError, OSError) as error:
+    except Exception as error:
         told = sentence(error)
         if told is None:
             raise
@@ -103,6 +110,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if code == 130:
         interrupted()
     sys.exit(code or 0)
+
+
+def _open_streams() -> None:
+    """Let what is said to a stream that was closed before the program began go nowhere: Python has None for it."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (for as long as the program)
 
 
 def program() -> None:

@@ -1,27 +1,48 @@
-"""Telling the user's mistake, in one sentence, from a bug, which keeps its traceback."""
+"""Telling the user's mistake and what the machine refuses, in one sentence, from a bug, which keeps its traceback.
+
+All errors of all commands come through here, so that what is known of an error is said in one place.
+"""
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 import traceback
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Final, NoReturn
 
+from glucoloop.cli import results
 from glucoloop.trials.printable import printable
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
 _LONGEST: Final = 2000
 
 
-def sentence(error: Exception) -> str | None:
+def sentence(error: BaseException) -> str | None:
     """What to say about an error, or None if it is a bug.
 
     The library refuses with a sentence of its own. A ValueError that another library raises was not foreseen.
     """
+    if isinstance(error, MemoryError) or _is_of_jax(error, "RESOURCE_EXHAUSTED"):
+        return _with_results("there is not enough memory for this; ask for fewer people, samples or rows")
+    if _is_of_jax(error, "Unable to initialize backend") or _is_of_jax(error, "Unknown backend"):
+        platforms = os.environ.get("JAX_PLATFORMS")
+        asked = "" if platforms is None else f" as JAX_PLATFORMS={platforms} asks"
+        return f"JAX cannot start{asked}: {_line(error)}; unset JAX_PLATFORMS, or set it to cpu"
+    if type(error).__module__.partition(".")[0] in ("dask", "distributed") or isinstance(error, CancelledError):
+        return (
+            f"the connection to the Dask scheduler was lost ({_line(error) or type(error).__name__}); the shards that "
+            "are done are kept, start the scheduler again and run the same command again"
+        )
+    if isinstance(error, RuntimeError) and _origin(error).name == "pathlib.py":  # Python before 3.13
+        return _with_results(f"{_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
-    origin = Path(traceback.extract_tb(error.__traceback__)[-1].filename)
-    return str(error) if origin.resolve().is_relative_to(_PACKAGE) else None
+    if isinstance(error, ValueError):
+        return str(error) if _origin(error).is_relative_to(_PACKAGE) else None
+    return None
 
 
 def mistake(told: str) -> NoReturn:
@@ -34,9 +55,9 @@ def mistake(told: str) -> NoReturn:
     sys.exit(2)
 
 
-def interrupted(told: str = "interrupted, nothing was written") -> NoReturn:
+def interrupted(told: str | None = None) -> NoReturn:
     """Leave after Ctrl-C."""
-    print(f"glucoloop: {told}.", file=sys.stderr)
+    print(f"glucoloop: {told or _with_results('interrupted')}.", file=sys.stderr)
     # An interrupt that lands in an exec, which dataclasses use, marks the process: `python -m` would then end as if
     # nobody had caught it. The next exec takes the mark away.
     exec("")
@@ -47,4 +68,28 @@ def _of_the_system(error: OSError) -> str | None:
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    return f"{where}{error.strerror}; nothing was written, free some space or choose another place"
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return _with_results(f"{where}{error.strerror}") + (
+        "; free some space or choose another place" if full else "; choose another place" if error.filename else ""
+    )
+
+
+def _with_results(told: str) -> str:
+    """With what is known about results, which may be nothing."""
+    known = results.known()
+    return told if known is None else f"{told}, {known}"
+
+
+def _is_of_jax(error: BaseException, said: str) -> bool:
+    """Whether JAX or XLA, whose errors have no classes of their own, says something."""
+    return isinstance(error, RuntimeError) and said in str(error)
+
+
+def _origin(error: BaseException) -> Path:
+    """The file that raised it."""
+    return Path(traceback.extract_tb(error.__traceback__)[-1].filename).resolve()
+
+
+def _line(error: BaseException) -> str:
+    """What an error says, in one line."""
+    return " ".join(str(error).split()).rstrip(".")

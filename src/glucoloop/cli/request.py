@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.options import FAULTS, MEALS, NO_FAULT, NO_MEAL, Given
+from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ class Output:
         if self.out is None:
             if self.overwrite:
                 raise ValueError("--overwrite is about an output folder; name one with --out")
-            return contextlib.nullcontext()
-        return output_folder(self.out, overwrite=self.overwrite)
+            return written_whole(contextlib.nullcontext(), None)
+        return written_whole(output_folder(self.out, overwrite=self.overwrite), self.out)
 
 
 def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:

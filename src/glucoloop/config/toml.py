@@ -16,6 +16,7 @@ VERSION_KEY = "glucoloop"
 LARGEST_CHARACTERS: Final = 1_000_000
 _MOST_DOTS: Final = 3000
 """In a line. Memory that the parser takes for a dotted key grows with the square of its length."""
+_DEEPEST: Final = 10
 LARGEST_INTEGER: Final = 2**63 - 1
 """TOML's own; of a larger one neither the float nor the text need exist."""
 
@@ -42,10 +43,28 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
         raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat") from None
     except ValueError:  # Python refuses a number of thousands of digits
         raise ValueError(_too_large(name)) from None
+    if deeper_than(keys, _DEEPEST):
+        raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat")
     if any(_holds_too_large(value) for value in keys.values()):
         raise ValueError(_too_large(name))
     version = keys.pop(VERSION_KEY, None)
     return keys, None if version is None else str(version)
+
+
+def deeper_than(value: object, levels: int) -> bool:
+    """Whether tables and lists lie in one another more often than that: what somebody else wrote may nest without end.
+
+    It does not call itself, so it tells of any depth.
+    """
+    there = [value]
+    for _ in range(levels + 1):
+        there = [
+            inner
+            for outer in there
+            if isinstance(outer, Mapping | list | tuple)
+            for inner in (outer.values() if isinstance(outer, Mapping) else outer)
+        ]
+    return bool(there)
 
 
 def _holds_too_large(value: object) -> bool:

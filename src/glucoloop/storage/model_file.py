@@ -14,12 +14,14 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 import glucoloop
 from glucoloop.config.run import STRICT, SampleTime
 from glucoloop.config.sentences import one_sentence
+from glucoloop.config.toml import deeper_than
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
 
 _ROUNDING: Final = 1e-9
+_DEEPEST: Final = 10
 _LARGEST_RESPONSE: Final = 1e6
 """Of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
@@ -87,6 +89,8 @@ class ModelFile(BaseModel):
         step, impulse = np.array(self.step_response), np.array(self.impulse_response)
         if step.size != impulse.size:
             raise ValueError(f"{step.size} values of the step response and {impulse.size} of the impulse response")
+        if deeper_than(self.provenance.settings, _DEEPEST):
+            raise ValueError(f"settings in its provenance that are nested more than {_DEEPEST} times")
         if not _is_finite(self.provenance.settings):
             raise ValueError("a setting in its provenance that is not finite, which JSON does not have")
         largest = np.abs(step).max()
