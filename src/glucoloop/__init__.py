@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from glucoloop.simulation import (
         Adaptive,
         Exponential,
+        Stepper,
         excite,
         fit_step,
         identify,
@@ -68,6 +69,7 @@ _HOME = {
     "PIDTuning": "control",
     "Scenario": "meals",
     "StateTuning": "control",
+    "Stepper": "simulation",
     "at_basal": "patients",
     "at_setpoint": "patients",
     "dead_time": "sensors",
@@ -112,6 +114,7 @@ __all__ = [
     "PIDTuning",
     "Scenario",
     "StateTuning",
+    "Stepper",
     "at_basal",
     "at_setpoint",
     "dead_time",
@@ -152,4 +155,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -11,6 +11,7 @@ from typing import Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from glucoloop._pytree import pytree, static
 
@@ -162,6 +163,6 @@ def _length(samples: float) -> float:
 
 
 def _checked_key(key: int) -> int:
-    if isinstance(key, bool) or not isinstance(key, int) or not 0 <= key <= LARGEST_KEY:
+    if isinstance(key, bool) or not isinstance(key, int | np.integer) or not 0 <= key <= LARGEST_KEY:
         raise ValueError(f"a key of {key!r} is not possible; give a whole number from 0 to {LARGEST_KEY}")
     return key

@@ -528,8 +528,8 @@ def test_whatever_the_controller_inside_wants_the_dose_keeps_the_limits(rows):
         ("error_mg_dl", 1e9, "10000 or less"),
         ("low_mg_dl", math.nan, "a finite number"),
         ("ahead_min", math.inf, "a finite number"),
-        ("ahead_min", True, "a finite number"),
-        ("ahead_min", "20", "a finite number"),
+        ("ahead_min", True, "give a number in min"),
+        ("ahead_min", "20", "give a number in min, such as 20"),
     ],
 )
 def test_settings_out_of_bounds_are_refused(field, value, part):

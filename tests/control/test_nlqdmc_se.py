@@ -216,8 +216,8 @@ def test_statuses(controller):
         ({"measurement_variance": np.inf}, "measurement variance of inf"),
         ({"measurement_variance": np.nan}, "measurement variance of nan"),
         ({"dead_time_samples": -1}, "dead time of -1 samples is not possible; give a whole number of 0 or more"),
-        ({"dead_time_samples": 0.5}, "dead time of 0.5 samples"),
-        ({"dead_time_samples": True}, "dead time of True samples"),
+        ({"dead_time_samples": 0.5}, "dead_time_samples is 0.5, a float"),
+        ({"dead_time_samples": True}, "dead_time_samples is True, a bool"),
         ({"dead_time_samples": 284}, "prediction horizon of 289 is not possible"),
     ],
 )

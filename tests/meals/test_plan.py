@@ -86,7 +86,7 @@ def test_a_plan_is_refused_or_its_meals_stay_within_their_days(meals, days, size
     ("keys", "told"),
     [
         ({"days": 0}, "days is 0; give a whole number from 1 to 366"),
-        ({"days": 1.5}, r"days is 1\.5; give a whole number"),
+        ({"days": 1.5}, r"days is 1\.5, a float; give a whole number"),
         ({"days": True}, "days is True"),
         ({"horizon_min": 0.0}, "a horizon of 0 min is not possible"),
         ({"horizon_min": float("nan")}, "a horizon of nan min is not possible"),

@@ -115,5 +115,5 @@ def test_an_impossible_bound_is_refused(bound):
 
 @pytest.mark.parametrize("samples", [-1, 1.5, True, 289, "2"])
 def test_an_impossible_dead_time_is_refused(samples):
-    with pytest.raises(ValueError, match=r"dead time of .* is not possible; give a whole number from 0 to 288"):
+    with pytest.raises(ValueError, match="give a whole number"):
         dead_time(samples)

@@ -111,7 +111,7 @@ def test_a_point_without_a_model_is_refused(patient_81, arguments, sentence):
 
 
 def test_a_patient_that_the_integrator_cannot_carry_is_refused():
-    with pytest.raises(TypeError, match="OpenLoop has no linear driven block; use the adaptive integrator for it"):
+    with pytest.raises(TypeError, match="patient is an OpenLoop; give a patient, an object with"):
         nonlinear_model(design_open_loop())
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
+from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.course import Course, course_of
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.control.tuning import check_sample_time
@@ -94,6 +95,8 @@ class OptimalDoses:
         return bool(np.all(limits.allow(jnp.asarray(self.insulin_mU_min), jnp.asarray(before), slack_mU_min)))
 
 
+@checked
+@on_host("a search that ends by its own progress cannot be traced")
 def optimal_doses(
     patient: SemilinearPatient,
     scenario: Scenario | None = None,

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
 from glucoloop.control.guard_doses import Given, first_given, heal_given, most, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.guard_settings import GuardSettings
@@ -240,6 +241,7 @@ def _where_sound(sound: jax.Array, tree: Any, otherwise: Any) -> Any:
     return jax.tree.map(choose, tree, otherwise)
 
 
+@checked
 def guarded(
     controller: Controller,
     settings: GuardSettings | None = None,
@@ -296,8 +298,10 @@ def guarded(
     >>> guard.sample_time_min
     5.0
     """
-    if basal_mU_min is not None and not (
-        math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min
+    if (
+        basal_mU_min is not None
+        and not is_traced(basal_mU_min, limits)
+        and not (math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min)
     ):
         raise ValueError(
             f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
@@ -306,6 +310,6 @@ def guarded(
     return Guard(
         inner=controller,
         limits=limits,
-        basal_mU_min=math.nan if basal_mU_min is None else float(basal_mU_min),
+        basal_mU_min=math.nan if basal_mU_min is None else basal_mU_min,
         settings=GuardSettings() if settings is None else settings,
     )

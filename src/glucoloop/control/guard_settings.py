@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass, fields
 from typing import Final
 
+from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 
+
+@checked
 @dataclass(frozen=True)
 class GuardSettings:
     """Limits of a guard; see `guarded`. What has no source was chosen by the experiments of the guide's page.
@@ -63,7 +66,12 @@ class GuardSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            if is_traced(value):
+                raise ArgumentTypeError(
+                    f"{field.name} is traced by JAX, but the settings of a guard are part of the compiled program; "
+                    "give plain numbers, outside of the transformation"
+                )
+            if not math.isfinite(value):
                 raise ValueError(f"a guard's {field.name} of {value!r} is not possible; give a finite number")
         for name, least, above in _LEAST:
             value = getattr(self, name)

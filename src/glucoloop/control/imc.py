@@ -7,11 +7,13 @@ E. Zafiriou, Robust Process Control, 1989, ch. 4 and 8.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_gain, check_sample_time
@@ -79,6 +81,7 @@ class IMC:
         return state, decide(wanted, delivered, self.limits, known)
 
 
+@checked
 def design_imc(
     gain: float,
     tau_min: float,
@@ -130,19 +133,24 @@ def design_imc(
     check_sample_time(sample_time_min)
     check_gain(gain)
     for name, value in (("lag", tau_min), ("filter", filter_min)):
-        if not 0.0 < value < math.inf:
+        if not is_traced(value) and not 0.0 < value < math.inf:
             raise ValueError(f"a {name} of {value:g} min is not possible; give a finite value above 0")
+    if is_traced(delay_min):
+        raise ArgumentTypeError(
+            "delay_min is traced by JAX, but it decides how many doses the controller remembers; give a plain number"
+        )
     delay = round(delay_min / sample_time_min) if math.isfinite(delay_min) else -1
     if delay < 0 or abs(delay * sample_time_min - delay_min) > 1e-9:
         raise ValueError(
             f"a dead time of {delay_min:g} min is not possible; "
             f"give a multiple of the sample time, {sample_time_min:g} min"
         )
-    a = math.exp(-sample_time_min / tau_min)
+    exp: Any = jnp.exp if is_traced(tau_min, filter_min) else math.exp
+    a = exp(-sample_time_min / tau_min)
     return IMC(
         pole=a,
         gain=gain * (1.0 - a),
-        filter_pole=math.exp(-sample_time_min / filter_min),
+        filter_pole=exp(-sample_time_min / filter_min),
         limits=limits,
         delay_samples=delay,
         sample_time_min=sample_time_min,

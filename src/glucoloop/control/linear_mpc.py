@@ -5,12 +5,15 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV, eq. (15
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
@@ -75,6 +78,7 @@ def _after_move(free_response: jax.Array, step_response: jax.Array, move: jax.Ar
     return shifted + jnp.multiply.outer(step_response, move)
 
 
+@checked
 def design_linear_mpc(
     model: StepResponseModel,
     tuning: MPCTuning = NOISE_FREE,
@@ -133,7 +137,8 @@ def design_linear_mpc(
     >>> [round(float(k), 4) for k in controller.gain]
     [-0.2, -0.36, -0.48]
     """
-    S = _long_enough(np.asarray(model.step_response, float), tuning)
+    response = model.step_response
+    S = _long_enough(response if is_traced(response) else np.asarray(response, float), tuning)
     plan = plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight))
     check_gain(S[-1])
     return LinearMPC(step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min)
@@ -166,7 +171,8 @@ def linear_mpc_of_people(
     )
 
 
-def _long_enough(step_response: npt.NDArray[np.float64], tuning: MPCTuning) -> npt.NDArray[np.float64]:
+def _long_enough(step_response: Any, tuning: MPCTuning) -> Any:
     """A step response that goes on at its last value to the end of the prediction horizon."""
     missing = max(0, tuning.prediction_horizon + 1 - step_response.shape[0])
-    return np.concatenate([step_response, np.repeat(step_response[-1:], missing, axis=0)])
+    xp: Any = jnp if is_traced(step_response) else np
+    return xp.concatenate([step_response, xp.repeat(step_response[-1:], missing, axis=0)])

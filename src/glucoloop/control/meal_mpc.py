@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import MPCTuning
@@ -41,6 +42,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 ESTIMATORS: Final = ("moving-horizon", "kalman")
 
 
+@checked
 @dataclass(frozen=True)
 class MealTuning(MPCTuning):
     """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
@@ -94,8 +96,7 @@ class MealTuning(MPCTuning):
             raise ValueError(f"a floor weight of {self.floor_weight:g} is not possible; give a finite value above 0")
         if not 0.0 <= self.anticipation <= 1.0:
             raise ValueError(f"an anticipation of {self.anticipation:g} is not possible; give 0 to 1")
-        whole = isinstance(self.iterations, int) and not isinstance(self.iterations, bool)
-        if not (whole and 1 <= self.iterations <= 10):
+        if not 1 <= self.iterations <= 10:
             raise ValueError(f"{self.iterations} iterations are not possible; give a whole number from 1 to 10")
 
 
@@ -292,6 +293,8 @@ def _finite(tree: Any) -> jax.Array:
     return sound
 
 
+@checked
+@on_host("its estimator of meals is made with NumPy")
 def design_meal_mpc(
     model: MealModel,
     tuning: MealTuning | None = None,
@@ -359,7 +362,7 @@ def design_meal_mpc(
     habits = MealHabits() if habits is None else habits
     if estimator not in ESTIMATORS:
         raise ValueError(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
-    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+    if dead_time_samples < 0:
         raise ValueError(
             f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
         )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
@@ -113,6 +114,8 @@ def _with_disturbance(
     return Phi, np.append(Gamma, 0.0), np.append(C, 1.0 if on_output else 0.0), Q
 
 
+@checked
+@on_host("its Kalman gain comes from a Riccati equation that SciPy solves")
 def design_mpc_se(
     model: LinearModel,
     process_noise: ArrayLike,
@@ -189,7 +192,7 @@ def design_mpc_se(
     """
     if offset_free not in OFFSET_FREE:
         raise ValueError(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
-    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+    if dead_time_samples < 0:
         raise ValueError(
             f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
         )

@@ -16,6 +16,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.planning import (
     DEFAULT_FLOOR_WEIGHT,
@@ -117,6 +118,8 @@ class NLQDMC:
         return state, decide(wanted, delivered, self.limits, known, converged)
 
 
+@checked
+@on_host("it checks the covariance of the noise, number by number")
 def design_nlqdmc_se(
     model: NonlinearModel,
     process_noise: ArrayLike,
@@ -186,7 +189,7 @@ def design_nlqdmc_se(
         raise ValueError(
             f"a measurement variance of {measurement_variance:g} (mg/dl)^2 is not possible; give a finite value above 0"
         )
-    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+    if dead_time_samples < 0:
         raise ValueError(
             f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
         )

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_sample_time
@@ -34,6 +35,7 @@ class OpenLoop:
         return state, decide(state, delivered, self.limits, is_known(observation))
 
 
+@checked
 def design_open_loop(
     insulin_mU_min: float | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
@@ -62,7 +64,8 @@ def design_open_loop(
     check_sample_time(sample_time_min)
     if insulin_mU_min is None:
         return OpenLoop(insulin_mU_min=None, limits=limits, sample_time_min=sample_time_min)
-    if not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
+    known = not is_traced(insulin_mU_min, limits)
+    if known and not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
         raise ValueError(
             f"a constant rate of {insulin_mU_min:g} mU/min cannot be delivered; "
             f"give {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"

@@ -13,12 +13,14 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
+@checked
 @dataclass(frozen=True)
 class PIDTuning:
     """Parameters of a PID controller.
@@ -43,22 +45,23 @@ class PIDTuning:
     derivative_time_min: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.gain_mU_min_per_mg_dl < math.inf:
+        if not is_traced(self.gain_mU_min_per_mg_dl) and not 0.0 < self.gain_mU_min_per_mg_dl < math.inf:
             raise ValueError(
                 f"a gain of {self.gain_mU_min_per_mg_dl:g} mU/min per mg/dl is not possible; "
                 "give a finite value above 0"
             )
-        if not self.integral_time_min > 0.0:
+        if not is_traced(self.integral_time_min) and not self.integral_time_min > 0.0:
             raise ValueError(
                 f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0"
             )
-        if not 0.0 <= self.derivative_time_min < math.inf:
+        if not is_traced(self.derivative_time_min) and not 0.0 <= self.derivative_time_min < math.inf:
             raise ValueError(
                 f"a derivative time of {self.derivative_time_min:g} min is not possible; "
                 "give a finite value of 0 or more"
             )
 
 
+@checked
 def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_loop_min: float) -> PIDTuning:
     """Tuning for a first-order model with dead time.
 
@@ -77,7 +80,8 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
         For a gain that is not below 0 or a time that is not possible.
     """
     check_gain(gain)
-    if not (tau_min > 0.0 and delay_min >= 0.0 and closed_loop_min > 0.0):
+    known = not is_traced(tau_min, delay_min, closed_loop_min)
+    if known and not (tau_min > 0.0 and delay_min >= 0.0 and closed_loop_min > 0.0):
         raise ValueError(
             f"a lag of {tau_min:g}, a dead time of {delay_min:g} and a closed loop of {closed_loop_min:g} min are not "
             "possible together; give a lag and a closed loop above 0 and a dead time of 0 or more"
@@ -140,6 +144,7 @@ class PID:
         return state, decide(delivered + move, delivered, self.limits, known)
 
 
+@checked
 def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sample_time_min: float = 5.0) -> PID:
     """PID controller in velocity form, with the derivative on the reading.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import is_traced
 from glucoloop.control.tuning import MPCTuning
 from glucoloop.optimize.moves_qp import minimise_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
@@ -63,13 +64,14 @@ def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
     ValueError
         For a floor that is negative or not finite, or a weight that is not positive and finite.
     """
-    if not 0.0 <= glucose_mg_dl < math.inf:
+    if not is_traced(glucose_mg_dl) and not 0.0 <= glucose_mg_dl < math.inf:
         raise ValueError(
             f"a glucose floor of {glucose_mg_dl:g} mg/dl is not possible; give a finite value of 0 or more, 0 for none"
         )
-    if not 0.0 < weight < math.inf:
+    if not is_traced(weight) and not 0.0 < weight < math.inf:
         raise ValueError(f"a floor weight of {weight:g} is not possible; give a finite value above 0")
-    return GlucoseFloor(glucose_mg_dl=glucose_mg_dl, weight=weight) if glucose_mg_dl else None
+    asked = is_traced(glucose_mg_dl) or glucose_mg_dl > 0.0
+    return GlucoseFloor(glucose_mg_dl=glucose_mg_dl, weight=weight) if asked else None
 
 
 def minimise_above(
@@ -177,11 +179,12 @@ def plan_moves(
     if constraints not in CONSTRAINT_HANDLING:
         known = ", ".join(CONSTRAINT_HANDLING)
         raise ValueError(f"unknown constraint handling {constraints!r}; the known ones are: {known}")
-    S = np.asarray(step_response, float)
-    if not np.all(np.isfinite(S)):
+    traced = is_traced(step_response, tuning.output_weight, tuning.move_weight)
+    S: Any = step_response if traced else np.asarray(step_response, float)
+    if not traced and not np.all(np.isfinite(S)):
         raise ValueError("the step response has a value that is not finite; identify the model again")
     plan = plans_of_people(S[:, None], tuning, limits, constraints, floor)
-    if not np.linalg.cond(np.asarray(plan.hessian)[..., 0]) < _WORST_CONDITION:
+    if not traced and not np.linalg.cond(np.asarray(plan.hessian)[..., 0]) < _WORST_CONDITION:
         raise ValueError(
             f"the model's response over {tuning.prediction_horizon} samples does not determine {tuning.move_horizon} "
             "moves; lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
@@ -211,22 +214,23 @@ def plans_of_people(
     MovePlan
         A person whose response does not determine the moves has a plan that is not finite, so that his rate is kept.
     """
-    S = np.asarray(step_response, float)
+    # NumPy compiles nothing; what JAX differentiates or maps has to be its own.
+    xp: Any = jnp if is_traced(step_response, tuning.output_weight, tuning.move_weight) else np
+    S = xp.asarray(step_response, float)
     p, m = tuning.prediction_horizon, tuning.move_horizon
-    A = np.zeros((p, m, *S.shape[1:]))  # as `dynamic_matrix`, without compiling anything
-    for move in range(m):
-        A[move:, move] = S[: p - move]
+    # as `dynamic_matrix`
+    A = xp.stack([xp.concatenate([xp.zeros((move, *S.shape[1:])), S[: p - move]]) for move in range(m)], axis=1)
     identity = np.eye(m)[..., None]
-    hessian = tuning.output_weight**2 * np.einsum("ij...,ik...->jk...", A, A) + tuning.move_weight**2 * identity
+    hessian = tuning.output_weight**2 * xp.einsum("ij...,ik...->jk...", A, A) + tuning.move_weight**2 * identity
     gradient = -(tuning.output_weight**2) * A.swapaxes(0, 1)
     people_first = hessian.transpose(2, 0, 1)
     with np.errstate(invalid="ignore"):
-        determinant = np.linalg.det(people_first)
-    determined = np.isfinite(determinant) & (determinant != 0.0)
-    solvable = np.where(determined[:, None, None], people_first, np.eye(m))
-    gain = -np.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
+        determinant = xp.linalg.det(people_first)
+    determined = xp.isfinite(determinant) & (determinant != 0.0)
+    solvable = xp.where(determined[:, None, None], people_first, np.eye(m))
+    gain = -xp.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
     return MovePlan(
-        gain=jnp.asarray(np.where(determined, gain, np.nan)),
+        gain=jnp.asarray(xp.where(determined, gain, np.nan)),
         hessian=jnp.asarray(hessian),
         gradient=jnp.asarray(gradient),
         limits=limits,

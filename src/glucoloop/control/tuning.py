@@ -6,21 +6,23 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import jax
 import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
+
+from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 
 LONGEST_MOVE_HORIZON: Final = 50
 LONGEST_PREDICTION_HORIZON: Final = 288
 
 
-def _whole(value: float) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
 def check_sample_time(sample_time_min: float) -> None:
-    """Refuse a sample time that is not positive and finite."""
+    """Refuse a sample time that is not positive and finite, or not known yet."""
+    if is_traced(sample_time_min):
+        raise ArgumentTypeError(
+            "sample_time_min is traced by JAX, but it decides how many samples there are; give a plain number, "
+            "or make it a static field: equinox.field(static=True)"
+        )
     if not 0.0 < sample_time_min < math.inf:
         raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
 
@@ -30,7 +32,7 @@ def check_gain(gain: ArrayLike) -> None:
 
     A gain that JAX traces has no value yet, and passes.
     """
-    if not isinstance(gain, jax.core.Tracer) and not -math.inf < float(np.asarray(gain)) < 0.0:
+    if not is_traced(gain) and not -math.inf < float(np.asarray(gain)) < 0.0:
         raise ValueError(
             f"a gain of {float(np.asarray(gain)):g} mg/dl per mU/min is not possible; insulin lowers glucose, so the "
             "gain of a model is below 0. Check the sign, or identify the model again from a record in which insulin "
@@ -38,6 +40,7 @@ def check_gain(gain: ArrayLike) -> None:
         )
 
 
+@checked
 @dataclass(frozen=True)
 class MPCTuning:
     """Horizons and weights of a predictive controller.
@@ -65,25 +68,23 @@ class MPCTuning:
     move_weight: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (_whole(self.move_horizon) and 1 <= self.move_horizon <= LONGEST_MOVE_HORIZON):
+        if not 1 <= self.move_horizon <= LONGEST_MOVE_HORIZON:
             raise ValueError(
                 f"a move horizon of {self.move_horizon} is not possible; "
                 f"give a whole number from 1 to {LONGEST_MOVE_HORIZON}"
             )
-        if not (
-            _whole(self.prediction_horizon)
-            and self.move_horizon <= self.prediction_horizon <= LONGEST_PREDICTION_HORIZON
-        ):
+        if not self.move_horizon <= self.prediction_horizon <= LONGEST_PREDICTION_HORIZON:
             raise ValueError(
                 f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
                 f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
             )
-        if not 0.0 < self.output_weight < math.inf:
+        if not is_traced(self.output_weight) and not 0.0 < self.output_weight < math.inf:
             raise ValueError(f"an output weight of {self.output_weight:g} is not possible; give a finite value above 0")
-        if not 0.0 <= self.move_weight < math.inf:
+        if not is_traced(self.move_weight) and not 0.0 <= self.move_weight < math.inf:
             raise ValueError(f"a move weight of {self.move_weight:g} is not possible; give a finite value of 0 or more")
 
 
+@checked
 @dataclass(frozen=True)
 class StateTuning(MPCTuning):
     """Tuning of the controllers that estimate the state: the horizons and weights, and a reference filter.
@@ -102,7 +103,7 @@ class StateTuning(MPCTuning):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 <= self.reference_filter < 1.0:
+        if not is_traced(self.reference_filter) and not 0.0 <= self.reference_filter < 1.0:
             raise ValueError(
                 f"a reference filter of {self.reference_filter:g} is not possible; give 0 or more and less than 1"
             )

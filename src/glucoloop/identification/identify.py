@@ -7,6 +7,7 @@ import numpy as np
 from jax import Array
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
 from glucoloop.identification.laguerre import laguerre_coefficients, laguerre_functions
@@ -77,6 +78,8 @@ class Identification:
         )
 
 
+@checked
+@on_host("a least-squares fit and its checks are made with NumPy")
 def identify_record(
     record: Record,
     method: str = "csrs",

@@ -10,6 +10,7 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
 from glucoloop.identification import _check, _unusual
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0
@@ -49,6 +50,7 @@ class Record:
     carbs_g: Array | None = None
 
 
+@checked
 def record_from_samples(
     t_min: ArrayLike | Sequence[object],
     insulin_mU_min: ArrayLike | Sequence[object],

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.meals.scenario import LARGEST_MEAL_G, LONGEST_HORIZON_MIN, Meal
+from glucoloop.arguments import checked
+from glucoloop.meals.scenario import LARGEST_MEAL_G, LONGEST_HORIZON_MIN, Meal, in_order
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 from glucoloop.units import MIN_PER_DAY
 
@@ -20,6 +21,7 @@ _DAY: Final = 1 << 16  # between the random numbers of one day and of the next
 Values = npt.NDArray[np.float64]
 
 
+@checked
 @dataclass(frozen=True)
 class MealPlan:
     """Meals of a day, repeated daily, with their variation.
@@ -59,10 +61,10 @@ class MealPlan:
         time_spread_min: float = 0.0,
         horizon_min: float | None = None,
     ) -> None:
-        if isinstance(days, bool) or not isinstance(days, int) or not 1 <= days <= MOST_DAYS:
+        if not 1 <= days <= MOST_DAYS:
             raise ValueError(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
         whole = days * MIN_PER_DAY
-        object.__setattr__(self, "meals", tuple(sorted(meals, key=lambda meal: meal.t_min)))
+        object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "days", days)
         object.__setattr__(self, "size_spread_pct", float(size_spread_pct))
         object.__setattr__(self, "time_spread_min", float(time_spread_min))

@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import constraints, glycemic, regulation
 from glucoloop.metrics._finite import all_or_nan
 from glucoloop.metrics.low_events import LASTING_MIN, LEVEL_1_MG_DL, LEVEL_2_MG_DL, low_events
+from glucoloop.metrics.printing import short_table
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.closed_loop import Trace
 
@@ -110,6 +112,9 @@ class Metrics:
     samples_dose_limited: jax.Array
     """Samples at which it cut the dose to its limit per hour or of insulin on board."""
 
+    def __str__(self) -> str:
+        return short_table({field.name: getattr(self, field.name) for field in dataclasses.fields(self)})
+
     def as_dict(self) -> dict[str, float | int | bool | None]:
         """Plain numbers by name, ready for JSON, which knows no NaN: it becomes None.
 
@@ -141,6 +146,7 @@ def first_meal_min(trace: Trace) -> jax.Array:
     return jnp.asarray(trace.t_min)[eats.argmax(axis=0)]
 
 
+@checked
 @jax.jit
 def summarise(
     trace: Trace,

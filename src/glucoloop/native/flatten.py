@@ -71,6 +71,7 @@ _MOVES: Final = (
     "copy",
     "copy_p",
     "stop_gradient",
+    "optimization_barrier",
     "split",
     "stack",
     "unstack",

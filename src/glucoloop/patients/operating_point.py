@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import at_once, checked, is_traced
 from glucoloop.patients import sorensen
 from glucoloop.patients.basal_state import with_fasting_glucose
 from glucoloop.patients.parameters.parker1999 import PARKER_1999
@@ -116,7 +117,14 @@ class SorensenPatient:
 
 
 def _physiological(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> jax.Array:
-    u = np.asarray(insulin_mU_min, float)
+    if is_traced(p, insulin_mU_min):
+        traced: jax.Array = rest_under(p, jnp.asarray(insulin_mU_min, float))
+        return traced
+    with at_once():
+        return _physiological_now(p, np.asarray(insulin_mU_min, float))
+
+
+def _physiological_now(p: SorensenParameters, u: npt.NDArray[np.float64]) -> jax.Array:
     if not np.all(np.isfinite(u) & (u >= 0.0)):
         worst = u[~(np.isfinite(u) & (u >= 0.0))].flat[0]
         raise ValueError(f"an insulin infusion of {worst:g} mU/min is not possible; give a finite rate of 0 or more")
@@ -133,6 +141,14 @@ def _physiological(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> 
 
 
 def _holding(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
+    if is_traced(p, glucose_mg_dl):
+        traced: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
+        return traced
+    with at_once():
+        return _holding_now(p, glucose_mg_dl)
+
+
+def _holding_now(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
     u: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
     if not bool(jnp.all(jnp.isfinite(u) & (jnp.asarray(glucose_mg_dl) > 0.0))):
         highest = float(jnp.min(rest_under(p, jnp.asarray(0.0))[sorensen.ARTERIAL_GLUCOSE]))
@@ -143,7 +159,8 @@ def _holding(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax.Arr
     return u
 
 
-def at_basal(p: SorensenParameters, insulin_mU_min: float) -> SorensenPatient:
+@checked
+def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> SorensenPatient:
     """Patient whose setpoint is the glucose at which the given infusion holds him.
 
     Raises
@@ -151,15 +168,17 @@ def at_basal(p: SorensenParameters, insulin_mU_min: float) -> SorensenPatient:
     ValueError
         Where no physiological steady state exists.
     """
-    x = _physiological(p, insulin_mU_min)
-    return SorensenPatient(
-        parameters=p,
-        basal_insulin_mU_min=jnp.asarray(insulin_mU_min, float),
-        setpoint_mg_dl=x[sorensen.ARTERIAL_GLUCOSE],
-    )
+    with at_once(p, insulin_mU_min):
+        x = _physiological(p, insulin_mU_min)
+        return SorensenPatient(
+            parameters=p,
+            basal_insulin_mU_min=jnp.asarray(insulin_mU_min, float),
+            setpoint_mg_dl=x[sorensen.ARTERIAL_GLUCOSE],
+        )
 
 
-def at_setpoint(p: SorensenParameters, glucose_mg_dl: float) -> SorensenPatient:
+@checked
+def at_setpoint(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> SorensenPatient:
     """Patient whose basal rate is the one that holds the given glucose.
 
     Raises
@@ -167,12 +186,13 @@ def at_setpoint(p: SorensenParameters, glucose_mg_dl: float) -> SorensenPatient:
     ValueError
         Where no infusion of 0 or more does.
     """
-    u = _holding(p, glucose_mg_dl)
-    return SorensenPatient(
-        parameters=p,
-        basal_insulin_mU_min=u,
-        setpoint_mg_dl=jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape),
-    )
+    with at_once(p, glucose_mg_dl):
+        u = _holding(p, glucose_mg_dl)
+        return SorensenPatient(
+            parameters=p,
+            basal_insulin_mU_min=u,
+            setpoint_mg_dl=jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape),
+        )
 
 
 # The paper states both 22.33 mU/min and 81 mg/dl. With the published references, which are those of a person with a
@@ -184,6 +204,7 @@ OPERATING_POINTS: Final[dict[str, Callable[[], SorensenPatient]]] = {
 }
 
 
+@checked
 def patient(operating_point: str = "setpoint-81") -> SorensenPatient:
     """Diabetic patient of Parker, Doyle and Peppas (1999) at a named operating point.
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.arguments import checked, on_host
 from glucoloop.patients.operating_point import SorensenPatient
 from glucoloop.patients.parameters.parker2000 import LARGEST_VARIATION_PCT, UNCERTAIN
 from glucoloop.patients.rest import rest_at
@@ -101,6 +102,7 @@ PRESETS: Final[dict[str, Population]] = {
 }
 
 
+@checked
 def population(name: str) -> Population:
     """Population by its name.
 
@@ -166,6 +168,8 @@ class VirtualPeople:
     """``(n,)``: whether a basal rate exists."""
 
 
+@checked
+@on_host("random numbers of people are drawn with NumPy")
 def virtual_people(
     population: Population, seed: int, person: npt.ArrayLike, *, setpoint_mg_dl: float = DEFAULT_SETPOINT_MG_DL
 ) -> VirtualPeople:

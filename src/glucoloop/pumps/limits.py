@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, is_traced
 
 
 @pytree
@@ -38,6 +39,7 @@ PARKER_1999_LIMITS: Final = DoseLimits()
 """The full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin below 100 mU/l."""
 
 
+@checked
 def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max_mU_min: float = 66.9) -> DoseLimits:
     """Limits of one's own.
 
@@ -46,11 +48,11 @@ def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max
     ValueError
         Unless ``0 < max_change`` and ``0 <= min < max``, all finite.
     """
-    if not 0.0 < max_change_mU_min < math.inf:
+    if not is_traced(max_change_mU_min) and not 0.0 < max_change_mU_min < math.inf:
         raise ValueError(
             f"a rate limit of {max_change_mU_min:g} mU/min per sample is not possible; give a finite value above 0"
         )
-    if not 0.0 <= min_mU_min < max_mU_min < math.inf:
+    if not is_traced(min_mU_min, max_mU_min) and not 0.0 <= min_mU_min < max_mU_min < math.inf:
         raise ValueError(
             f"a dose range of {min_mU_min:g} to {max_mU_min:g} mU/min is not possible; "
             "give 0 or more as the lower and a larger finite value as the upper bound"

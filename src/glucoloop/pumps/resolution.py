@@ -7,8 +7,10 @@ from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, is_traced
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.pumps.protocol import Delivery, Pump
@@ -58,6 +60,7 @@ class Resolution:
         return _Carry(inner=inner, owed_mU_min=owed), Delivery(insulin_mU_min=delivered, reported_mU_min=reported)
 
 
+@checked
 def with_resolution(
     step_mU_min: float, inner: Pump | None = None, *, least_mU_min: float = 0.0, limits: DoseLimits | None = None
 ) -> Resolution:
@@ -80,16 +83,18 @@ def with_resolution(
     ValueError
         Unless the step is positive and finite, and the least dose from 0 to the largest dose of the limits.
     """
-    if not 0.0 < step_mU_min < math.inf:
+    traced = is_traced(step_mU_min, least_mU_min, inner, limits)
+    if not traced and not 0.0 < step_mU_min < math.inf:
         raise ValueError(
             f"a delivery resolution of {step_mU_min:g} mU/min is not possible; give a finite value above 0"
         )
     pump = LimitedPump() if inner is None else inner
     kept = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
-    least = math.ceil(least_mU_min / step_mU_min - _HAIR) * step_mU_min if math.isfinite(least_mU_min) else math.nan
-    if not (least_mU_min >= 0.0 and jnp.all(least <= kept.max_mU_min)):
+    whole = jnp.ceil if traced else np.ceil
+    least = whole(least_mU_min / step_mU_min - _HAIR) * step_mU_min
+    if not traced and not (least_mU_min >= 0.0 and jnp.all(least <= kept.max_mU_min)):
         raise ValueError(
             f"a least dose of {least_mU_min:g} mU/min is not possible; "
             "give 0 or more, and whole steps that stay within the largest dose"
         )
-    return Resolution(inner=pump, limits=kept, step_mU_min=float(step_mU_min), least_mU_min=float(least))
+    return Resolution(inner=pump, limits=kept, step_mU_min=step_mU_min, least_mU_min=least if traced else float(least))

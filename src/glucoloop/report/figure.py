@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from glucoloop.arguments import ArgumentTypeError
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
 from glucoloop.report._runs import Floats, Run, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.report.people_figure import plot_people
 from glucoloop.simulation import Trace
+from glucoloop.trials.people_run import PeopleRun
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 if TYPE_CHECKING:
@@ -26,7 +29,7 @@ _LINE_MM: Final = 3.0  # a line of text, and about two of its characters
 
 
 def plot(
-    traces: Trace | Mapping[str, Trace],
+    traces: Trace | PeopleRun | Mapping[str, Trace] | Mapping[str, PeopleRun],
     *,
     title: str | None = None,
     width: Width = "double",
@@ -42,8 +45,9 @@ def plot(
 
     Parameters
     ----------
-    traces : Trace or mapping of str to Trace
-        Of one person each; labels go to the legend.
+    traces : Trace, PeopleRun, or mapping of str to one of these
+        Of one person each, or of many, who are drawn as bands of 90 % and of 50 % of them about their median. Labels
+        go to the legend.
     title : str, optional
     width : {"single", "double"}
         Of a printed column: 88 or 180 mm.
@@ -64,7 +68,19 @@ def plot(
     ValueError
         If there is no trace, one is of many people, the meals differ, or the width is unknown.
     """
-    runs = labelled_runs(traces)
+    named = traces if isinstance(traces, Mapping) else {"glucose": traces}
+    of_people = {str(label): run for label, run in named.items() if isinstance(run, PeopleRun)}
+    of_one = {str(label): run for label, run in named.items() if isinstance(run, Trace)}
+    strangers = [type(run).__name__ for run in named.values() if not isinstance(run, Trace | PeopleRun)]
+    if strangers or (of_people and of_one):
+        raise ArgumentTypeError(
+            f"traces holds {strangers[0]}, which cannot be drawn; give what simulate or simulate_people returned"
+            if strangers
+            else "traces holds runs of one person and of many; draw them in two figures"
+        )
+    if of_people:
+        return plot_people(of_people, title=title, width=width, lowest_glucose_mg_dl=lowest_glucose_mg_dl)
+    runs = labelled_runs(of_one)
     figure = _style.new_figure(width, _HEIGHTS_MM.get(width, 0.0), title)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
     divisor, unit, tick = _style.time_axis(max(run.horizon_min for run in runs), width)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -45,6 +46,7 @@ class DeadTime:
         return _Line(inner=inner, waiting=jax.tree.map(lambda readings: readings[1:], line)), told
 
 
+@checked
 def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
     """Sensor with a dead time of whole samples.
 
@@ -53,6 +55,6 @@ def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
     ValueError
         Unless `samples` is a whole number from 0 to 288.
     """
-    if isinstance(samples, bool) or not isinstance(samples, int) or not 0 <= samples <= _LONGEST:
+    if not 0 <= samples <= _LONGEST:
         raise ValueError(f"a dead time of {samples} samples is not possible; give a whole number from 0 to {_LONGEST}")
     return DeadTime(inner=inner if inner is not None else IdealSensor(), samples=samples)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, is_traced
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -39,6 +40,7 @@ class WhiteNoise:
         return state, Reading(glucose_mg_dl=glucose + noise, valid=reading.valid)
 
 
+@checked
 def white_noise(variance: float = 1.45, bound_mg_dl: float = 5.0, inner: Sensor | None = None) -> WhiteNoise:
     """Sensor with bounded white noise.
 
@@ -56,12 +58,10 @@ def white_noise(variance: float = 1.45, bound_mg_dl: float = 5.0, inner: Sensor 
     ValueError
         For a variance that is negative or not finite, or a bound that is not positive.
     """
-    if not 0.0 <= variance < math.inf:
+    if not is_traced(variance) and not 0.0 <= variance < math.inf:
         raise ValueError(
             f"a noise variance of {variance:g} (mg/dl)^2 is not possible; give a finite value of 0 or more"
         )
-    if not bound_mg_dl > 0.0:
+    if not is_traced(bound_mg_dl) and not bound_mg_dl > 0.0:
         raise ValueError(f"a noise bound of {bound_mg_dl:g} mg/dl is not possible; give a value above 0")
-    return WhiteNoise(
-        inner=inner if inner is not None else IdealSensor(), variance=float(variance), bound_mg_dl=float(bound_mg_dl)
-    )
+    return WhiteNoise(inner=inner if inner is not None else IdealSensor(), variance=variance, bound_mg_dl=bound_mg_dl)

@@ -5,10 +5,12 @@ from glucoloop.simulation.closed_loop import Trace, simulate
 from glucoloop.simulation.experiment import excite, fit_step, identify, validate_on
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
+from glucoloop.simulation.stepper import Stepper
 
 __all__ = [
     "Adaptive",
     "Exponential",
+    "Stepper",
     "Trace",
     "excite",
     "fit_step",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
 from glucoloop.meals.lehmann_deutsch import Emptying, appearance_mg_min
 from glucoloop.patients.protocol import Inputs, Patient
 from glucoloop.simulation.plant import SampleGrid
@@ -59,6 +61,7 @@ class AdaptivePlant:
         return diffrax.ClipStepSizeController(adaptive, jump_ts=inside)
 
 
+@checked
 @dataclass(frozen=True)
 class Adaptive:
     """The adaptive integrator.
@@ -77,3 +80,9 @@ class Adaptive:
             patient=patient, kinks=kinks, inside_min=jnp.asarray(grid.inside_min), tolerance=self.tolerance
         )
         return plant, jnp.asarray(grid.t_min)
+
+    def at_sample(
+        self, plant: AdaptivePlant, kinks: Emptying, grid: SampleGrid, index: jax.Array
+    ) -> tuple[AdaptivePlant, jax.Array]:
+        """The plant with these meals, and the time at which the sample with a number begins."""
+        return dataclasses.replace(plant, kinks=kinks), index * grid.sample_time_min

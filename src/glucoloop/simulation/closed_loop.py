@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.control.protocol import Controller
+from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
+from glucoloop.control.protocol import Controller, Observation, Status
 from glucoloop.meals.scenario import Scenario
 from glucoloop.patients.protocol import Patient, SemilinearPatient, lowest_valid_glucose_mg_dl
 from glucoloop.pumps import LimitedPump, Pump
@@ -18,7 +20,13 @@ from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
+from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
+
+if TYPE_CHECKING:
+    import polars as pl
+
+Values = jax.Array | npt.NDArray[np.float64]
 
 
 @pytree
@@ -54,9 +62,43 @@ class Trace:
     lowest_valid_mg_dl: jax.Array | float = 0.0
     """Lower glucose means only that it is very low: the patient's model is not valid there."""
 
+    def to_polars(self) -> pl.DataFrame:
+        """One row per sample, as a data frame of Polars.
+
+        Columns: ``t_min``; ``glucose_mg_dl``, free of noise; ``reading_mg_dl``, null where there was none;
+        ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller asked for,
+        null where that was no number; ``reported_mU_min``, what the pump said it delivered, null where it said nothing;
+        ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample.
+
+        Raises
+        ------
+        ValueError
+            For a trace of more than one person.
+        """
+        import polars as pl
+
+        if np.ndim(self.glucose_mg_dl) != 1:
+            raise ValueError(
+                f"this trace is of people of shape {np.shape(self.glucose_mg_dl)[1:]}, not of one; "
+                "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
+            )
+        reading = np.where(np.asarray(self.reading_valid), np.asarray(self.reading_mg_dl), np.nan)
+        return pl.DataFrame(
+            {
+                "t_min": np.asarray(self.t_min),
+                "glucose_mg_dl": np.asarray(self.glucose_mg_dl),
+                "reading_mg_dl": pl.Series(reading).fill_nan(None),
+                "insulin_mU_min": np.asarray(self.insulin_mU_min),
+                "command_mU_min": pl.Series(np.asarray(self.command_mU_min)).fill_nan(None),
+                "reported_mU_min": pl.Series(np.asarray(self.reported_mU_min)).fill_nan(None),
+                "status": [Status(code).name.lower().replace("_", " ") for code in np.asarray(self.status).tolist()],
+                "carbs_g": np.asarray(self.carbs_g),
+            }
+        )
+
 
 @pytree
-class _Start:
+class Start:
     """Where the loop begins."""
 
     x: jax.Array
@@ -68,27 +110,32 @@ class _Start:
 class _Eaten:
     """Meals on the grid of samples, and the grid."""
 
-    t_min: jax.Array | npt.NDArray[np.float64]
-    fine_t_min: jax.Array | npt.NDArray[np.float64]
-    carbs_g: jax.Array | npt.NDArray[np.float64]
-    announced_g: jax.Array | npt.NDArray[np.float64]
+    t_min: Values
+    fine_t_min: Values
+    carbs_g: Values
+    announced_g: Values
 
 
 def _eaten(scenario: Scenario, grid: SampleGrid) -> _Eaten:
-    carbs_g = np.zeros(grid.samples)
-    for meal in scenario.meals:
-        carbs_g[int(meal.t_min / grid.sample_time_min)] += meal.carbs_g
+    t_min, sizes_g = scenario.meal_t_min(), scenario.carbs_g()
+    carbs_g: Values
+    if is_traced(t_min, sizes_g):
+        carbs_g = jnp.zeros(grid.samples).at[jnp.floor(t_min / grid.sample_time_min).astype(int)].add(sizes_g)
+    else:
+        sample = np.asarray(t_min / grid.sample_time_min, int)
+        carbs_g = np.bincount(sample, np.asarray(sizes_g), grid.samples).astype(float)
     return _Eaten(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
         carbs_g=carbs_g,
-        announced_g=carbs_g if scenario.announced else np.zeros_like(carbs_g),
+        announced_g=carbs_g if scenario.announced else 0.0 * carbs_g,
     )
 
 
-@jax.jit
-def _run(loop: Loop, start: _Start, exogenous: Any, eaten: _Eaten, key: jax.Array) -> Trace:
+@functools.partial(jax.jit, static_argnums=1)
+def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, eaten: _Eaten, key: jax.Array) -> Trace:
     """The loop proper: one scan over samples."""
+    loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
     state, reading_key = begin(loop, start.x, start.insulin_mU_min, eaten.announced_g[0], key)
 
@@ -141,16 +188,18 @@ def default_integrator(patient: Patient) -> Integrator:
     return Exponential() if isinstance(patient, SemilinearPatient) else Adaptive()
 
 
-def _start(patient: Patient, scenario: Scenario) -> _Start:
+def start_of(patient: Patient, scenario: Scenario) -> Start:
+    """The patient at rest, at the glucose that the scenario begins with."""
     insulin = patient.basal_insulin_mU_min
     if scenario.initial_glucose_mg_dl is not None:
         insulin = patient.insulin_for(scenario.initial_glucose_mg_dl)
     setpoint = (
         patient.setpoint_mg_dl if scenario.setpoint_mg_dl is None else jnp.asarray(scenario.setpoint_mg_dl, float)
     )
-    return _Start(x=patient.steady_state(insulin), insulin_mU_min=insulin, setpoint_mg_dl=setpoint)
+    return Start(x=patient.steady_state(insulin), insulin_mU_min=insulin, setpoint_mg_dl=setpoint)
 
 
+@checked
 def simulate(
     patient: Patient,
     controller: Controller,
@@ -195,11 +244,28 @@ def simulate(
     pump = LimitedPump() if pump is None else pump
     scenario = Scenario() if scenario is None else scenario
     integrator = default_integrator(patient) if integrator is None else integrator
-    key = jax.random.key(key) if isinstance(key, int) else key
+    key = random_key(key)
 
-    grid = sample_grid(scenario.horizon_min, controller.sample_time_min)
+    grid = sample_grid(scenario.horizon_min, sample_time_of(controller))
     plant, exogenous = integrator.prepare(patient, scenario.emptying(), grid)
-    start = _start(patient, scenario)
+    start = start_of(patient, scenario)
     loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
-    trace: Trace = _run(loop, start, exogenous, _eaten(scenario, grid), key)
+    numbers, fixed = apart(loop)
+    try:
+        trace: Trace = _run(numbers, fixed, start, exogenous, _eaten(scenario, grid), key)
+    except (AttributeError, TypeError, ValueError):
+        wrong = wrong_with(controller, _first_observation(start))
+        if wrong is None:
+            raise
+        raise ArgumentTypeError(wrong) from None
     return trace
+
+
+def _first_observation(start: Start) -> Observation:
+    return Observation(
+        glucose_mg_dl=start.setpoint_mg_dl,
+        valid=jnp.ones((), bool),
+        setpoint_mg_dl=start.setpoint_mg_dl,
+        delivered_mU_min=start.insulin_mU_min,
+        announced_carbs_g=jnp.zeros(()),
+    )

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from glucoloop.arguments import checked, on_host, random_key
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.identification import (
     FirstOrderModel,
@@ -59,6 +60,7 @@ def _excite(
     return jnp.concatenate([readings, last[None]])
 
 
+@checked
 def excite(
     patient: Patient,
     insulin_mU_min: ArrayLike,
@@ -98,7 +100,7 @@ def excite(
         raise ValueError(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
     if integrator is None:
         integrator = Exponential(substeps=8, near_rest=True) if isinstance(patient, SemilinearPatient) else Adaptive()
-    key = jax.random.key(key) if isinstance(key, int) else key
+    key = random_key(key)
     fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
     grid = SampleGrid(sample_time_min=sample_time_min, samples=rates.size)
     plant, exogenous = integrator.prepare(patient, fasting, grid)
@@ -107,6 +109,8 @@ def excite(
     return Record(insulin_mU_min=jnp.asarray(rates), glucose_mg_dl=glucose, sample_time_min=sample_time_min)
 
 
+@checked
+@on_host("a least-squares fit and its checks are made with NumPy")
 def identify(
     patient: Patient,
     sensor: Sensor | None = None,
@@ -165,6 +169,7 @@ def identify(
     )
 
 
+@checked
 def validate_on(
     patient: Patient,
     model: StepResponseModel,
@@ -198,6 +203,8 @@ def validate_on(
     return record, validate(model, sequence, record.glucose_mg_dl - patient.setpoint_mg_dl)
 
 
+@checked
+@on_host("SciPy fits the model")
 def fit_step(
     patient: Patient,
     *,

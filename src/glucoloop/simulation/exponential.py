@@ -28,6 +28,7 @@ import numpy.typing as npt
 import scipy.linalg
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.lehmann_deutsch import Emptying, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.simulation.plant import SampleGrid
@@ -267,6 +268,7 @@ def substeps_of(grid: SampleGrid, substeps: int) -> tuple[float, list[Matrix]]:
     return h, [grid.inside_min[index == i] - i * h for i in range(substeps)]
 
 
+@checked
 @dataclass(frozen=True)
 class Exponential:
     """The fast integrator: exact transport, fourth order in the rest, by default one step per sample.
@@ -293,10 +295,25 @@ class Exponential:
         """
         if not isinstance(patient, SemilinearPatient):
             raise TypeError(f"{type(patient).__name__} has no linear driven block; use the adaptive integrator for it")
+        if is_traced(patient):
+            raise ArgumentTypeError(
+                "the patient is traced by JAX, but the matrices that carry the patient are exponentials that SciPy "
+                "computes; make the patient outside of the transformation, and use simulate_people for many"
+            )
         h, dense = substeps_of(grid, self.substeps)
-        state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
-        plant = ExponentialPlant(patient=patient, matrices=design(patient, h, dense, state))
+        with at_once():
+            state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
+            matrices = design(patient, h, dense, state)
+        plant = ExponentialPlant(patient=patient, matrices=matrices)
         return plant, meal_moments(grid.samples, self.substeps, h, kinks)
+
+    def at_sample(
+        self, plant: ExponentialPlant, kinks: Emptying, grid: SampleGrid, index: jax.Array
+    ) -> tuple[ExponentialPlant, jax.Array]:
+        """The same plant, and the meals' moments ``(substeps, 3)`` of the sample with a number."""
+        h = grid.sample_time_min / self.substeps
+        starts = (index * self.substeps + jnp.arange(self.substeps)) * h
+        return plant, _moments(starts[None], h, kinks)[0]
 
 
 def meal_moments(samples: int, substeps: int, step_min: float, kinks: Emptying) -> jax.Array:

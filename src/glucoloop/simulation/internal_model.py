@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, on_host
 from glucoloop.meals.lehmann_deutsch import Emptying
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.protocol import Inputs, Patient
@@ -25,6 +26,8 @@ def linear_model_at(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, s
     return discretise(linearise(derivative, patient.glucose_mg_dl, x, insulin_mU_min, jnp.zeros(())), sample_time_min)
 
 
+@checked
+@on_host("the model is checked number by number")
 def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sample_time_min: float = 5.0) -> LinearModel:
     """Exact linearisation of a patient at rest, sampled with a zero-order hold; its disturbance is the meal, mg/min.
 
@@ -73,6 +76,8 @@ class InternalModel:
         return self.plant.patient.glucose_mg_dl(x)
 
 
+@checked
+@on_host("its integrator is made with SciPy")
 def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> InternalModel:
     """A patient as an internal model at his basal operating point.
 

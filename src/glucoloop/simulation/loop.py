@@ -6,6 +6,7 @@ Whether one person is followed or a million, in real time or not, it is these tw
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, Final
 
 import jax
@@ -63,6 +64,15 @@ class Sampled:
     """Glucose below which the patient's model says no more than that it is very low."""
 
 
+def look(
+    loop: Loop, state: LoopState, announced_g: jax.Array, reading_key: jax.Array, index: jax.Array
+) -> tuple[Any, Reading, Observation]:
+    """State of the sensor after it read at the sample with a number, its reading, and what the controller sees."""
+    glucose = loop.plant.patient.glucose_mg_dl(state.x)
+    in_sensor, reading = loop.sensor.read(state.in_sensor, glucose, jax.random.fold_in(reading_key, index))
+    return in_sensor, reading, _observe(loop, reading, state.reported_mU_min, announced_g)
+
+
 def _observe(loop: Loop, reading: Reading, reported: jax.Array, announced_g: jax.Array) -> Observation:
     return Observation(
         glucose_mg_dl=reading.glucose_mg_dl,
@@ -100,18 +110,22 @@ def begin(
 def sample(
     loop: Loop, state: LoopState, exogenous: Any, announced_g: jax.Array, reading_key: jax.Array, index: jax.Array
 ) -> tuple[LoopState, Sampled]:
-    """The sample with a number: what the integrator needs from outside and what is announced are its own."""
+    """The sample with a number: what the integrator needs from outside and what is announced are its own.
+
+    The parts are compiled apart from one another. Across the borders XLA would round otherwise here than in a program
+    in which the controller runs by itself, and stepping in real time would no longer be the simulation to the bit.
+    """
+    apart: Callable[[Any], Any] = jax.lax.optimization_barrier
     glucose = loop.plant.patient.glucose_mg_dl(state.x)
-    in_sensor, reading = loop.sensor.read(state.in_sensor, glucose, jax.random.fold_in(reading_key, index))
-    observation = _observe(loop, reading, state.reported_mU_min, announced_g)
-    in_controller, decision = loop.controller.step(state.in_controller, observation)
+    in_sensor, reading, observation = apart(look(loop, state, announced_g, reading_key, index))
+    in_controller, decision = apart(loop.controller.step(state.in_controller, observation))
     finite = jnp.isfinite(decision.insulin_mU_min)
     decision = dataclasses.replace(decision, status=jnp.where(finite, decision.status, Status.NO_FINITE_DOSE))
     pump_key = jax.random.fold_in(_for_pump(reading_key), index)
     # The least that any pump can be asked for, in place of what is no number.
     command = jnp.where(finite, decision.insulin_mU_min, 0.0)
-    in_pump, delivery = loop.pump.deliver(state.in_pump, command, pump_key)
-    x, inside = loop.plant.advance(state.x, delivery.insulin_mU_min, exogenous)
+    in_pump, delivery = apart(loop.pump.deliver(state.in_pump, command, pump_key))
+    x, inside = apart(loop.plant.advance(state.x, delivery.insulin_mU_min, exogenous))
     happened = Sampled(
         x=state.x,
         glucose_mg_dl=glucose,

@@ -60,3 +60,7 @@ class Integrator(Protocol):
     def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[Plant, Any]:
         """The plant, and what reaches it from outside, one entry per sample on the leading axis."""
         ...
+
+    def at_sample(self, plant: Any, kinks: Emptying, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
+        """The plant after other meals than those it was prepared for, and what reaches it in one sample; traceable."""
+        ...

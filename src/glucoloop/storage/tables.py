@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from glucoloop.control import Status
 from glucoloop.identification import Record
 from glucoloop.simulation import Trace
 from glucoloop.storage import disk
@@ -27,27 +26,8 @@ _OVERHEAD_BYTES: Final = 10_000_000
 
 
 def sample_table(trace: Trace) -> pl.DataFrame:
-    """One row per sample.
-
-    Columns: ``t_min``; ``glucose_mg_dl``, free of noise; ``reading_mg_dl``, null where there was none;
-    ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller
-    asked for, null where that was no number;
-    ``reported_mU_min``, what the pump said it delivered, null where it said nothing;
-    ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample.
-    """
-    reading = np.where(np.asarray(trace.reading_valid), np.asarray(trace.reading_mg_dl), np.nan)
-    return pl.DataFrame(
-        {
-            "t_min": np.asarray(trace.t_min),
-            "glucose_mg_dl": np.asarray(trace.glucose_mg_dl),
-            "reading_mg_dl": pl.Series(reading).fill_nan(None),
-            "insulin_mU_min": np.asarray(trace.insulin_mU_min),
-            "command_mU_min": pl.Series(np.asarray(trace.command_mU_min)).fill_nan(None),
-            "reported_mU_min": pl.Series(np.asarray(trace.reported_mU_min)).fill_nan(None),
-            "status": [Status(code).name.lower().replace("_", " ") for code in np.asarray(trace.status).tolist()],
-            "carbs_g": np.asarray(trace.carbs_g),
-        }
-    )
+    """One row per sample; see `Trace.to_polars`."""
+    return trace.to_polars()
 
 
 def minute_table(trace: Trace) -> pl.DataFrame:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.arguments import checked, on_host
 from glucoloop.control import Controller
 from glucoloop.meals import Scenario
 from glucoloop.metrics.running import RunningMetrics
@@ -42,8 +43,12 @@ class PeopleRun:
     """(samples, people) delivered from each sample to the next."""
     engine: str
     """``"native"`` or ``"xla"``."""
+    scenario: Scenario
+    setpoint_mg_dl: float
 
 
+@checked
+@on_host("the loop is compiled for people by LLVM")
 def simulate_people(
     people: VirtualPeople,
     controller: Controller,
@@ -150,4 +155,6 @@ def simulate_people(
         glucose_mg_dl=joined([part.glucose_mg_dl for part in runs]),
         insulin_mU_min=joined([part.insulin_mU_min for part in runs]),
         engine=cohort.engine,
+        scenario=scenario,
+        setpoint_mg_dl=setpoint if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl,
     )

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from glucoloop.arguments import checked
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
 
 
+@checked
 @dataclass(frozen=True)
 class MealHabits:
     """A prior: meals begin at any time alike, and end at any time alike once they have begun.

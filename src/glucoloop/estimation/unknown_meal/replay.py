@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.models.nonlinear import MealModel
 
@@ -101,6 +102,8 @@ def replay(
 _replay = functools.partial(jax.jit, static_argnames="dead_time_samples")(replay)
 
 
+@checked
+@on_host("the record is checked with NumPy")
 def estimate_meals(
     model: MealModel,
     estimator: MealEstimator,
@@ -167,7 +170,7 @@ def estimate_meals(
             )
     if not times.size:
         raise ValueError("a record without samples tells nothing; give at least one")
-    if isinstance(dead_time_samples, bool) or not isinstance(dead_time_samples, int) or dead_time_samples < 0:
+    if dead_time_samples < 0:
         raise ValueError(
             f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
         )

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.pumps.faults.wrapping import Within, begin, deliver_within, or_limited
 from glucoloop.pumps.protocol import Delivery, Pump
@@ -37,6 +38,7 @@ class BatteryGap:
         )
 
 
+@checked
 def battery_gap(episodes: Episodes, inner: Pump | None = None) -> BatteryGap:
     """Pump that has no power during the episodes."""
     return BatteryGap(inner=or_limited(inner), episodes=episodes)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
 from glucoloop.episodes import Episodes, recurring
 from glucoloop.pumps.faults.wrapping import Within, begin, deliver_within, or_limited
 from glucoloop.pumps.protocol import Delivery, Pump
@@ -36,6 +37,7 @@ class Occlusion:
         return state, Delivery(insulin_mU_min=through, reported_mU_min=reported)
 
 
+@checked
 def occlusion(
     episodes: Episodes, inner: Pump | None = None, *, open_fraction: float = 0.0, noticed: bool = False
 ) -> Occlusion:
@@ -56,13 +58,12 @@ def occlusion(
     ValueError
         Unless ``0 <= open_fraction < 1``.
     """
-    if not 0.0 <= open_fraction < 1.0:
+    if not is_traced(open_fraction) and not 0.0 <= open_fraction < 1.0:
         raise ValueError(f"an open fraction of {open_fraction:g} is not possible; give 0 or more and less than 1")
-    return Occlusion(
-        inner=or_limited(inner), episodes=episodes, open_fraction=float(open_fraction), noticed=bool(noticed)
-    )
+    return Occlusion(inner=or_limited(inner), episodes=episodes, open_fraction=open_fraction, noticed=noticed)
 
 
+@checked
 def missed_pulses(probability: float, inner: Pump | None = None, *, noticed: bool = False, key: int = 0) -> Occlusion:
     """Pump that delivers nothing for a sample now and then.
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, is_traced
 from glucoloop.episodes import Episodes, always
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -34,6 +35,7 @@ class Calibration:
         return state, Reading(glucose_mg_dl=told, valid=reading.valid)
 
 
+@checked
 def calibration(
     gain: float = 1.0, offset_mg_dl: float = 0.0, episodes: Episodes | None = None, inner: Sensor | None = None
 ) -> Calibration:
@@ -55,9 +57,9 @@ def calibration(
     ValueError
         For a gain that is not positive, or a number that is not finite.
     """
-    if not 0.0 < gain < math.inf:
+    if not is_traced(gain) and not 0.0 < gain < math.inf:
         raise ValueError(f"a calibration gain of {gain:g} is not possible; give a finite value above 0")
-    if not math.isfinite(offset_mg_dl):
+    if not is_traced(offset_mg_dl) and not math.isfinite(offset_mg_dl):
         raise ValueError(f"a calibration offset of {offset_mg_dl:g} mg/dl is not possible; give a finite value")
     when = always() if episodes is None else episodes
-    return Calibration(inner=or_ideal(inner), episodes=when, gain=float(gain), offset_mg_dl=float(offset_mg_dl))
+    return Calibration(inner=or_ideal(inner), episodes=when, gain=gain, offset_mg_dl=offset_mg_dl)

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.sample_time import checked_sample_time
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
@@ -61,6 +62,7 @@ class Compression:
         return _State(within=within, fall=fall), Reading(glucose_mg_dl=told, valid=reading.valid)
 
 
+@checked
 def compression(
     depth: float,
     episodes: Episodes,

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, is_traced
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.sample_time import checked_sample_time
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
@@ -36,6 +37,7 @@ class Drift:
         return state, Reading(glucose_mg_dl=told, valid=reading.valid)
 
 
+@checked
 def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Drift:
     """Sensor that drifts during the episodes and is right again after each.
 
@@ -54,7 +56,7 @@ def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sa
     ValueError
         For a growth that is not finite or a sample time that is not positive.
     """
-    if not math.isfinite(mg_dl_h):
+    if not is_traced(mg_dl_h) and not math.isfinite(mg_dl_h):
         raise ValueError(f"a drift of {mg_dl_h:g} mg/dl per hour is not possible; give a finite value")
     a_sample = mg_dl_h * checked_sample_time(sample_time_min) / MIN_PER_H
     return Drift(inner=or_ideal(inner), episodes=episodes, mg_dl_sample=a_sample)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.past import LONGEST, filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
@@ -38,6 +39,7 @@ class Late:
         return _State(within=within, past=without_oldest(line)), told
 
 
+@checked
 def late(samples: int, episodes: Episodes, inner: Sensor | None = None) -> Late:
     """Sensor whose readings arrive late by whole samples during the episodes.
 
@@ -48,6 +50,6 @@ def late(samples: int, episodes: Episodes, inner: Sensor | None = None) -> Late:
     ValueError
         Unless `samples` is a whole number from 1 to 288.
     """
-    if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= LONGEST:
+    if not 1 <= samples <= LONGEST:
         raise ValueError(f"a delay of {samples} samples is not possible; give a whole number from 1 to {LONGEST}")
     return Late(inner=or_ideal(inner), episodes=episodes, samples=samples)

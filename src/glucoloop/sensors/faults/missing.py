@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -36,6 +37,7 @@ class Missing:
         )
 
 
+@checked
 def missing(episodes: Episodes, inner: Sensor | None = None) -> Missing:
     """Sensor whose readings do not arrive during the episodes."""
     return Missing(inner=or_ideal(inner), episodes=episodes)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -33,6 +34,7 @@ class Nonsense:
         )
 
 
+@checked
 def nonsense(value: float, episodes: Episodes, inner: Sensor | None = None) -> Nonsense:
     """Sensor that tells a number of its own during the episodes: 0, 2000, infinite or none at all."""
     return Nonsense(inner=or_ideal(inner), episodes=episodes, value=float(value))

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.past import filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
@@ -49,6 +50,7 @@ class OutOfOrder:
         return _State(within=within, past=without_oldest(line)), told
 
 
+@checked
 def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) -> OutOfOrder:
     """Sensor that tells any one of its latest readings during the episodes.
 
@@ -57,6 +59,6 @@ def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) ->
     ValueError
         Unless `among` is a whole number from 2 to 48.
     """
-    if isinstance(among, bool) or not isinstance(among, int) or not 2 <= among <= _MOST:
+    if not 2 <= among <= _MOST:
         raise ValueError(f"disorder among {among} readings is not possible; give a whole number from 2 to {_MOST}")
     return OutOfOrder(inner=or_ideal(inner), episodes=episodes, among=among)

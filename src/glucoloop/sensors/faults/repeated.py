@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -42,6 +43,7 @@ class Repeated:
         return _State(within=within, last=told, told=jnp.where(again, state.told + 1.0, 1.0)), told
 
 
+@checked
 def repeated(times: int, episodes: Episodes, inner: Sensor | None = None) -> Repeated:
     """Sensor that tells each reading several times during the episodes.
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -34,6 +35,7 @@ class Saturation:
         return state, Reading(glucose_mg_dl=told, valid=reading.valid)
 
 
+@checked
 def saturation(
     low_mg_dl: float = 40.0,
     high_mg_dl: float = 400.0,

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, is_traced
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -33,6 +34,7 @@ class Spikes:
         return state, Reading(glucose_mg_dl=told, valid=reading.valid)
 
 
+@checked
 def spikes(size_mg_dl: float, episodes: Episodes, inner: Sensor | None = None) -> Spikes:
     """Sensor whose readings are off by a fixed amount during the episodes.
 
@@ -41,6 +43,6 @@ def spikes(size_mg_dl: float, episodes: Episodes, inner: Sensor | None = None) -
     ValueError
         For a size that is not finite.
     """
-    if not math.isfinite(size_mg_dl):
+    if not is_traced(size_mg_dl) and not math.isfinite(size_mg_dl):
         raise ValueError(f"a spike of {size_mg_dl:g} mg/dl is not possible; give a finite value")
     return Spikes(inner=or_ideal(inner), episodes=episodes, size_mg_dl=float(size_mg_dl))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -36,6 +37,7 @@ class Stuck:
         return _State(within=within, held=told), told
 
 
+@checked
 def stuck(episodes: Episodes, inner: Sensor | None = None) -> Stuck:
     """Sensor that stays during each episode at what it read when it began."""
     return Stuck(inner=or_ideal(inner), episodes=episodes)

@@ -1,0 +1,324 @@
+"""What functions that people call ask of their arguments, read from the annotations of their parameters.
+
+`checked` refuses an argument of the wrong type with a sentence, and takes NumPy's and JAX's numbers where Python's are
+wanted. Bounds are checked by the functions themselves; they leave out what `is_traced`, since inside ``jax.jit``,
+``jax.grad`` and ``jax.vmap`` a number has no value yet.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import inspect
+import numbers
+import re
+import reprlib
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final, TypeVar, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+T = TypeVar("T", bound=Callable[..., Any])
+
+_UNITS: Final = {"_mg_dl": "mg/dl", "_mU_min": "mU/min", "_mU": "mU", "_min": "min", "_g": "g", "_pct": "percent"}
+_KEY_BOUNDS: Final = (-(2**63), 2**63 - 1)
+
+
+class ArgumentTypeError(TypeError, ValueError):
+    """An argument of the wrong type; a ValueError too, for whoever guards against arguments that are not possible."""
+
+
+def is_traced(*values: object) -> bool:
+    """Whether JAX is tracing any number of these values, so that it is not known yet."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+
+
+@contextlib.contextmanager
+def at_once(*given: object) -> Iterator[None]:
+    """Compute now, inside ``jax.jit`` too, which leaves everything for later; unless one of the given is traced."""
+    if not is_traced(given) and is_traced(jnp.zeros(())):
+        with jax.ensure_compile_time_eval():
+            yield
+    else:
+        yield
+
+
+def checked(target: T) -> T:
+    """Check the arguments of a function, or of a class when it is made, against the annotations.
+
+    ============================  ===================================================================
+    annotation                    what is taken
+    ============================  ===================================================================
+    ``float``                     a number of Python, NumPy or JAX, handed on as a float; traced as is
+    ``jax.Array | float``         such a number, or an array as it is
+    ``int``                       a whole number of them, handed on as an int; never traced
+    ``bool``, ``str``             Python's or NumPy's
+    a protocol                    an object that has the protocol's members
+    a class of glucoloop          an instance
+    any of these or ``None``      that, or None
+    anything else                 anything
+    ============================  ===================================================================
+
+    Raises
+    ------
+    ArgumentTypeError
+        In a sentence that names the argument, what it is, and what to give instead.
+    """
+    if isinstance(target, type):
+        made: Any = target
+        made.__init__ = _checked(made.__init__, made.__name__)
+        return target
+    return cast(T, _checked(target, target.__name__))
+
+
+def on_host(reason: str) -> Callable[[T], T]:
+    """Keep a function that needs the values of its arguments out of JAX's transformations.
+
+    Inside ``jax.jit`` it is computed at once if its arguments are known there, and else refused.
+
+    Parameters
+    ----------
+    reason : str
+        Why it cannot be traced: ``"it solves a Riccati equation with SciPy"``.
+    """
+
+    def decorate(function: T) -> T:
+        @functools.wraps(function)
+        def concrete(*args: Any, **kwargs: Any) -> Any:
+            if is_traced(args, kwargs):
+                given = inspect.signature(function).bind(*args, **kwargs).arguments
+                traced = " and ".join(name for name, value in given.items() if is_traced(value))
+                raise ArgumentTypeError(
+                    f"{function.__name__} cannot be differentiated, mapped or compiled by JAX: {reason}; "
+                    f"{traced} is traced. Call it outside of the transformation"
+                )
+            with at_once():
+                return function(*args, **kwargs)
+
+        return cast(T, concrete)
+
+    return decorate
+
+
+def random_key(key: object) -> jax.Array:
+    """A key of JAX from a key or a whole number.
+
+    Raises
+    ------
+    ArgumentTypeError
+        For what is neither.
+    ValueError
+        For a number that does not fit into 64 bits.
+    """
+    if isinstance(key, jax.Array | np.ndarray):
+        is_key = jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.shape == ()
+        if is_key or (key.dtype == np.uint32 and key.shape == (2,)):
+            return cast(jax.Array, key)
+        if is_traced(key) and key.shape == () and jnp.issubdtype(key.dtype, jnp.integer):
+            return jax.random.key(key)
+    if isinstance(key, bool | np.bool_) or not _is_whole(key):
+        raise ArgumentTypeError(f"key is {_described(key)}; give a whole number, or a key of jax.random.key")
+    number = int(cast(Any, key))
+    if not _KEY_BOUNDS[0] <= number <= _KEY_BOUNDS[1]:
+        raise ValueError(f"a key of {number} is too large; give a whole number of at most 63 bits")
+    return jax.random.key(number)
+
+
+def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    signature = inspect.signature(function)
+
+    @functools.cache
+    def annotations() -> Mapping[str, Any]:
+        # At the first call, since modules are not complete when they are imported.
+        return typing.get_type_hints(function)
+
+    @functools.wraps(function)
+    def check(*args: Any, **kwargs: Any) -> Any:
+        try:
+            given = signature.bind(*args, **kwargs)
+        except TypeError:
+            return function(*args, **kwargs)  # Python says itself what is missing or too much
+        hints = annotations()
+        for parameter, value in given.arguments.items():
+            if parameter in hints and parameter != "return":
+                given.arguments[parameter] = _Argument(parameter, value, name, signature, hints).taken(hints[parameter])
+        return function(*given.args, **given.kwargs)
+
+    return check
+
+
+class _Argument:
+    """One argument of one call."""
+
+    def __init__(
+        self, name: str, value: object, function: str, signature: inspect.Signature, hints: Mapping[str, Any]
+    ) -> None:
+        self.name, self.value, self.function, self.signature, self.hints = name, value, function, signature, hints
+
+    def taken(self, annotation: Any) -> Any:
+        """The value as its function wants it."""
+        if typing.get_origin(annotation) in (types.UnionType, typing.Union):
+            kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
+            if (self.value is None and len(kinds) < len(typing.get_args(annotation))) or len(kinds) > 1:
+                return self._numbers() if set(kinds) == {float, jax.Array} else self.value
+            annotation = kinds[0]
+        if annotation is float:
+            return self._number()
+        if annotation is int:
+            return self._whole_number()
+        if annotation is bool:
+            return self._truth()
+        if annotation is str:
+            return self._instance(str, "a text")
+        if _is_ours(annotation):
+            return self._fitting(annotation) if _is_protocol(annotation) else self._instance(annotation)
+        return self.value
+
+    def _number(self) -> Any:
+        value = self.value
+        if isinstance(value, jax.Array | np.ndarray):
+            real = jnp.issubdtype(value.dtype, jnp.floating) or jnp.issubdtype(value.dtype, jnp.integer)
+            if real and value.shape == ():
+                return value if is_traced(value) else float(value)
+            if real:
+                raise ArgumentTypeError(
+                    f"{self.name} is an array of shape {value.shape}; give one number{self._unit()}, "
+                    "and use jax.vmap for many"
+                )
+        elif isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
+            try:
+                return float(value)
+            except OverflowError:
+                raise ValueError(f"{self.name} of {reprlib.repr(value)} is too large for a float") from None
+        raise ArgumentTypeError(f"{self.name} is {_described(value)}; give a number{self._unit()}{self._in_text()}")
+
+    def _numbers(self) -> Any:
+        """One number or an array, as it is."""
+        value = self.value
+        if isinstance(value, jax.Array | np.ndarray):
+            return value
+        return self._number()
+
+    def _whole_number(self) -> int:
+        value = self.value
+        if is_traced(value):
+            raise ArgumentTypeError(
+                f"{self.name} is traced by JAX, but it decides what is computed; "
+                "give a plain int, outside of the transformation or by static_argnames"
+            )
+        if isinstance(value, bool | np.bool_) or not _is_whole(value):
+            raise ArgumentTypeError(f"{self.name} is {_described(value)}; give a whole number{self._unit()}")
+        return int(cast(Any, value))
+
+    def _truth(self) -> bool:
+        if not isinstance(self.value, bool | np.bool_):
+            raise ArgumentTypeError(f"{self.name} is {_described(self.value)}; give True or False")
+        return bool(self.value)
+
+    def _instance(self, kind: type, wanted: str | None = None) -> Any:
+        if isinstance(self.value, kind):
+            return self.value
+        raise ArgumentTypeError(self._misplaced() or self._unlike(kind, wanted or f"an instance of {kind.__name__}"))
+
+    def _fitting(self, protocol: type) -> Any:
+        lacking = _lacking(self.value, protocol)
+        if not lacking:
+            return self.value
+        members = _members(protocol)
+        without = f" without {_in_words(lacking)}" if len(lacking) < len(members) else ""
+        wanted = f"a {protocol.__name__.lower()}, an object with {_in_words(members)}"
+        raise ArgumentTypeError(self._misplaced() or self._unlike(protocol, wanted, without))
+
+    def _unlike(self, kind: type, wanted: str, without: str = "") -> str:
+        part = next((name for name, part in _parts(self.value) if _is_a(part, kind)), None)
+        mend = f"give {wanted}" if part is None else f"give its part .{part}"
+        return f"{self.name} is {_described(self.value)}{without}; {mend}"
+
+    def _misplaced(self) -> str | None:
+        """For which other argument of the function the value would do."""
+        for other, annotation in self.hints.items():
+            kinds = (annotation, *typing.get_args(annotation))
+            if other not in (self.name, "return") and any(_is_ours(kind) and _is_a(self.value, kind) for kind in kinds):
+                order = ", ".join(self.signature.parameters)
+                return (
+                    f"{self.name} is {_described(self.value)}, which would do as {other}; "
+                    f"the arguments are {self.function}({order})"
+                )
+        return None
+
+    def _unit(self) -> str:
+        ending = next((ending for ending in _UNITS if self.name.endswith(ending)), None)
+        return "" if ending is None else f" in {_UNITS[ending]}"
+
+    def _in_text(self) -> str:
+        """The number that a text begins with."""
+        found = re.match(r"\s*[-+]?\d+(\.\d+)?", self.value) if isinstance(self.value, str) else None
+        return "" if found is None else f", such as {float(found[0]):g}"
+
+
+def _is_ours(annotation: Any) -> bool:
+    return isinstance(annotation, type) and annotation.__module__.startswith("glucoloop")
+
+
+def _is_a(value: object, kind: type) -> bool:
+    return not _lacking(value, kind) if _is_protocol(kind) else isinstance(value, kind)
+
+
+def _parts(value: object) -> list[tuple[str, object]]:
+    """Fields of a record."""
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return []
+    return [(field.name, getattr(value, field.name)) for field in dataclasses.fields(value)]
+
+
+def _is_protocol(kind: type) -> bool:
+    return bool(getattr(kind, "_is_protocol", False))
+
+
+def _members(protocol: type) -> list[str]:
+    return [name for name in dir(protocol) if not name.startswith("_")]
+
+
+def _lacking(value: object, protocol: type) -> list[str]:
+    """Members of a protocol that an object has not; a class has not what its instances have."""
+    return [name for name in _members(protocol) if isinstance(value, type) or not _has(value, name)]
+
+
+def _has(value: object, name: str) -> bool:
+    with contextlib.suppress(Exception):
+        return hasattr(value, name)
+    return True  # somebody else's property that fails is there
+
+
+def _is_whole(value: object) -> bool:
+    if isinstance(value, jax.Array | np.ndarray):
+        return value.shape == () and bool(jnp.issubdtype(value.dtype, jnp.integer))
+    return isinstance(value, numbers.Integral)
+
+
+def _described(value: object) -> str:
+    """A value and its type, in words."""
+    if value is None:
+        return "None"
+    if isinstance(value, type):
+        return f"the class {value.__name__}, not an instance of it"
+    kind = type(value).__name__
+    article = "an" if kind[0] in "aeiouAEIO" else "a"
+    if is_traced(value):
+        return "a number that JAX traces"
+    if isinstance(value, str | numbers.Number | np.generic | list | tuple | dict):
+        return f"{_SHORT.repr(value)}, {article} {kind}"
+    return f"{article} {kind}"
+
+
+_SHORT: Final = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+
+def _in_words(names: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

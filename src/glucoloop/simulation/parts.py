@@ -1,0 +1,101 @@
+"""The parts that people bring to a loop: made ready for JAX, or refused with a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Any, cast
+
+import jax
+import numpy as np
+
+from glucoloop.arguments import ArgumentTypeError
+from glucoloop.control.protocol import Controller, Decision, Observation
+from glucoloop.control.tuning import check_sample_time
+
+_NUMBERS = (jax.Array, np.ndarray, np.generic, float, complex, int)
+
+
+def sample_time_of(controller: Controller) -> float:
+    """Sample time of a controller [min], which has to be known before anything is computed.
+
+    Raises
+    ------
+    ArgumentTypeError
+        Where it is no number, or JAX traces it.
+    ValueError
+        Unless it is positive and finite.
+    """
+    sample_time: Any = controller.sample_time_min
+    if not isinstance(sample_time, _NUMBERS):
+        raise ArgumentTypeError(f"the controller's sample_time_min is {sample_time!r}; give a number in min, such as 5")
+    check_sample_time(cast(float, sample_time))
+    return float(cast(float, sample_time))
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What of a tree is no number and belongs to the program: its structure, and functions in it."""
+
+    structure: Any
+    places: tuple[int, ...]
+    functions: tuple[Hashable, ...]
+
+    def joined(self, numbers: list[Any]) -> Any:
+        """The tree with these numbers."""
+        leaves = list(numbers)
+        for place, function in zip(self.places, self.functions, strict=True):
+            leaves.insert(place, function)
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+def apart(tree: Any) -> tuple[list[Any], Fixed]:
+    """Numbers of a tree, and what is fixed in it.
+
+    Raises
+    ------
+    ArgumentTypeError
+        For an object that JAX does not know.
+    """
+    numbers, places, functions = [], [], []
+    leaves, structure = jax.tree_util.tree_flatten_with_path(tree)
+    for place, (path, leaf) in enumerate(leaves):
+        if isinstance(leaf, _NUMBERS):
+            numbers.append(leaf)
+        elif isinstance(leaf, str) or (callable(leaf) and len(path) > 1):
+            places.append(place)
+            functions.append(leaf)
+        else:
+            raise ArgumentTypeError(
+                f"{_place(path)} is an instance of {type(leaf).__name__}, which JAX cannot carry through a loop; write "
+                "@jax.tree_util.register_static above its class, a frozen dataclass, or derive it from equinox.Module"
+            )
+    return numbers, Fixed(structure=structure, places=tuple(places), functions=tuple(functions))
+
+
+def wrong_with(controller: Controller, observation: Observation) -> str | None:
+    """What keeps a controller of one's own from being stepped in a loop, or None."""
+    state = jax.eval_shape(controller.init, observation)
+    answer = jax.eval_shape(lambda state: controller.step(state, observation), state)
+    name = type(controller).__name__
+    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], Decision):
+        return f"{name}.step has to return its new state and a Decision, (state, decision), and nothing else"
+    after, decision = answer
+    dose = decision.insulin_mU_min
+    if dose.shape != observation.glucose_mg_dl.shape:
+        return f"{name}.step decides on a dose of shape {dose.shape} for one person; it has to be of shape ()"
+    before, then = jax.tree.structure(state), jax.tree.structure(after)
+    if hash(before) != hash(then):
+        return f"the state of {name} changes its structure: init makes {before}, step makes {then}"
+    for (path, old), new in zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(after), strict=True):
+        if (old.shape, old.dtype) != (new.shape, new.dtype):
+            return (
+                f"the state of {name} changes its type{f' at {_place(path)}' if path else ''}: init makes {old.dtype} "
+                f"of shape {old.shape}, step makes {new.dtype} of shape {new.shape}; make them the same in init"
+            )
+    return None
+
+
+def _place(path: tuple[Any, ...]) -> str:
+    place: str = jax.tree_util.keystr(path)
+    return place.removeprefix(".")

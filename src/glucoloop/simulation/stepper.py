@@ -1,0 +1,307 @@
+"""One patient, sample by sample, for whoever brings the doses: a loop in real time, a game, another program."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.arguments import checked, random_key
+from glucoloop.control.protocol import Decision, Observation, Status
+from glucoloop.meals.lehmann_deutsch import Emptying, emptying
+from glucoloop.meals.scenario import LONGEST_HORIZON_MIN, Meal, Scenario
+from glucoloop.patients.protocol import Patient
+from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.simulation.closed_loop import default_integrator, start_of
+from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
+from glucoloop.simulation.parts import Fixed, apart
+from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.snapshot import fingerprint, pack, unpack
+
+_FIRST_ROOM: Final = 8
+"""Meals for which there is room at first; it is doubled when it is full."""
+
+
+@pytree
+class _Asked:
+    """The controller of a loop whose doses come from outside."""
+
+    insulin_mU_min: jax.Array
+    sample_time_min: float
+
+    def init(self, observation: Observation) -> tuple[()]:
+        """Nothing is remembered."""
+        del observation
+        return ()
+
+    def step(self, state: tuple[()], observation: Observation) -> tuple[tuple[()], Decision]:
+        """The dose that was asked for."""
+        del observation
+        return state, Decision(insulin_mU_min=self.insulin_mU_min, status=jnp.asarray(int(Status.OK)))
+
+
+@pytree
+class _Now:
+    """Everything that a stepper remembers."""
+
+    loop: LoopState
+    sample: jax.Array
+    """Number of the sample to come."""
+    key: jax.Array
+    meal_t_min: jax.Array
+    """(room,) when each meal began; 0 g where there is none yet."""
+    carbs_g: jax.Array
+    meals: jax.Array
+    """How many there were."""
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _begin(numbers: list[Any], fixed: Fixed, x: jax.Array, insulin: jax.Array, key: jax.Array) -> Any:
+    return begin(fixed.joined(numbers), x, insulin, jnp.zeros(()), key)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _look(numbers: list[Any], fixed: Fixed, now: _Now, announced_g: float) -> Observation:
+    return look(fixed.joined(numbers), now.loop, jnp.asarray(announced_g), now.key, now.sample)[2]
+
+
+@functools.partial(jax.jit, static_argnums=(1, 2, 3))
+def _step(
+    numbers: list[Any],
+    fixed: Fixed,
+    integrator: Integrator,
+    grid: SampleGrid,
+    now: _Now,
+    kinks: Emptying,
+    insulin_mU_min: float,
+) -> tuple[_Now, Sampled]:
+    loop: Loop = fixed.joined(numbers)
+    plant, outside = integrator.at_sample(loop.plant, kinks, grid, now.sample)
+    asked = dataclasses.replace(loop.controller, insulin_mU_min=jnp.asarray(insulin_mU_min))  # type: ignore[type-var]
+    loop = dataclasses.replace(loop, plant=plant, controller=asked)
+    after, happened = sample(loop, now.loop, outside, jnp.zeros(()), now.key, now.sample)
+    return dataclasses.replace(now, loop=after, sample=now.sample + 1), happened
+
+
+class Stepper:
+    """A patient with sensor and pump, stepped from sample to sample.
+
+    It is the loop of `simulate` with the controller left out: given the doses of a controller, it goes through the same
+    numbers. `observation` is what a controller may see; the patient's own glucose is there for whoever watches.
+
+    Parameters
+    ----------
+    patient : Patient
+    sensor, pump : Sensor, Pump, optional
+        As for `simulate`.
+    sample_time_min : float
+    setpoint_mg_dl : float, optional
+        What the observations tell a controller to aim at; the patient's own by default.
+    initial_glucose_mg_dl : float, optional
+        The patient starts at rest at this value; at the setpoint of the patient by default.
+    key : JAX key or int
+        Source of all randomness.
+    integrator : Integrator, optional
+        As for `simulate`.
+
+    Raises
+    ------
+    ValueError
+        For an argument that is not possible.
+
+    Examples
+    --------
+    >>> import glucoloop as gl
+    >>> stepper = gl.Stepper(gl.patient(), gl.white_noise(1.45), key=3)
+    >>> controller = gl.design_pid(gl.PIDTuning(0.5, 150.0))
+    >>> seen = stepper.observation()
+    >>> state = controller.init(seen)
+    >>> for sample in range(3):
+    ...     state, decision = controller.step(state, seen)
+    ...     seen = stepper.step(decision.insulin_mU_min, carbs_g=50.0 if sample == 1 else 0.0)
+    >>> stepper.t_min
+    15.0
+    """
+
+    @checked
+    def __init__(
+        self,
+        patient: Patient,
+        sensor: Sensor | None = None,
+        pump: Pump | None = None,
+        *,
+        sample_time_min: float = 5.0,
+        setpoint_mg_dl: float | None = None,
+        initial_glucose_mg_dl: float | None = None,
+        key: jax.Array | int = 0,
+        integrator: Integrator | None = None,
+    ) -> None:
+        self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
+        self._integrator = default_integrator(patient) if integrator is None else integrator
+        fasting = Scenario((), setpoint_mg_dl=setpoint_mg_dl, initial_glucose_mg_dl=initial_glucose_mg_dl)
+        self._start = start_of(patient, fasting)
+        plant, _ = self._integrator.prepare(patient, self._no_meals(), self._grid)
+        loop = Loop(
+            plant=plant,
+            controller=_Asked(insulin_mU_min=self._start.insulin_mU_min, sample_time_min=sample_time_min),
+            sensor=IdealSensor() if sensor is None else sensor,
+            pump=LimitedPump() if pump is None else pump,
+            setpoint_mg_dl=self._start.setpoint_mg_dl,
+        )
+        self._numbers, self._fixed = apart(loop)
+        self._of = fingerprint((patient, loop.sensor, loop.pump, loop.controller, loop.setpoint_mg_dl))
+        self._of += f" {self._integrator}"
+        self._key = random_key(key)
+        self.last: Sampled | None = None
+        self.reset()
+
+    @staticmethod
+    def _no_meals() -> Emptying:
+        kinks: Emptying = emptying(jnp.zeros(_FIRST_ROOM), jnp.zeros(_FIRST_ROOM))
+        return kinks
+
+    @property
+    def sample_time_min(self) -> float:
+        """Time between two steps."""
+        return self._grid.sample_time_min
+
+    @property
+    def sample(self) -> int:
+        """Number of the sample to come; 0 at the start."""
+        return int(self._now.sample)
+
+    @property
+    def t_min(self) -> float:
+        """Time since the start [min]."""
+        return self.sample * self.sample_time_min
+
+    @property
+    def glucose_mg_dl(self) -> float:
+        """The patient's own glucose, free of noise, which no controller may see."""
+        loop: Loop = self._fixed.joined(self._numbers)
+        return float(loop.plant.patient.glucose_mg_dl(self._now.loop.x))
+
+    @property
+    def state(self) -> jax.Array:
+        """The patient's state ``(states,)``."""
+        return self._now.loop.x
+
+    def reset(self, key: jax.Array | int | None = None) -> Observation:
+        """Go back to the start, with other randomness if a key is given, and return the first observation."""
+        self._key = self._key if key is None else random_key(key)
+        start = self._start
+        loop, reading_key = _begin(self._numbers, self._fixed, start.x, start.insulin_mU_min, self._key)
+        self._now = _Now(
+            loop=loop,
+            sample=jnp.asarray(0),
+            key=reading_key,
+            meal_t_min=jnp.zeros(_FIRST_ROOM),
+            carbs_g=jnp.zeros(_FIRST_ROOM),
+            meals=jnp.asarray(0),
+        )
+        self._kinks = self._no_meals()
+        self.last = None
+        return self.observation()
+
+    @checked
+    def observation(self, announced_carbs_g: float = 0.0) -> Observation:
+        """What a controller sees at the sample to come; the same however often it is asked for.
+
+        Parameters
+        ----------
+        announced_carbs_g : float
+            Carbohydrate of a meal during that sample of which the controller is told [g].
+        """
+        seen: Observation = _look(self._numbers, self._fixed, self._now, announced_carbs_g)
+        return seen
+
+    @checked
+    def eat(self, carbs_g: float, after_min: float = 0.0) -> None:
+        """A meal begins during the sample to come.
+
+        Parameters
+        ----------
+        carbs_g : float
+            Its carbohydrate [g].
+        after_min : float
+            Minutes from the beginning of the sample; less than its length.
+
+        Raises
+        ------
+        ValueError
+            For a meal that is not possible, or one that begins outside of the sample.
+        """
+        if not 0.0 <= after_min < self.sample_time_min:
+            raise ValueError(
+                f"a meal {after_min:g} min into a sample of {self.sample_time_min:g} min is not possible; "
+                f"give 0 or more and less than {self.sample_time_min:g}"
+            )
+        meal = Meal(carbs_g, self.t_min + after_min)
+        now, number = self._now, int(self._now.meals)
+        t_min, sizes_g = now.meal_t_min, now.carbs_g
+        if number == t_min.size:
+            t_min, sizes_g = (jnp.concatenate([part, jnp.zeros_like(part)]) for part in (t_min, sizes_g))
+        self._now = dataclasses.replace(
+            now,
+            meal_t_min=t_min.at[number].set(meal.t_min),
+            carbs_g=sizes_g.at[number].set(meal.carbs_g),
+            meals=jnp.asarray(number + 1),
+        )
+        self._kinks = emptying(self._now.meal_t_min, self._now.carbs_g)
+
+    @checked
+    def step(self, insulin_mU_min: float, carbs_g: float = 0.0) -> Observation:
+        """Deliver a dose until the next sample, and return what is observed then.
+
+        Parameters
+        ----------
+        insulin_mU_min : float
+            What the controller asks of the pump [mU/min]; the pump keeps its limits. Anything, also NaN.
+        carbs_g : float
+            Carbohydrate of a meal that begins with this sample [g]; 0 for none. `eat` is for one that begins within it.
+
+        Returns
+        -------
+        Observation
+            `last` holds what happened until then: the reading, the decision, the delivery, and glucose by the minute.
+
+        Raises
+        ------
+        ValueError
+            For a meal that is not possible, or after a year.
+        """
+        if self.t_min >= LONGEST_HORIZON_MIN:
+            raise ValueError(f"a run of more than {LONGEST_HORIZON_MIN:g} min is not possible; reset the stepper")
+        if carbs_g != 0.0:
+            self.eat(carbs_g)
+        self._now, self.last = _step(
+            self._numbers, self._fixed, self._integrator, self._grid, self._now, self._kinks, insulin_mU_min
+        )
+        return self.observation()
+
+    def save(self) -> bytes:
+        """Everything that the stepper remembers, for `restore`."""
+        return pack(self._now, self._of)
+
+    def restore(self, saved: bytes) -> Observation:
+        """Go on from where a stepper of the same patient, sensor and pump was saved, to the same bits.
+
+        Returns
+        -------
+        Observation
+            The one at the sample to come.
+
+        Raises
+        ------
+        ValueError
+            For bytes that are damaged, of another version, or of a stepper that differs from this one. The stepper
+            then stays as it was.
+        """
+        now = unpack(saved, self._now, self._of)
+        self._now, self._kinks, self.last = now, emptying(now.meal_t_min, now.carbs_g), None
+        return self.observation()

@@ -1,0 +1,108 @@
+"""States as bytes, exactly, and back: versioned, with a digest, and refused elsewhere than where they were taken."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from typing import Any, Final, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+T = TypeVar("T")
+
+_MAGIC: Final = b"glucoloop snapshot "
+_VERSION: Final = 1
+_DIGEST_BYTES: Final = 32
+
+
+def pack(state: Any, of: str = "") -> bytes:
+    """Bytes of a state.
+
+    Parameters
+    ----------
+    state : pytree of arrays
+        Of a stepper, a controller, an estimator: whatever ``init`` makes and ``step`` hands back.
+    of : str
+        Whose it is, such as a `fingerprint`; asked for again by `unpack`.
+    """
+    arrays = [_plain(leaf) for leaf in jax.tree.leaves(state)]
+    header = {"of": of, "arrays": [[array.dtype.str, list(array.shape)] for array in arrays]}
+    lines = _MAGIC + f"{_VERSION}\n{json.dumps(header)}\n".encode()
+    data = lines + b"".join(array.tobytes() for array in arrays)
+    return data + hashlib.sha256(data).digest()
+
+
+def unpack(data: bytes, like: T, of: str = "") -> T:
+    """State from the bytes of `pack`, to the same bits.
+
+    Parameters
+    ----------
+    data : bytes
+    like : pytree of arrays
+        Another state of the same kind, such as the one that ``init`` makes. An axis may have another length.
+    of : str
+        Whose it should be.
+
+    Raises
+    ------
+    ValueError
+        For bytes that are no snapshot, were cut short or changed, or are of another version, owner or kind.
+    """
+    if not isinstance(data, bytes) or not data.startswith(_MAGIC):
+        raise ValueError("these bytes are no snapshot of glucoloop; give what was saved")
+    version, _, rest = data.removeprefix(_MAGIC).partition(b"\n")
+    if version != str(_VERSION).encode():
+        told = version[:20].decode(errors="replace")
+        raise ValueError(
+            f"the snapshot is of version {told!r}, but this program reads version {_VERSION}; save it anew"
+        )
+    body, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
+    if hashlib.sha256(body).digest() != digest:
+        raise ValueError("the snapshot is damaged: its digest is not that of its content; take an earlier one")
+    line, _, _ = rest.partition(b"\n")
+    header = json.loads(line)
+    if header["of"] != of:
+        raise ValueError(
+            "the snapshot was taken elsewhere: its patient, sensor, pump, controller or one of their settings differs; "
+            "restore it where it was saved"
+        )
+    leaves, structure = jax.tree.flatten(like)
+    kinds = [(_plain(leaf).dtype.str, _plain(leaf).ndim) for leaf in leaves]
+    if kinds != [(dtype, len(shape)) for dtype, shape in header["arrays"]]:
+        raise ValueError("the snapshot holds a state of another kind; restore it where it was saved")
+    start, arrays = len(_MAGIC) + len(version) + len(line) + 2, []
+    for (dtype, shape), leaf in zip(header["arrays"], leaves, strict=True):
+        count = int(np.prod(shape, dtype=int))
+        array = np.frombuffer(body, np.dtype(dtype), count, start).reshape(shape)
+        start += array.nbytes
+        arrays.append(jax.random.wrap_key_data(jnp.asarray(array)) if _is_key(leaf) else jnp.asarray(array))
+    state: T = jax.tree.unflatten(structure, arrays)
+    return state
+
+
+def fingerprint(tree: Any) -> str:
+    """Digest of all numbers of a tree and of its structure, the same in every process."""
+    leaves, structure = jax.tree.flatten(tree)
+    digest = hashlib.sha256(_without_addresses(str(structure)))
+    for leaf in leaves:
+        if isinstance(leaf, str) or callable(leaf):
+            digest.update(_without_addresses(repr(leaf)))
+        else:
+            array = _plain(leaf)
+            digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _without_addresses(text: str) -> bytes:
+    return re.sub(r" at 0x[0-9a-f]+", "", text).encode()
+
+
+def _is_key(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array) and bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
+
+
+def _plain(leaf: Any) -> np.ndarray[Any, np.dtype[Any]]:
+    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
