@@ -10,7 +10,7 @@ import glucoloop as gl
 from glucoloop.config.adversary import read_adversary
 from glucoloop.patients import patient
 from glucoloop.sensors import erring
-from glucoloop.trials.adversary import Attack, Effort, ErrorSpace, random_errors, search_all, worst_errors
+from glucoloop.trials.adversary import Attack, Effort, ErrorSpace, random_errors, worst_errors
 from glucoloop.trials.designs import controller_of
 
 ASKED = read_adversary(
@@ -80,15 +80,6 @@ def test_people_err_by_chance_each_in_a_way_of_his_own(attack, space):
     np.testing.assert_array_equal(found.harm.lowest_mg_dl[:3], fewer.harm.lowest_mg_dl)
     assert np.unique(found.harm.lowest_mg_dl).size == 5
     assert found.ever_below_54_pct in {20.0 * n for n in range(6)}
-
-
-def test_every_search_has_an_outcome():
-    counted = []
-    (outcome,) = search_all(ASKED.groups(), ASKED.effort, None, told=lambda cell, one: counted.append(one.number))
-    assert counted == list(range(8))
-    assert outcome.cell.name == "pid, ±30 %"
-    assert outcome.worst.lowest_mg_dl <= outcome.lowest_without_errors_mg_dl
-    assert outcome.random.person.size == 5
 
 
 def test_what_does_not_fit_is_refused(pid):

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import Given, Option, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import show, stage
+from glucoloop.cli.screen import note, show, stage
 from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL, WORKERS
 
 if TYPE_CHECKING:
     from glucoloop.config.adversary import Adversary
+    from glucoloop.storage.adversary import AdversaryFolder
 
 HELP: Final = (
     "Search for the worst plausible sensor errors: those that bring a controller's glucose lowest.\n\n"
     "Each reading may be wrong by a part of the true glucose, and a few times the reading is stuck. An evolution "
     "strategy (CMA-ES) tries some ten thousand sequences of errors on one person and keeps those with the most time "
     "below 54 mg/dl. Beside it stand errors of the same size by chance, on a population. Without options it is the "
-    "paper's four controllers and the meal-aware one, guarded, and 50 g at 50 min.\n\n"
+    "paper's four controllers and the meal-aware one, guarded, and 50 g at 50 min. A folder given by --out grows "
+    "generation by generation; after Ctrl-C the same command goes on.\n\n"
     "  glucoloop adversary --out worst\n\n"
     "  glucoloop adversary --controller mpc --error 10 --guards both\n\n"
     "  glucoloop adversary --controller mpc --person 17 --error 20 --generations 1000 --out person-17\n\n"
     "  glucoloop adversary --config worst/adversary.toml --out again"
 )
-CONFIGURATION: Final = "adversary.toml"
 _ERRORS: Final = "Errors"
 _SEARCH: Final = "Search"
 _NOT_HERE: Final = (
@@ -53,7 +55,15 @@ _OWN: Final = (
         _SEARCH,
         metavar="N",
     ),
-    Option("generations", "--generations", int, "How long each search goes on.", _SEARCH, metavar="N", default="300"),
+    Option(
+        "generations",
+        "--generations",
+        int,
+        "How long each search goes on.",
+        _SEARCH,
+        metavar="N",
+        default="300; nlqdmc-se, meal-mpc: 30",
+    ),
     Option("starts", "--starts", int, "Searches side by side.", _SEARCH, metavar="N", default="8"),
     Option("sequences", "--sequences", int, "Sequences in a generation, of each.", _SEARCH, metavar="N", default="32"),
     Option("search_seed", "--search-seed", int, "The same seed tries the same.", _SEARCH, metavar="N", default="1"),
@@ -61,7 +71,8 @@ _OWN: Final = (
 )
 _WORDS: Final = {
     "people": "How many meet errors by chance.",
-    "out": "Folder for the worst loops, drawn, tables and the configuration.",
+    "out": "Folder for the worst loops, drawn, and tables; a search that was begun there goes on.",
+    "overwrite": "Begin again, whatever search the folder holds.",
 }
 _DEFAULTS: Final = {
     "duration_min": "600",
@@ -105,35 +116,65 @@ def _read(keys: Given, of_file: Given) -> Adversary:
 
 
 def _carry_out(asked: Adversary, output: Output) -> None:
+    from glucoloop.storage.adversary import CONFIGURATION, FINAL, SCORES, adversary_folder
+
+    if output.out is None:
+        if output.overwrite:
+            raise ValueError("--overwrite is about an output folder; name one with --out")
+        _tell(asked, _search(asked, None), output, {})
+        return
+    folder: AdversaryFolder | None = None
+    wanted = asked.generations
+    try:
+        with adversary_folder(output.out, asked, overwrite=output.overwrite) as folder:
+            note(folder.notes)
+            if folder.finished:
+                note([f"{folder.path} was finished before; nothing is computed again."])
+                rows = folder.summary()["searches"]
+            else:
+                if folder.done:
+                    note([f"{folder.done} of {wanted} generations of {folder.path} are there already; going on."])
+                rows = _search(asked, folder)
+    except KeyboardInterrupt:
+        if folder is None:
+            raise
+        interrupted(f"interrupted; {folder.done} of {wanted} generations are kept, the same command goes on")
+    _tell(asked, rows, output, {name: str(output.out / name) for name in (*FINAL, SCORES, CONFIGURATION)})
+
+
+def _search(asked: Adversary, folder: AdversaryFolder | None) -> list[dict[str, Any]]:
+    """Carry out what is missing, and sum up."""
     from glucoloop.cli.adversary_results import files_of, row_of
     from glucoloop.cli.search_progress import counted_out
-    from glucoloop.config import toml_text
-    from glucoloop.trials.adversary import search_all
+    from glucoloop.trials.adversary import Cell, Generation, search_all
 
-    groups = list(asked.groups())
-    cells = sum(len(of_group) for _, of_group in groups)
-    files: dict[str, str] = {}
-    with output.folder() as folder:
-        with counted_out(0, cells * asked.effort.generations, "generations") as count:
-            done = 0
+    before = {} if folder is None else {name: list(scores) for name, scores in folder.scores.items()}
+    known = sum(map(len, before.values()))
+    with counted_out(known, asked.generations, "generations") as count:
+        done = known
 
-            def told(*_: object) -> None:
-                nonlocal done
-                done += 1
-                count(done)
+        def told(cell: Cell, generation: Generation) -> None:
+            nonlocal done
+            if generation.number < len(before.get(cell.name, ())):
+                return
+            if folder is not None:
+                folder.add(cell.name, generation.score)
+            done += 1
+            count(done)
 
-            outcomes = list(search_all(groups, asked.effort, asked.own.person, told=told))
-        rows = [row_of(asked, of) for of in outcomes]
-        if folder is not None:
-            with stage("Drawing"):
-                for name, data in files_of(asked, outcomes, rows).items():
-                    folder.write(name, data)
-                folder.write(CONFIGURATION, toml_text(asked.keys(), f"adversary --config {CONFIGURATION}"))
-                files = folder.paths()
-    _tell(asked, rows, output, files)
+        try:
+            outcomes = list(search_all(asked.groups(), asked.own.person, before=before, told=told))
+        finally:
+            if folder is not None and folder.done:
+                folder.keep()
+    rows = [row_of(asked, of) for of in outcomes]
+    if folder is not None:
+        with stage("Drawing"):
+            folder.finish(files_of(asked, outcomes, rows))
+    return rows
 
 
-def _tell(asked: Adversary, rows: list[dict[str, object]], output: Output, files: dict[str, str]) -> None:
+def _tell(asked: Adversary, rows: list[dict[str, Any]], output: Output, files: dict[str, str]) -> None:
     from glucoloop.cli.adversary_results import sentences, summary_of
     from glucoloop.cli.telling import print_json, where_written
     from glucoloop.report.adversary_table import adversary_table

@@ -16,11 +16,14 @@ from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials.adversary import Cell, Effort, ErrorSpace
+from glucoloop.trials.campaign.campaign import SLOW
 from glucoloop.trials.catalogue import Value
 from glucoloop.trials.guard_catalogue import GUARD, complete_guard
 from glucoloop.trials.stress import Guards
 from glucoloop.trials.trial import Trial
 
+GENERATIONS: Final = 300
+FEW_GENERATIONS: Final = 30
 SEARCHED: Final = (*PAPER_CONTROLLERS, "meal-mpc")
 _USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
 _REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
@@ -42,7 +45,8 @@ class AdversaryKeys(BaseModel):
     person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] | None = None
     """Of the population; None: the nominal patient."""
     guards: Guards = "with"
-    generations: Annotated[int, Field(ge=1, le=1_000_000)] = 300
+    generations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """None: `GENERATIONS`, or `FEW_GENERATIONS` for a controller that takes long."""
     starts: Annotated[int, Field(ge=1, le=1024)] = 8
     sequences: Annotated[int, Field(ge=4, le=4096)] = 32
     """Sequences of errors in a generation, of each start."""
@@ -59,11 +63,12 @@ class Adversary:
     limits: Mapping[str, Value]
     """Of the guard, in full."""
 
-    @property
-    def effort(self) -> Effort:
-        """How hard is searched."""
+    def _effort(self, controller: str) -> Effort:
         own = self.own
-        return Effort(generations=own.generations, starts=own.starts, population=own.sequences, seed=own.search_seed)
+        usual = FEW_GENERATIONS if controller in SLOW else GENERATIONS
+        return Effort(
+            generations=own.generations or usual, starts=own.starts, population=own.sequences, seed=own.search_seed
+        )
 
     def groups(self) -> Iterator[tuple[Trial, list[Cell]]]:
         """Searches that share a loop: those of one controller, guarded or not."""
@@ -82,7 +87,17 @@ class Adversary:
             for guarded in {"both": (False, True), "with": (True,), "without": (False,)}[own.guards]:
                 tried = dataclasses.replace(case, guard=dict(self.limits) if guarded else None)
                 alone = dataclasses.replace(trial, cases=(tried,))
-                yield alone, [Cell(case=tried, space=space) for space in spaces]
+                yield alone, [Cell(case=tried, space=space, effort=self._effort(case.controller)) for space in spaces]
+
+    @property
+    def lanes(self) -> int:
+        """Sequences of a generation."""
+        return self.own.starts * self.own.sequences
+
+    @property
+    def generations(self) -> int:
+        """Of all searches together."""
+        return sum(cell.effort.generations for cell in self.cells())
 
     def cells(self) -> list[Cell]:
         """All searches, in order."""

@@ -7,27 +7,20 @@ marks a search as finished; one that is given more rounds goes on from there.
 from __future__ import annotations
 
 import contextlib
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
 
-import glucoloop
-from glucoloop import arithmetic
 from glucoloop.config.robust import HowFar, Robust
-from glucoloop.config.toml import read_toml, toml_text
 from glucoloop.storage import disk
-from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import kept_text
-from glucoloop.storage.resumable import Layout, ResumableFolder, opened
-from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.configured import ARITHMETIC, ConfiguredFolder
+from glucoloop.storage.resumable import Layout, opened
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 from glucoloop.trials.robust import OBJECTIVES, Candidate, Search
 
 CONFIGURATION: Final = "robust.toml"
-ARITHMETIC: Final = "arithmetic.json"
 CANDIDATES: Final = "candidates.parquet"
 SUMMARY: Final = "robust.json"
 FINAL: Final = ("best.toml", "candidates.csv", "check.parquet", "front.pdf", "front.png", "front.svg", SUMMARY)
@@ -38,11 +31,13 @@ _LAYOUT: Final = Layout(
 )
 
 
-class RobustFolder(ResumableFolder):
+class RobustFolder(ConfiguredFolder):
     """The folder of a search that this process may write to; see `robust_folder`."""
 
     def __init__(self, path: Path, asked: Robust) -> None:
-        super().__init__(path, _LAYOUT)
+        super().__init__(
+            path, _LAYOUT, command="robust", keys=asked.keys(), summary=SUMMARY, may_change=HowFar.model_fields
+        )
         self.asked = asked
         self.candidates: list[Candidate] = []
 
@@ -68,52 +63,15 @@ class RobustFolder(ResumableFolder):
         self.put_file(CANDIDATES, parquet(candidate_table(self.asked.search, together)))
         self.candidates = together
 
-    def finish(self, files: Mapping[str, bytes]) -> None:
-        """Put the files about the whole search in their places, the digests of all files last."""
-        for name, data in files.items():
-            self.put_file(name, data)
-        names = (CONFIGURATION, ARITHMETIC, CANDIDATES, *files)
-        self.put_file(SUMS, disk.sums_text({name: disk.digest(self.path / name) for name in names}))
-
-    def summary(self) -> dict[str, Any]:
-        """The summary of a finished search, as it was written."""
-        found: dict[str, Any] = json.loads(kept_text(self.path / SUMMARY, "the summary of a search"))
-        return found
-
     def create(self) -> None:
         """Say what the folder is about."""
         self.candidates = []
-        self._write_what()
+        super().create()
 
-    def load(self) -> None:
-        """Take up the candidates of the same search; one that goes further makes anew what rests on how far."""
-        place = self.path / CONFIGURATION
-        there, version = read_toml(kept_text(place, "a configuration"), str(place))
-        self._refuse_another(there, version)
-        candidates = self._read_candidates()
-        finished = self._is_whole(there)
-        if not finished:
-            self._refuse_other_arithmetic(anything_done=bool(candidates))
-        self.candidates = candidates
-        if not finished:
-            disk.remove(self.path / SUMS)
-            self._write_what()
-
-    def refuse_foreign_parts(self) -> None:
-        """Candidates are one file, in which nothing else can be."""
-
-    def _write_what(self) -> None:
-        files = {
-            CONFIGURATION: toml_text(self.asked.keys(), f"robust --config {CONFIGURATION}").encode(),
-            ARITHMETIC: (json_text(arithmetic.identity()) + "\n").encode(),
-        }
-        for name, data in files.items():
-            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
-                disk.put_file(self.path / name, data)
-
-    def _read_candidates(self) -> list[Candidate]:
+    def read_done(self) -> None:
+        """Take up the candidates."""
         if not disk.is_file(self.path / CANDIDATES):
-            return []
+            return
         rounds, batch = self.asked.far.rounds, self.asked.search.batch
         candidates = read_candidates(self.path / CANDIDATES, self.asked.search)
         if len(candidates) > rounds * batch:
@@ -122,54 +80,7 @@ class RobustFolder(ResumableFolder):
                 f"{self.path} holds {len(candidates)} candidates, and {told} fewer; "
                 "ask for more rounds, or choose another folder with --out"
             )
-        return candidates
-
-    def _refuse_another(self, there: Mapping[str, Any], version: str | None) -> None:
-        if version != glucoloop.__version__:
-            raise ValueError(
-                f"{self.path} was begun by glucoloop {version}, and this is {glucoloop.__version__}; "
-                f"go on with {version}, or choose another folder with --out"
-            )
-        here = {key: value for key, value in self.asked.keys().items() if value is not None}
-        for key in dict.fromkeys([*here, *there]):
-            if key not in HowFar.model_fields and json_text(here.get(key)) != json_text(there.get(key)):
-                before, now = (_shown(keys.get(key)) for keys in (there, here))
-                raise ValueError(
-                    f"{self.path} holds another search: {key} is {before} there and {now} here; choose another folder "
-                    "with --out, or add --overwrite to replace it"
-                )
-
-    def _refuse_other_arithmetic(self, *, anything_done: bool) -> None:
-        if not anything_done:
-            return
-        try:
-            there = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
-            found = arithmetic.difference({name: str(of) for name, of in there.items()}, arithmetic.identity())
-        except (ValueError, AttributeError, RecursionError):
-            raise ValueError(
-                f"{self.path / ARITHMETIC} is damaged or gone, so it is not known how the candidates were computed; "
-                "choose another folder with --out, or add --overwrite to begin again"
-            ) from None
-        if found is not None:
-            name, before, now = found
-            raise ValueError(
-                f"{self.path} was computed with {name} {before}, and here it is {now}, which does not give the same "
-                "bits; go on as before, choose another folder with --out, or add --overwrite to begin again"
-            )
-
-    def _is_whole(self, there: Mapping[str, Any]) -> bool:
-        """Whether all is there, for as many rounds as are asked for; ValueError if something was changed."""
-        if not disk.is_file(self.path / SUMS):
-            return False
-        sums, far = disk.read_sums(self.path), self.asked.far.model_dump(mode="json")
-        self.refuse_changed(sums)
-        whole = all(name in _LAYOUT.names and disk.is_file(self.path / name) for name in sums)
-        complete = {CONFIGURATION, ARITHMETIC, CANDIDATES} <= sums.keys()
-        return whole and complete and all(there.get(key) == value for key, value in far.items())
-
-
-def _shown(value: object) -> object:
-    return "not given" if value is None else value
+        self.candidates = candidates
 
 
 @contextlib.contextmanager

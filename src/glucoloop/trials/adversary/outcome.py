@@ -25,10 +25,11 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Cell:
-    """One search: a controller, guarded or not, and the largest error."""
+    """One search: a controller, guarded or not, the largest error, and how hard is searched."""
 
     case: TrialCase
     space: ErrorSpace
+    effort: Effort
 
     @property
     def guarded(self) -> bool:
@@ -67,7 +68,6 @@ class Outcome:
 
 def search_all(
     groups: Iterable[tuple[Trial, Sequence[Cell]]],
-    effort: Effort,
     person: int | None,
     *,
     before: Mapping[str, Sequence[Array]] | None = None,
@@ -78,8 +78,7 @@ def search_all(
     Parameters
     ----------
     groups : iterable of (Trial, cells)
-        Trials of one case, and the searches about it.
-    effort : Effort
+        Trials of one case, and the searches about it, whose efforts differ in nothing but their generations.
     person : int or None
         On whom is searched: a person of the population, or the nominal patient.
     before : mapping, optional
@@ -94,11 +93,11 @@ def search_all(
     """
     for trial, cells in groups:
         with one_at_a_time:
-            attack = Attack(trial, _designed(trial), cells[0].space, lanes=effort.lanes)
+            attack = Attack(trial, _designed(trial), cells[0].space, lanes=cells[0].effort.lanes)
             who = attack.one(person)
         for cell in cells:
             known = (before or {}).get(cell.name, ())
-            for generation in generations(judge_of(attack, who), cell.space, effort, known):
+            for generation in generations(judge_of(attack, who), cell.space, cell.effort, known):
                 if told is not None:
                     told(cell, generation)
             never = np.full((cell.space.stretches, 1), float(cell.space.samples))
@@ -109,7 +108,7 @@ def search_all(
                 peak_without_errors_mg_dl=float(without.peak_mg_dl[0]),
                 lowest_without_errors_mg_dl=float(without.lowest_mg_dl[0]),
                 worst=worst_of(attack, who, cell.space, generation),
-                random=random_errors(attack, cell.space, trial.people, effort.seed),
+                random=random_errors(attack, cell.space, trial.people, cell.effort.seed),
             )
 
 

@@ -1,0 +1,94 @@
+"""``glucoloop adversary``."""
+
+import json
+
+import polars as pl
+import pytest
+
+from glucoloop.trials import adversary
+
+SMALL = (
+    *("adversary", "--controller", "pid", "--guards", "without", "--error", 30, "--duration", 120, "--people", 3),
+    *("--generations", 3, "--starts", 1, "--sequences", 4),
+)
+
+
+@pytest.fixture(scope="module")
+def searched():
+    """The search itself, carried out once for all tests; whoever asks for it again gets the same."""
+    search_all, known = adversary.search_all, {}
+
+    def once(groups, person, *, before=None, told=None):
+        groups = list(groups)
+        key = repr(([cell for _, cells in groups for cell in cells], person))
+        if key not in known:
+            scores = []
+            known[key] = list(search_all(groups, person, told=lambda cell, one: scores.append((cell, one)))), scores
+        outcomes, scores = known[key]
+        for cell, one in scores:
+            told(cell, one)
+        return outcomes
+
+    return once
+
+
+@pytest.fixture(autouse=True)
+def _search_once(monkeypatch, searched):
+    monkeypatch.setattr(adversary, "search_all", searched)
+
+
+def test_a_folder_holds_the_worst_loops_and_repeats_the_search(glucoloop, tmp_path):
+    answer = glucoloop(*SMALL, "--out", "worst")
+    assert answer.code == 0
+    assert "Wrote" in answer.out
+    told = json.loads((tmp_path / "worst" / "adversary.json").read_text())
+    (row,) = told["searches"]
+    assert (row["controller"], row["guarded"], row["error_pct"], row["sequences_tried"]) == ("pid", False, 30.0, 12)
+    assert row["lowest_mg_dl"] <= row["lowest_without_errors_mg_dl"]
+    loop = pl.read_parquet(tmp_path / "worst" / "worst.parquet")
+    assert loop.height == 24
+    assert (loop["error_of_reading_pct"].abs() <= 30.0 + 1e-9).all()
+    again = glucoloop("adversary", "--config", "worst/adversary.toml", "--json")
+    assert again.json["searches"] == told["searches"]
+    finished = glucoloop(*SMALL, "--out", "worst")
+    assert "finished before" in finished.err
+    assert finished.out == answer.out
+
+
+def test_a_search_that_was_cut_short_goes_on_to_the_same_files(glucoloop, monkeypatch, tmp_path, searched):
+    glucoloop(*SMALL, "--out", "whole")
+
+    def cut_short(groups, person, *, before, told):
+        count = 0
+
+        def stop(cell, one):
+            nonlocal count
+            count += 1
+            if count == 3:
+                raise KeyboardInterrupt
+            told(cell, one)
+
+        return searched(groups, person, before=before, told=stop)
+
+    monkeypatch.setattr(adversary, "search_all", cut_short)
+    answer = glucoloop(*SMALL, "--out", "cut")
+    assert answer.code == 130
+    assert "2 of 3 generations are kept, the same command goes on" in answer.err
+    monkeypatch.setattr(adversary, "search_all", searched)
+    answer = glucoloop(*SMALL, "--out", "cut")
+    assert "2 of 3 generations of cut are there already; going on." in answer.err
+    for name in ("adversary.csv", "adversary.toml", "scores.parquet", "worst.parquet"):
+        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--error", "100"), "--error"),
+        (("--guards", "some"), "--guards"),
+        (("--hold", "7"), "a time for which an error holds of 7 min"),
+        (("--overwrite",), "--overwrite is about an output folder"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(refused, arguments, told):
+    assert told in refused("adversary", "--controller", "pid", *arguments)

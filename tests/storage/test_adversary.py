@@ -1,0 +1,64 @@
+"""The folder of a search for the worst errors."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from glucoloop.config.adversary import read_adversary
+from glucoloop.storage.adversary import FINAL, SCORES, adversary_folder
+
+KEYS = {"controllers": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
+ASKED = read_adversary(KEYS)
+(NAME,) = (cell.name for cell in ASKED.cells())
+FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
+
+
+@pytest.fixture
+def begun(tmp_path):
+    with adversary_folder(tmp_path / "worst", ASKED) as folder:
+        folder.add(NAME, FIRST)
+        folder.add(NAME, SECOND)
+        folder.keep()
+    return tmp_path / "worst"
+
+
+def test_what_was_kept_is_there_to_the_bit(begun):
+    with adversary_folder(begun, ASKED) as folder:
+        np.testing.assert_array_equal(folder.scores[NAME], [FIRST, SECOND])
+        assert (folder.done, folder.finished) == (2, False)
+
+
+def test_a_finished_search_tells_its_summary(begun):
+    with adversary_folder(begun, ASKED) as folder:
+        folder.finish({**dict.fromkeys(FINAL, b""), "adversary.json": b'{"searches": []}'})
+    with adversary_folder(begun, ASKED) as folder:
+        assert folder.finished
+        assert folder.summary() == {"searches": []}
+
+
+@pytest.mark.parametrize("change", [{"errors_pct": [20.0]}, {"search_seed": 2}, {"generations": 4}, {"sequences": 5}])
+def test_another_search_is_refused(begun, change):
+    with pytest.raises(ValueError, match=f"holds another search: {next(iter(change))} is"):
+        adversary_folder(begun, read_adversary({**KEYS, **change})).__enter__()
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [{"search": "another", "generation": 0, "score": [1.0] * 4}],
+        [{"search": NAME, "generation": 1, "score": [1.0] * 4}],
+        [{"search": NAME, "generation": 0, "score": [1.0] * 3}],
+        [{"search": NAME, "generation": number, "score": [1.0] * 4} for number in range(4)],
+        [{"search": NAME, "generation": 0}],
+    ],
+)
+def test_scores_of_something_else_are_refused(begun, rows):
+    pl.DataFrame(rows).write_parquet(begun / SCORES)
+    with pytest.raises(ValueError, match="is damaged; delete it and run the same command again"):
+        adversary_folder(begun, ASKED).__enter__()
+
+
+def test_nothing_is_left_of_a_search_that_failed_at_once(tmp_path):
+    with pytest.raises(RuntimeError), adversary_folder(tmp_path / "worst", ASKED):
+        raise RuntimeError
+    assert not (tmp_path / "worst").exists()
