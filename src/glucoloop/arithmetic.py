@@ -65,7 +65,8 @@ def pin() -> list[str]:
         variable = name.upper()
         told = os.environ.get(variable)
         if told is not None and not _means(told, value):
-            notes.append(f"{variable}={told} is not heeded; glucoloop computes with {_text(value) or 'none'}.")
+            instead = "without it" if value is None else f"with {variable}={_text(value)}"
+            notes.append(f"{variable}={told} is not heeded; glucoloop computes {instead}.")
             if value is None:
                 del os.environ[variable]
             else:

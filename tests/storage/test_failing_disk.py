@@ -4,17 +4,21 @@ import contextlib
 import errno
 import functools
 import hashlib
+import json
 import os
 import shutil
 
 import pytest
 
+from glucoloop.config.robust import read_robust
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
 from glucoloop.storage.parquet_size import parquet_size
+from glucoloop.storage.robust import robust_folder
 from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
+from glucoloop.trials.robust import OBJECTIVES, Candidate
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (
@@ -165,6 +169,65 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
         tiny.run(out, overwrite=overwrite)
         assert contents(out) == expected, f"after operation {fails_at}"
     assert fails_at > 50
+
+
+def search(path, asked, candidates, *, overwrite):
+    with robust_folder(path, asked, overwrite=overwrite) as folder:
+        if not folder.finished:
+            for candidate in candidates[len(folder.candidates) :]:
+                folder.add(candidate)
+            folder.finish({"best.toml": b"", "robust.json": b"{}"})
+
+
+def searched(seeds):
+    asked = read_robust({"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
+    tuning, scores = dict.fromkeys((of.name for of in asked.search.space), 0.5), dict.fromkeys(OBJECTIVES, 1.0)
+    return asked, [Candidate(number, tuning, {**scores, "undershoot-p95": float(seeds)}) for number in range(2)]
+
+
+@pytest.mark.parametrize(
+    ("begun", "error"),
+    [("other", "dies"), *(pytest.param("begun", error, marks=pytest.mark.long) for error in ERRORS)],
+)
+def test_each_operation_of_a_search(tmp_path, monkeypatch, error, begun):
+    """As of a trial, whose folder it shares."""
+    asked, candidates = searched(3)
+    out, start = tmp_path / "out", tmp_path / "start"
+    search(tmp_path / "whole", asked, candidates, overwrite=False)
+    expected = contents(tmp_path / "whole")
+    if begun == "other":
+        search(start, *searched(2), overwrite=False)
+    else:
+        with robust_folder(start, asked) as folder:
+            folder.add(candidates[0])
+    for fails_at in range(1, 10_000):
+        if out.exists():
+            shutil.rmtree(out)
+        shutil.copytree(start, out)
+        with failing(monkeypatch, fails_at, ERRORS[error]) as broken, contextlib.suppress(*EXPECTED):
+            search(out, asked, candidates, overwrite=begun == "other")
+        if broken.calls < fails_at:
+            break
+        if begun == "begun":
+            with robust_folder(out, asked) as folder:
+                assert len(folder.candidates) >= 1, "a candidate that was kept is lost"
+        search(out, asked, candidates, overwrite=begun == "other")
+        assert contents(out) == expected, f"after operation {fails_at}"
+    assert fails_at > 50
+
+
+def test_candidates_of_other_arithmetic_are_not_mixed(tmp_path):
+    asked, candidates = searched(3)
+    with robust_folder(tmp_path / "out", asked) as folder:
+        folder.add(candidates[0])
+    place = tmp_path / "out/arithmetic.json"
+    found = json.loads(place.read_text())
+    for text in (json.dumps({**found, "jax": "0.0.1"}), "nonsense", "[]"):
+        place.write_text(text)
+        with pytest.raises(ValueError, match=r"was computed with jax 0\.0\.1, and here it is|is damaged or gone"):
+            search(tmp_path / "out", asked, candidates, overwrite=False)
+    search(tmp_path / "out", asked, candidates, overwrite=True)
+    assert json.loads(place.read_text()) == found
 
 
 def old_and_new(path, *, overwrite=True):

@@ -243,6 +243,37 @@ def test_overwriting_begins_again_but_spares_what_others_put_there(tmp_path, mak
     assert contents(tmp_path / "out") == whole
 
 
+@pytest.mark.parametrize("there", ["nothing", "other", "finished"])
+def test_overwriting_run_that_was_cut_short_goes_on(tmp_path, make_trial, pretend, whole, there):
+    """The same command, with --overwrite again, keeps what the one before has done."""
+    trial, calls = make_trial(), []
+    if there != "nothing":
+        run(tmp_path / "out", make_trial(seed=9) if there == "other" else trial, pretend)
+
+    def cut_short(label, person, traces):
+        calls.append(person)
+        if len(calls) > 5:
+            raise KeyboardInterrupt
+        return pretend(trial)(label, person, traces)
+
+    with contextlib.suppress(KeyboardInterrupt), trial_folder(tmp_path / "out", trial, overwrite=True) as folder:
+        run_here(folder, cut_short, lambda people: None)
+    with trial_folder(tmp_path / "out", trial, overwrite=True) as folder:
+        assert folder.missing() == [2, 3, 4]
+        run_here(folder, pretend(trial), lambda people: None)
+        folder.finish(FINAL)
+    assert contents(tmp_path / "out") == whole
+
+
+def test_overwriting_begins_again_where_what_is_there_is_damaged(tmp_path, make_trial, pretend, whole):
+    trial = make_trial()
+    with trial_folder(tmp_path / "out", trial) as folder:
+        folder.put(0, {name: whole[f"shards/00000/{name}"] for name in ("people.parquet", "bands.parquet")})
+    (tmp_path / "out/shards/00000/people.parquet").write_bytes(b"nothing")
+    run(tmp_path / "out", trial, pretend, overwrite=True)
+    assert contents(tmp_path / "out") == whole
+
+
 def test_place_that_is_taken_is_refused(tmp_path, make_trial):
     (tmp_path / "file").write_text("mine")
     (tmp_path / "other").mkdir()
