@@ -7,10 +7,12 @@ DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS), str(DOCS.parent / "src")]
 
 import generate  # noqa: E402
+import pictures  # noqa: E402
 
 import glucoloop  # noqa: E402
 
 generate.write_all(DOCS)
+pictures.make_all(DOCS)
 
 project = "glucoloop"
 author = "The glucoloop authors"
@@ -26,7 +28,7 @@ extensions = [
     "offline",
     "short_names",
 ]
-exclude_patterns = ["_build", "_generated", *generate.included(DOCS)]
+exclude_patterns = ["_build", "_generated", "_pictures", *generate.included(DOCS)]
 suppress_warnings = ["config.cache", "ref.python"]  # ref.python: a short name that two objects have
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]

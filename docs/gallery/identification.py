@@ -1,0 +1,18 @@
+"""A model from noisy readings
+
+The patient gets pulses of insulin, and readings carry noise of variance 1.45. The estimated coefficients are smoothed
+by two Laguerre functions.
+"""
+
+import jax
+
+import glucoloop as gl
+from glucoloop.report import plot_identification
+
+patient = gl.patient("setpoint-81")
+noisy = gl.identify(patient, gl.white_noise(1.45), jax.random.key(1))
+truth = gl.identify(patient)
+
+print(f"{noisy.model.memory} samples of {noisy.model.sample_time_min:g} min")
+print(f"gain {noisy.model.step_response[-1]:.2f}; without noise {truth.model.step_response[-1]:.2f} mg/dl per mU/min")
+figure = plot_identification(noisy, truth=truth.impulse_response)
