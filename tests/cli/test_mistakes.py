@@ -239,6 +239,33 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
+LONG_WORK = {
+    "identify": "glucoloop.cli.identified.identify",
+    "bound": "glucoloop.cli.bounded.work_out",
+    "tune": "glucoloop.cli.tune._search",
+    "detect": "glucoloop.trials.detection.evaluate.evaluate",
+    "claims": "glucoloop.papers.meal_aware.reproduce.carry_out",
+    "compare --case mpc --case pid": "glucoloop.cli.closed_loop.close_the_loop",
+}
+
+
+@pytest.mark.parametrize("line", LONG_WORK)
+def test_interrupt_of_long_work_leaves_nothing_half_written(glucoloop, tmp_path, monkeypatch, line):
+    monkeypatch.setattr(LONG_WORK[line], raising(KeyboardInterrupt()))
+    answer = glucoloop(*line.split(), "--out", "out")
+    assert (answer.code, answer.out, answer.err) == (130, "", "glucoloop: interrupted, nothing was written.\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupt_of_a_search_keeps_what_was_tried(glucoloop, tmp_path, monkeypatch):
+    monkeypatch.setattr("glucoloop.cli.robust._finish", raising(KeyboardInterrupt()))
+    answer = glucoloop("robust", "--people", 50, "--out", "out")
+    assert (answer.code, answer.out) == (130, "")
+    assert answer.err.startswith("glucoloop: interrupted; 0 of ")
+    assert answer.err.endswith("candidates are kept, the same command goes on.\n")
+    assert list(tmp_path.iterdir()) == []
+
+
 def lost_scheduler():
     from distributed.comm import CommClosedError
 
@@ -253,7 +280,7 @@ def loop_of_links():
 
 
 def raising(error):
-    def fail(*given):
+    def fail(*given, **named):
         raise error
 
     return fail

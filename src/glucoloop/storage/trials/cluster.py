@@ -108,6 +108,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
         else:
             cluster = address
         try:
+            stack.enter_context(_silent("distributed.client"))
             client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_S, set_as_default=False))
         except (OSError, ValueError) as error:
             raise ValueError(
@@ -115,6 +116,18 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
                 "start one, or give its address like tcp://10.0.0.1:8786"
             ) from None
         yield client
+
+
+@contextlib.contextmanager
+def _silent(logger: str) -> Iterator[None]:
+    """Keep a logger from telling a lost scheduler with tracebacks: the error that is raised says it."""
+    told = logging.getLogger(logger)
+    before = told.level
+    told.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        told.setLevel(before)
 
 
 @contextlib.contextmanager
