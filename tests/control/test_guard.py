@@ -29,6 +29,7 @@ MODEL = StepResponseModel.from_impulse_response(-0.19 * np.exp(-np.arange(1, 61)
 MPC = design_linear_mpc(MODEL, MPCTuning(2, 12, 1.0, 1.0))
 LIMITS = DoseLimits()
 OPEN = GuardSettings(
+    held_min=1000.0,
     error_mg_dl=0.0,
     always_basal=100.0,
     max_hour=100.0,
@@ -229,12 +230,21 @@ def test_a_reading_that_is_not_believed_never_adds_insulin(reading):
     assert missing[-1] == max(BASAL, told[-2] - LIMITS.max_change_mU_min)
 
 
+def test_a_reading_that_stays_the_same_to_its_last_digit_soon_allows_no_more_than_the_basal_rate():
+    rising = [120.0 + 5.0 * k for k in range(6)]
+    doses, statuses, states = follow(guarded(Wants(rate=30.0)), [*rising, *[150.0] * 5, 151.0])
+    assert bool(states[10].inner.valid)
+    # it is told first in sample 6, and for the third time after it in sample 9
+    np.testing.assert_allclose(doses[6:], [30.0, 30.0, 30.0, BASAL, BASAL, 30.0])
+    assert statuses[6:].tolist() == [Status.OK] * 3 + [Status.DOSE_LIMITED] * 2 + [Status.OK]
+
+
 # ------------------------------------------------------------------------------------------- gaps
 
 
 def test_in_a_gap_the_controller_gets_at_most_basal_then_basal_is_given_then_a_part_of_it():
     limits = GuardSettings(gap_min=20.0, long_gap_min=60.0, reduced_fraction=0.4)
-    readings = [150.0] * 3 + [math.nan] * 20 + [150.0, 150.0]
+    readings = [150.0] * 3 + [math.nan] * 20 + [151.0, 150.0]
     doses, statuses, _ = follow(guarded(Wants(rate=30.0), limits), readings)
     expected = [BASAL] + [30.0] * 2 + [BASAL] * 4 + [BASAL] * 8 + [0.4 * BASAL] * 8 + [0.4 * BASAL + 16.7, 30.0]
     np.testing.assert_allclose(doses, expected, rtol=1e-14)

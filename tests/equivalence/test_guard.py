@@ -9,6 +9,7 @@ from glucoloop.trials import engine
 PEOPLE = np.arange(7)
 KEYS = {"people": PEOPLE.size, "seed": 211, "duration_min": 240.0, "meals": ["50g@30min"], "noise_variance": 1.45}
 OPEN = GuardSettings(
+    held_min=1000.0,
     error_mg_dl=0.0,
     always_basal=100.0,
     max_hour=100.0,

@@ -110,7 +110,7 @@ class Guard:
         above = lowest - setpoint
         given = take_in(state.given, delivered, seen.glucose_mg_dl - setpoint, jump, settings, every)
         allowed = most(given, above, settings, self.limits.max_change_mU_min, every)
-        allowed = jnp.where(believed, allowed, given.basal_mU_min)
+        allowed = jnp.where(believed & (seen.held_min <= settings.held_min), allowed, given.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
         unseen, long_unseen = seen.unseen_min > settings.gap_min, seen.unseen_min > settings.long_gap_min
         predicted = seen.glucose_mg_dl + settings.ahead_min * seen.trend_mg_dl_min

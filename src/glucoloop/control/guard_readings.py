@@ -39,6 +39,8 @@ class Seen:
     """The last reading of all, believed or not."""
     same_min: jax.Array
     """How long it has been the same while insulin should have moved it."""
+    held_min: jax.Array
+    """How long it has been the same."""
     jumped: jax.Array
     """1 if the last reading was too fast to be believed, else 0."""
     awake: jax.Array
@@ -54,6 +56,7 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
         unseen_min=zero,
         told_mg_dl=zero - _NEVER_MG_DL,
         same_min=zero,
+        held_min=zero,
         jumped=zero,
         awake=zero,
     )
@@ -64,7 +67,7 @@ def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) ->
     glucose, trend, told = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
     sound = (glucose >= settings.lowest_reading_mg_dl) & (glucose <= settings.highest_reading_mg_dl)
     sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(told) <= _NEVER_MG_DL)
-    for time in (seen.unseen_min, seen.same_min):
+    for time in (seen.unseen_min, seen.same_min, seen.held_min):
         sound = sound & (time >= 0.0) & (time < math.inf)
     for flag in (seen.jumped, seen.awake):
         sound = sound & ((flag == 0.0) | (flag == 1.0))
@@ -144,6 +147,7 @@ def see(
             unseen_min=jnp.where(believed, 0.0, since_min),
             told_mg_dl=jnp.where(told, glucose_mg_dl, seen.told_mg_dl),
             same_min=jnp.where(told, same_min, seen.same_min),
+            held_min=jnp.where(told, jnp.where(same, seen.held_min + sample_time_min, 0.0), seen.held_min),
             jumped=jnp.where(told & awake, jnp.where(slow, 0.0, 1.0), seen.jumped),
             awake=jnp.where(believed, 1.0, seen.awake),
         ),

@@ -32,6 +32,9 @@ class GuardSettings:
     the basal rate, is not believed."""
     stuck_on_board: float = 0.25
     """How far, as a part of the basal rate."""
+    held_min: float = 10.0
+    """Time for which a reading may stay the same to its last digit; after it, at most the basal rate is given until the
+    reading moves. A search for the worst errors makes a reading high and stuck."""
     gap_min: float = 20.0
     """Time without a believed reading after which the basal rate is given: 20 min in Control-IQ (Tandem)."""
     long_gap_min: float = 90.0
@@ -105,6 +108,7 @@ _LEAST: Final = (
     ("fastest_mg_dl_min", 0.0, True),
     ("stuck_min", 0.0, True),
     ("stuck_on_board", 0.0, False),
+    ("held_min", 0.0, False),
     ("gap_min", 0.0, False),
     ("reduced_fraction", 0.0, False),
     ("low_mg_dl", 0.0, False),

@@ -23,6 +23,9 @@ GUARD: Final[dict[str, Setting]] = {
         _setting("fastest_mg_dl_min", "Fastest rise of a reading that is believed.", 3.0),
         _setting("stuck_min", "A reading that stays the same for so long under much insulin is not believed.", 20.0),
         _setting("stuck_on_board", "How much insulin that is, on board, as a part of the basal rate.", 0.25),
+        _setting(
+            "held_min", "Minutes for which a reading may stay the same and more than the basal rate be given.", 10.0
+        ),
         _setting("gap_min", "Minutes without a believed reading after which the basal rate is given.", 20.0),
         _setting("long_gap_min", "Minutes after which a part of it is given.", 90.0),
         _setting("reduced_fraction", "That part.", 0.5),
