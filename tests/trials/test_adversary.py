@@ -1,5 +1,7 @@
 """The search for the worst sensor errors: its space, and that it finds what is known to be the worst."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,23 @@ def test_a_search_that_was_cut_short_goes_on_to_the_same_bits():
     for one, other in zip(whole, again, strict=True):
         np.testing.assert_array_equal(one.score, other.score)
         np.testing.assert_array_equal(one.best, other.best)
+
+
+def test_larger_errors_are_never_found_to_do_less():
+    """The worst of smaller errors is the first sequence that is tried of larger ones, and where a start goes on."""
+    effort = Effort(generations=20, starts=2, population=8, seed=6)
+    *_, small = generations(toy, SPACE, effort)
+    large = dataclasses.replace(SPACE, error=0.3)
+    known = large.points_of(SPACE, small.best)
+    np.testing.assert_allclose(large.errors(known[None]), SPACE.errors(small.best[None]), rtol=1e-14)
+    np.testing.assert_array_equal(large.stuck_from(known[None]), SPACE.stuck_from(small.best[None]))
+    first, *_ = searched = list(generations(toy, large, effort, known=known))
+    assert first.score[0] == pytest.approx(small.best_score)
+    assert searched[-1].best_score >= small.best_score
+    again = list(generations(toy, large, effort, [one.score for one in searched[:7]], known))
+    np.testing.assert_array_equal(again[-1].best, searched[-1].best)
+    with pytest.raises(ValueError, match="give a space of smaller errors"):
+        SPACE.points_of(large, small.best)
 
 
 def test_another_seed_asks_for_other_sequences():

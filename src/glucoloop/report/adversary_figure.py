@@ -62,7 +62,7 @@ def plot_adversary(outcomes: Sequence[Outcome], *, title: str | None = None) -> 
         glucose.set_ylim(0.0, 1.05 * highest)
         insulin.set_ylim(0.0, 1.05 * most)
         glucose.set_title(
-            f"{of.cell.name}: {of.worst.below_54_min:.0f} min below 54, lowest {of.worst.lowest_mg_dl:.0f} mg/dl",
+            f"{of.cell.name}\n{of.worst.below_54_min:.0f} min below 54, lowest {of.worst.lowest_mg_dl:.0f} mg/dl",
             fontsize=FONT_PT,
             loc="left",
         )

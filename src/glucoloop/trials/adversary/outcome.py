@@ -78,7 +78,8 @@ def search_all(
     Parameters
     ----------
     groups : iterable of (Trial, cells)
-        Trials of one case, and the searches about it, whose efforts differ in nothing but their generations.
+        Trials of one case, and the searches about it, which differ in the size of the errors alone. The worst of the
+        smaller errors is where the search for larger ones begins.
     person : int or None
         On whom is searched: a person of the population, or the nominal patient.
     before : mapping, optional
@@ -95,11 +96,14 @@ def search_all(
         with one_at_a_time:
             attack = Attack(trial, _designed(trial), cells[0].space, lanes=cells[0].effort.lanes)
             who = attack.one(person)
-        for cell in cells:
-            known = (before or {}).get(cell.name, ())
-            for generation in generations(judge_of(attack, who), cell.space, cell.effort, known):
+        smaller: tuple[ErrorSpace, Array] | None = None
+        for cell in sorted(cells, key=lambda cell: cell.error_pct):
+            kept = (before or {}).get(cell.name, ())
+            known = None if smaller is None else cell.space.points_of(*smaller)
+            for generation in generations(judge_of(attack, who), cell.space, cell.effort, kept, known):
                 if told is not None:
                     told(cell, generation)
+            smaller = cell.space, generation.best
             never = np.full((cell.space.stretches, 1), float(cell.space.samples))
             without = attack.on_one(who, np.zeros((cell.space.samples, 1)), never)
             yield Outcome(

@@ -31,6 +31,8 @@ Judge = Callable[[Array, Array], Array]
 """The optional dependency that holds the search."""
 _FIRST_STEP: Final = 0.5
 """Standard deviation of the first generation, of a range from -1 to 1."""
+_STEP_FROM_KNOWN: Final = 0.1
+"""The same of the start that goes on from a known sequence."""
 _PATIENCE: Final = 60
 """Generations without more harm, by `_MORE`, after which a start begins anew."""
 _MORE: Final = 1e-3
@@ -102,14 +104,17 @@ class Worst:
 class _Start:
     """One of the searches."""
 
-    def __init__(self, space: ErrorSpace, effort: Effort, number: int) -> None:
-        self._space, self._effort, self._number = space, effort, number
+    def __init__(self, space: ErrorSpace, effort: Effort, number: int, known: Array | None) -> None:
+        self._space, self._effort, self._number, self._known = space, effort, number, known
         self._begun, self._most, self._waited = 0, -np.inf, 0
         self._search = self._anew()
 
     def ask(self) -> Array:
         """Sequences of the next generation, ``(population, dimension)``."""
-        return np.array([self._search.ask() for _ in range(self._effort.population)])
+        points = np.array([self._search.ask() for _ in range(self._effort.population)])
+        if self._known is not None:
+            points[0], self._known = self._known, None
+        return points
 
     def tell(self, points: Array, score: Array) -> None:
         """What harm they did, and whether it is time to begin anew."""
@@ -125,20 +130,23 @@ class _Start:
             self._search = self._anew()
 
     def _anew(self) -> Any:
-        """A search about no error at all, with the stuck stretches anywhere."""
+        """A search about no error at all, with the stuck stretches anywhere, or first about a known sequence."""
         entropy = np.random.SeedSequence([self._effort.seed, self._number, self._begun])
         self._begun, self._most, self._waited = self._begun + 1, -np.inf, 0
         stream, of_search = entropy.spawn(2)
         stuck = np.random.default_rng(stream).uniform(-1.0, 1.0, self._space.stretches)
+        about, known = np.concatenate([np.zeros(self._space.pieces), stuck]), self._known
         return _import().CMA(
-            mean=np.concatenate([np.zeros(self._space.pieces), stuck]),
-            sigma=_FIRST_STEP,
+            mean=about if known is None else known,
+            sigma=_FIRST_STEP if known is None else _STEP_FROM_KNOWN,
             population_size=self._effort.population,
             seed=int(of_search.generate_state(1)[0]),
         )
 
 
-def generations(judge: Judge, space: ErrorSpace, effort: Effort, before: Sequence[Array] = ()) -> Iterator[Generation]:
+def generations(
+    judge: Judge, space: ErrorSpace, effort: Effort, before: Sequence[Array] = (), known: Array | None = None
+) -> Iterator[Generation]:
     """The generations of a search, each as soon as it is known.
 
     Parameters
@@ -148,13 +156,16 @@ def generations(judge: Judge, space: ErrorSpace, effort: Effort, before: Sequenc
     effort : Effort
     before : sequence of (lanes,) array
         Scores of the generations that were found before, in order; they are not simulated again.
+    known : (dimension,) array, optional
+        A sequence that is tried first, and from which one of the starts goes on: the worst of smaller errors, so that
+        larger ones are never found to do less.
 
     Raises
     ------
     ValueError
         If the search library is not installed.
     """
-    starts = [_Start(space, effort, number) for number in range(effort.starts)]
+    starts = [_Start(space, effort, number, known if number == 0 else None) for number in range(effort.starts)]
     best_score, best = -np.inf, np.zeros(space.dimension)
     for number in range(effort.generations):
         asked = [start.ask() for start in starts]

@@ -53,6 +53,23 @@ class ErrorSpace:
         """Coordinates of a point."""
         return self.pieces + self.stretches
 
+    def points_of(self, smaller: ErrorSpace, points: Array) -> Array:
+        """Points ``(..., dimension)`` of this space for those of one with smaller errors: the same sequences.
+
+        Raises
+        ------
+        ValueError
+            If the other space has larger errors, or other pieces or stretches.
+        """
+        shape = (self.samples, self.hold_samples, self.stretches, self.stretch_samples)
+        others = (smaller.samples, smaller.hold_samples, smaller.stretches, smaller.stretch_samples)
+        if shape != others or smaller.error > self.error:
+            raise ValueError(
+                f"sequences of {smaller} are not all in {self}; give a space of smaller errors, else the same"
+            )
+        ratio = smaller.error / self.error if self.error else 0.0
+        return np.concatenate([ratio * np.clip(points[..., : self.pieces], -1.0, 1.0), points[..., self.pieces :]], -1)
+
     def errors(self, points: Array) -> Array:
         """Relative error of each reading, ``(samples, n)``, of points ``(n, dimension)``, clipped to the bounds."""
         pieces = self.error * np.clip(points[:, : self.pieces], -1.0, 1.0)
