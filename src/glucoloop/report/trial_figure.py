@@ -164,7 +164,7 @@ def _legend_of_bands(entries: dict[str, Artist]) -> None:
 
 
 def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> None:
-    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm, to_rgba
     from matplotlib.patches import Rectangle
 
     for place, region in enumerate(region_pct(case.cvga_counts)):
@@ -180,7 +180,7 @@ def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> N
             zorder=4,
         )
     counts = np.ma.masked_less(np.asarray(case.cvga_counts, float).T, 0.5)
-    colours = LinearSegmentedColormap.from_list("people", [(of_case, 0.3), (of_case, 1.0)])
+    colours = LinearSegmentedColormap.from_list("people", [to_rgba(of_case, 0.3), to_rgba(of_case, 1.0)])
     edges = np.arange(3 * CELLS + 1)
     top = max(10.0, float(counts.max() or 1.0)) if counts.count() else 10.0
     axes.pcolormesh(edges, edges, counts, cmap=colours, norm=LogNorm(1.0, top), zorder=2, rasterized=True)
