@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -176,3 +177,31 @@ def test_table_and_mmol(glucoloop):
     assert "setpoint 5.11 mmol/l" in answer.out
     assert "--out DIR" in answer.out
     assert answer.err == ""
+
+
+def test_glucose_below_the_validity_of_the_model_is_told(glucoloop):
+    answer = glucoloop("run", "--controller", "pid", "--meal", "150g@50min", "--dead-time", 30, "--json")
+    assert answer.code == 0
+    [[first, last]] = answer.json["validity"]["periods_below_min"]
+    limit = answer.json["validity"]["lowest_valid_mg_dl"]
+    assert limit == pytest.approx(44.53, abs=0.01)
+    assert answer.json["metrics"]["minimum_mg_dl"] < limit
+    assert answer.json["metrics"]["time_below_validity_pct"] == pytest.approx(100.0 * (last - first + 1) / 601)
+    [note] = [note for note in answer.json["notes"] if "not valid" in note]
+    assert note.startswith(f"Glucose was below 44.5 mg/dl from {first:g} to {last:g} min: the patient's model is not")
+
+
+def test_samples_without_a_finite_dose_are_told():
+    from types import SimpleNamespace
+
+    from glucoloop.cli.closed_loop import notes_on_trace
+
+    grid = np.arange(11.0)
+    trace: Any = SimpleNamespace(
+        t_min=grid[:-1:5], fine_t_min=grid, fine_glucose_mg_dl=80.0 + grid, lowest_valid_mg_dl=44.5
+    )
+    metrics: Any = SimpleNamespace(samples_non_finite=1)
+    [note] = notes_on_trace(trace, metrics)
+    assert note.startswith("At 1 of 2 samples the controller computed no finite dose; the last one was kept, or")
+    metrics.samples_non_finite = 0
+    assert list(notes_on_trace(trace, metrics)) == []

@@ -95,7 +95,7 @@ QUANTITIES: Final = (
     Quantity("Time below 54 (%)", "worst", _pct("below_54_worst_pct")),
     Quantity("Ever below (%)", "60", _pct("ever_below_60_pct")),
     Quantity("Ever below (%)", "54", _pct("ever_below_54_pct")),
-    Quantity("Ever below (%)", "validity, people", _whole("people_below_validity")),
+    Quantity("Model not valid", "people", _whole("people_below_validity")),
     Quantity("Glucose (mg/dl)", "lowest", _mg_dl("lowest_mg_dl")),
     Quantity("Glucose (mg/dl)", "of person", _whole("lowest_person")),
     Quantity("Glucose (mg/dl)", "highest", _mg_dl("highest_mg_dl")),
