@@ -15,6 +15,7 @@ def own_keys(read):
     return read.keys()
 
 
+MANY = ("compare", "trial", "stress", "adversary")
 KEYS_OF = {
     "run": own_keys,
     "compare": own_keys,
@@ -60,9 +61,11 @@ def test_claims_of_a_file_under_those_given():
     assert read("claims", {"seeds": 3}, {"seeds": 7, "people": 9}) == {"seeds": 3, "people": 9}
 
 
-@pytest.mark.parametrize("command", ["run", "compare", "trial", "detect", "bound", "robust", "tune", "stress"])
+@pytest.mark.parametrize(
+    "command", ["run", "compare", "trial", "detect", "bound", "robust", "tune", "stress", "adversary"]
+)
 def test_meals_given_take_the_place_of_those_of_the_file(command):
-    more = CASES if command in ("compare", "trial", "stress") else {}
+    more = CASES if command in MANY else {}
     found = read(command, {"meals": ["30g@60min"]}, {"meals": ["50g@50min", "20g@90min"], **more} | (
         {"meal_time_spread_min": 0.0} if command == "detect" else {}))  # fmt: skip
     assert found["meals"] == ["30g@60min"]
@@ -96,7 +99,7 @@ def test_cases_given_take_the_place_of_those_of_the_file():
     assert list(found) == ["x", "y"]
 
 
-@pytest.mark.parametrize("command", ["compare", "trial", "stress"])
+@pytest.mark.parametrize("command", MANY)
 def test_setting_given_holds_for_the_cases_of_the_file_that_have_it(command):
     found = cases_of(read(command, {"move_weight": 3.0}, CASES))
     assert found["a"]["move_weight"] == 3.0
@@ -105,7 +108,7 @@ def test_setting_given_holds_for_the_cases_of_the_file_that_have_it(command):
     assert (found["x"]["move_weight"], found["y"]["move_weight"]) == (3.0, 5.0)
 
 
-@pytest.mark.parametrize("command", ["compare", "trial", "stress"])
+@pytest.mark.parametrize("command", MANY)
 def test_setting_that_no_case_has_is_refused(command):
     with pytest.raises(ValueError, match=r"^--filter-min is a setting of none of these controllers: mpc, pid; leave"):
         read(command, {"filter_min": 2.0}, CASES)

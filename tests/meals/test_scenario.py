@@ -32,8 +32,18 @@ def test_a_meal_after_the_end_is_refused(t_min):
 def test_an_impossible_glucose_is_refused(glucose):
     with pytest.raises(ValueError, match=r"^a setpoint of .* mg/dl is not possible; give a finite value above 0"):
         Scenario(setpoint_mg_dl=glucose)
-    with pytest.raises(ValueError, match=r"^a initial glucose of .* mg/dl is not possible|^an initial glucose of "):
+    with pytest.raises(ValueError, match=r"^an initial glucose of .* mg/dl is not possible; give a finite"):
         Scenario(initial_glucose_mg_dl=glucose)
+
+
+def test_a_glucose_that_is_hardly_meant_is_asked_about():
+    with pytest.raises(
+        ValueError, match=r"^setpoint_mg_dl is 5.5 mg/dl; that looks like mmol/l: 5.5 mmol/l is 99.1 mg"
+    ):
+        Scenario(setpoint_mg_dl=5.5)
+    with pytest.raises(ValueError, match=r"7.8 mmol/l is 141 mg/dl. Give 141, or pass allow_unusual=True if 7.8 mg/dl"):
+        Scenario(initial_glucose_mg_dl=7.8)
+    assert Scenario(setpoint_mg_dl=5.5, initial_glucose_mg_dl=7.8, allow_unusual=True).setpoint_mg_dl == 5.5
 
 
 def test_bounds_are_included():

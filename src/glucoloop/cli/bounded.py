@@ -144,6 +144,7 @@ def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
         asked.duration_min,
         setpoint_mg_dl=asked.setpoint_mg_dl,
         initial_glucose_mg_dl=asked.initial_glucose_mg_dl,
+        allow_unusual=asked.allow_unusual,
     )
     plans = {}
     for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
@@ -193,6 +194,7 @@ def bound_of_run(situation: Situation) -> OptimalDoses:
         situation.duration_min,
         setpoint_mg_dl=situation.setpoint_mg_dl,
         initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
+        allow_unusual=situation.allow_unusual,
         announced=situation.announce_meals,
     )
     return bound_of_situation(

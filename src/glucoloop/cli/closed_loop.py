@@ -68,6 +68,7 @@ def close_the_loop(run: Run) -> Outcome:
         situation.duration_min,
         setpoint_mg_dl=situation.setpoint_mg_dl,
         initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
+        allow_unusual=situation.allow_unusual,
         announced=situation.announce_meals,
     )
     known_samples = situation.dead_time_samples if case.known_dead_time else 0

@@ -234,6 +234,7 @@ def _search(asked: _Asked) -> _Found:
                 situation.duration_min,
                 setpoint_mg_dl=situation.setpoint_mg_dl,
                 initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
+                allow_unusual=situation.allow_unusual,
                 announced=situation.announce_meals,
             ),
             sensor=sensor_of(noise, bound, late),

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.meals.lehmann_deutsch import Emptying, emptying
+from glucoloop.plausible import GLUCOSE, SETPOINT, ask
 
 Values = npt.NDArray[np.float64] | jax.Array
 
@@ -60,12 +61,14 @@ class Scenario:
         The patient starts at rest at this value; at his setpoint by default.
     announced : bool
         Whether the controller is told of each meal when it begins.
+    allow_unusual : bool
+        Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
 
     Raises
     ------
     ValueError
-        For a horizon that is not positive or longer than a year, a meal that begins after it, or a glucose that is not
-        positive.
+        For a horizon that is not positive or longer than a year, a meal that begins after it, a glucose that is not
+        positive, or one that is hardly meant.
     """
 
     meals: tuple[Meal, ...] = (Meal(50.0, 50.0),)
@@ -73,6 +76,7 @@ class Scenario:
     setpoint_mg_dl: float | None = None
     initial_glucose_mg_dl: float | None = None
     announced: bool = False
+    allow_unusual: bool = False
 
     def __init__(
         self,
@@ -82,12 +86,14 @@ class Scenario:
         setpoint_mg_dl: float | None = None,
         initial_glucose_mg_dl: float | None = None,
         announced: bool = False,
+        allow_unusual: bool = False,
     ) -> None:
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "horizon_min", horizon_min)
         object.__setattr__(self, "setpoint_mg_dl", setpoint_mg_dl)
         object.__setattr__(self, "initial_glucose_mg_dl", initial_glucose_mg_dl)
         object.__setattr__(self, "announced", announced)
+        object.__setattr__(self, "allow_unusual", allow_unusual)
         if is_traced(horizon_min):
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
@@ -103,9 +109,16 @@ class Scenario:
                     f"the meal at {meal.t_min:g} min begins after the run ends at {self.horizon_min:g} min; "
                     "move the meal or lengthen the run"
                 )
-        for name, value in (("setpoint", setpoint_mg_dl), ("initial glucose", initial_glucose_mg_dl)):
-            if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
-                raise ValueError(f"a {name} of {value:g} mg/dl is not possible; give a finite value above 0 mg/dl")
+        for called, name, value, quantity in (
+            ("a setpoint", "setpoint_mg_dl", setpoint_mg_dl, SETPOINT),
+            ("an initial glucose", "initial_glucose_mg_dl", initial_glucose_mg_dl, GLUCOSE),
+        ):
+            if value is None or is_traced(value):
+                continue
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{called} of {value:g} mg/dl is not possible; give a finite value above 0 mg/dl")
+            if not allow_unusual:
+                ask(value, quantity, name)
 
     def emptying(self) -> Emptying:
         """Gastric emptying of all meals."""

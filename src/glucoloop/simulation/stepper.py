@@ -104,6 +104,8 @@ class Stepper:
         What the observations tell a controller to aim at; the patient's own by default.
     initial_glucose_mg_dl : float, optional
         The patient starts at rest at this value; at the setpoint of the patient by default.
+    allow_unusual : bool
+        Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
     key : JAX key or int
         Source of all randomness.
     integrator : Integrator, optional
@@ -138,12 +140,18 @@ class Stepper:
         sample_time_min: float = 5.0,
         setpoint_mg_dl: float | None = None,
         initial_glucose_mg_dl: float | None = None,
+        allow_unusual: bool = False,
         key: jax.Array | int = 0,
         integrator: Integrator | None = None,
     ) -> None:
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
         self._integrator = default_integrator(patient) if integrator is None else integrator
-        fasting = Scenario((), setpoint_mg_dl=setpoint_mg_dl, initial_glucose_mg_dl=initial_glucose_mg_dl)
+        fasting = Scenario(
+            (),
+            setpoint_mg_dl=setpoint_mg_dl,
+            initial_glucose_mg_dl=initial_glucose_mg_dl,
+            allow_unusual=allow_unusual,
+        )
         self._start = start_of(patient, fasting)
         plant, _ = self._integrator.prepare(patient, self._no_meals(), self._grid)
         loop = Loop(
