@@ -195,3 +195,18 @@ def test_damaged_shard_is_told(finished):
     place.write_bytes(b"PAR1" + place.read_bytes()[4:-8] + b"\0" * 8)
     with pytest.raises(ValueError, match=r"shard 00001 .* is damaged: people\.parquet"):
         ask(finished, "select avg(gri) from people")
+
+
+@pytest.mark.parametrize("name", ["bands.parquet", "summary.json"])
+@pytest.mark.parametrize("change", ["edit", "link", "remove"])
+def test_what_is_said_about_the_whole_trial_is_not_taken_from_elsewhere(finished, tmp_path, name, change):
+    place = finished / name
+    (tmp_path / "elsewhere").write_bytes(place.read_bytes())
+    if change == "edit":
+        place.write_bytes(place.read_bytes() + b" ")
+    else:
+        place.unlink()
+    if change == "link":
+        place.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match=rf"{name} is (gone or was changed|a symbolic link)"):
+        ask(finished, "select 1")

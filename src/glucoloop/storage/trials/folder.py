@@ -245,6 +245,25 @@ def done_shards(folder: Path, header: Header) -> list[Path]:
     return [shard_path(folder, index) for index in numbers]
 
 
+def final_files(folder: Path) -> list[str]:
+    """Of the bands and the summary those that there are, of a finished trial.
+
+    Raises
+    ------
+    ValueError
+        If one is not as the list of digests tells.
+    """
+    sums = disk.read_sums(folder)
+    listed: list[str] = [name for name in (BANDS, SUMMARY) if name in sums]
+    for name in listed:
+        if disk.digest(folder / name) != sums[name]:
+            raise ValueError(
+                f"{folder / name} is gone or was changed since glucoloop wrote it; "
+                f"move it away and run the command that made {folder} again"
+            )
+    return listed
+
+
 @contextlib.contextmanager
 def trial_folder(
     path: Path, trial: Trial, *, overwrite: bool = False, kind: Kind | None = None

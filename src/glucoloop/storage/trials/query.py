@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop._extras import needed_for
-from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import read_text
-from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards
+from glucoloop.storage.files import kept_text
+from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards, final_files
 from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, left_behind
 from glucoloop.trials.printable import is_printable
@@ -143,7 +142,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
         If it holds no trial, or none of its shards is done.
     """
     header = read_header(folder)
-    shards = done_shards(folder, header)
+    shards, final = done_shards(folder, header), final_files(folder)
     if not shards:
         raise ValueError(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
     place = folder.resolve()
@@ -151,9 +150,9 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
         raise ValueError(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
     with _connected() as connection, _scratch() as scratch:
         try:
-            for name, statement in _views(folder, [shard.name for shard in shards]).items():
+            for name, statement in _views(folder, [shard.name for shard in shards], final).items():
                 connection.execute(f"create view {name} as {statement}")
-            if (folder / SUMS).exists():
+            if SUMMARY in final:
                 _summary(connection, folder)
             connection.execute("set memory_limit = ?", [_MEMORY])
             connection.execute("set temp_directory = ?", [scratch])
@@ -207,7 +206,7 @@ def _is_running(process: int) -> bool:
     return True
 
 
-def _views(folder: Path, shards: list[str]) -> dict[str, str]:
+def _views(folder: Path, shards: list[str], final: list[str]) -> dict[str, str]:
     """The views of what is there, in SQL."""
     place = folder.resolve()
 
@@ -222,7 +221,7 @@ def _views(folder: Path, shards: list[str]) -> dict[str, str]:
     }
     if any((place / SHARDS / shard / "traces.parquet").exists() for shard in shards):
         views["traces"] = f"select * from {of_shards('traces.parquet')}"
-    if (place / SUMS).exists():
+    if BANDS in final:
         views["bands"] = f"select * from {_read([place / BANDS])}"
     return views
 
@@ -238,7 +237,7 @@ def _quoted(text: str) -> str:
 def _summary(connection: Any, folder: Path) -> None:
     """A row a controller and metric."""
     try:
-        controllers = json.loads(read_text(folder / SUMMARY, "a summary"))["controllers"]
+        controllers = json.loads(kept_text(folder / SUMMARY, "a summary"))["controllers"]
         rows = [
             {"controller": label, "metric": metric, **values}
             for label, of_label in controllers.items()
