@@ -35,6 +35,7 @@ from pathlib import Path
 from typing import NoReturn
 
 OLDEST_PYTHON = (3, 11)
+NEWEST_PYTHON = (3, 14)  # for which the packages of the lock are offered
 ROOT = Path(__file__).resolve().parent
 LOCK = ROOT / "requirements.lock"
 DEV_LOCK = ROOT / "requirements-dev.lock"
@@ -126,12 +127,17 @@ def this_python() -> Python:
 
 def candidates() -> Iterator[Path]:
     """Where interpreters may lie: on PATH, and in the folder of pyenv, whether activated there or not."""
-    for folder in map(Path, os.environ.get("PATH", os.defpath).split(os.pathsep)):
-        if folder.is_dir():
-            yield from sorted(path for path in folder.iterdir() if ON_PATH.fullmatch(path.name))
-    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
-    if pyenv.is_dir():
-        yield from sorted(folder / "bin" / "python" for folder in pyenv.iterdir())
+    for folder in os.environ.get("PATH", os.defpath).split(os.pathsep):
+        yield from (path for path in entries(Path(folder)) if ON_PATH.fullmatch(path.name))
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv")
+    yield from (folder / "bin" / "python" for folder in entries(pyenv / "versions"))
+
+
+def entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:  # PATH may name what is not there or may not be read
+        return []
 
 
 def other_pythons() -> list[Python]:
@@ -344,7 +350,7 @@ def native_tests(env: Environment, *options: str) -> None:
 
 def try_elsewhere() -> None:
     """What must hold on other machines: another Python with the locked packages, and the newest of all packages."""
-    others = other_pythons()
+    others = [python for python in other_pythons() if python.version <= NEWEST_PYTHON]
     if others:
         env = environment(others[0])
         say(f"Python {env.python.name} ({env.python.path}) with the packages of the lock")
@@ -353,7 +359,8 @@ def try_elsewhere() -> None:
         setup(env, dev=True)
         native_tests(env)
     else:
-        say("No other Python that works was found, on PATH or among pyenv's versions.")
+        oldest, newest_one = (".".join(map(str, version)) for version in (OLDEST_PYTHON, NEWEST_PYTHON))
+        say(f"No other Python from {oldest} to {newest_one} was found on PATH or among pyenv's versions.")
     newest = Environment(ROOT / ".venv-newest", others[0] if others else this_python())
     say(f"\nPython {newest.python.name} ({newest.python.path}) with the newest release of every package")
     create_venv(newest)

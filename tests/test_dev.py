@@ -53,6 +53,36 @@ def test_other_pythons_are_those_that_work_the_newest_first(dev, machine):
     ]
 
 
+def test_a_folder_on_path_that_is_not_there_is_passed_over(dev, machine, monkeypatch):
+    monkeypatch.setenv("PATH", f"{machine / 'nowhere'}:{machine / 'bin'}")
+    assert [python.name for python in dev.other_pythons()] == ["3.85", "3.80"]
+
+
+def test_elsewhere_is_this_python_with_the_newest_packages_if_no_other_is_supported(dev, machine, monkeypatch, capsys):
+    done = []
+    for name in ("create_venv", "pip_install", "first_commands", "native_tests"):
+        monkeypatch.setattr(
+            dev, name, lambda env, *rest, name=name: done.append((name, env.folder.name, env.python.name))
+        )
+    monkeypatch.setattr(dev.Environment, "program", lambda env, name: name)
+    monkeypatch.setattr(dev.Environment, "call", lambda env, command: 0)
+    dev.try_elsewhere()
+    steps = ("create_venv", "pip_install", "first_commands", "native_tests")
+    assert done == [(step, ".venv-newest", HERE) for step in steps]
+    assert "No other Python from 3.11 to 3.14 was found" in capsys.readouterr().out
+    done.clear()
+    monkeypatch.setattr(dev, "NEWEST_PYTHON", (3, 80))
+    monkeypatch.setattr(dev, "setup", lambda env, dev: done.append(("tools" if dev else "users", env.folder.name)))
+    dev.try_elsewhere()
+    assert [step[:2] for step in done] == [
+        ("users", ".venv-3.80"),
+        ("first_commands", ".venv-3.80"),
+        ("tools", ".venv-3.80"),
+        ("native_tests", ".venv-3.80"),
+        *((step, ".venv-newest") for step in steps),
+    ]
+
+
 def test_this_python_is_no_other_one(dev, tmp_path, monkeypatch):
     major, minor = sys.version_info[:2]
     interpreter(tmp_path / "python3", rf"/opt/python\n{major} {minor}\n")
