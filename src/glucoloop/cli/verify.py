@@ -21,6 +21,7 @@ HELP: Final = (
     "once, absurd ones among them, under every controller, with a guard and without. It leaves with 0 if every promise "
     "was kept, and with 1 if one was broken; then broken loops are told, each with the command that closes it again."
     "\n\n"
+    "All of that comes by chance; `glucoloop adversary` searches for the sensor errors that do the most harm.\n\n"
     "  glucoloop verify\n\n"
     "  glucoloop verify --loops 1000000 --seed 2 --json > found.json\n\n"
     "  glucoloop verify --seed 2 --controller mpc --person 17\n\n"
