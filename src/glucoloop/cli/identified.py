@@ -309,6 +309,9 @@ _OPTIONS_OF: Final = {
     "method='least-squares'": "--method least-squares",
     "max_gap_min": "--max-gap",
     CONFIRM_ARGUMENT: CONFIRM_OPTION,
+    "shorten the memory": "shorten the memory with --memory",
+    " (design_csrs, random_binary_sequence)": ", like pulses of a few samples up and down",
+    ", as design_csrs does": "",
 }
 
 

@@ -83,7 +83,7 @@ _OPTIONS: Final = (
         "starts_at_rest",
         "--from-rest/--not-from-rest",
         bool,
-        "Whether insulin was at the basal rate for the memory before the record.",
+        "Whether insulin was at the basal rate for the memory before the record, and nothing was eaten for six hours.",
         _RECORD,
         default="from rest",
     ),

@@ -157,6 +157,11 @@ def identify_record(
         # What was eaten before the record is as unknown as what was infused, and acts for longer.
         unknown = max(0, meal_memory(record.sample_time_min) - memory)
         insulin, glucose, meals = insulin[unknown:], glucose[unknown:], meals[unknown:]
+    if not insulin.any() or (not starts_at_rest and jnp.ptp(insulin) == 0):
+        raise ValueError(
+            "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is "
+            "moved up and down, as design_csrs does."
+        )
     free_baseline = baseline_glucose_mg_dl is None
     offset = glucose.mean() if baseline_glucose_mg_dl is None else _finite("baseline glucose", baseline_glucose_mg_dl)
 
@@ -250,8 +255,6 @@ def _refuse_correlated(insulin: np.ndarray[tuple[int, ...], np.dtype[np.float64]
             f"{2 * memory} are needed, for one pulse up and one down. Lengthen the record or shorten the memory."
         )
     power = float(insulin @ insulin)
-    if power == 0:
-        raise ValueError("The insulin never leaves its basal rate, so it shows no response: use design_csrs.")
     past = np.asarray(lagged_inputs(insulin, memory))
     correlation = np.abs(past.T @ past / power - np.eye(memory))
     worst = np.unravel_index(int(np.argmax(correlation)), correlation.shape)

@@ -132,6 +132,8 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
         raise ValueError(f"{path} is not a CSV table: {next(iter(str(error).splitlines()), 'it is damaged')}") from None
+    if len(table.columns) == 1 and ";" in table.columns[0]:
+        raise ValueError(f"{path} separates its columns by semicolons; separate them by commas, with points in numbers")
     for column in (*RECORD_COLUMNS, MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one
             raise ValueError(f"{path} has the column {column!r} twice; leave one out")
