@@ -10,5 +10,6 @@ model = gl.identify(patient).model
 trace = gl.simulate(patient, gl.design_linear_mpc(model))
 metrics = gl.summarise(trace)
 
-print(f"undershoot {metrics.undershoot_mg_dl:.1f} mg/dl, settled in {metrics.settling_2pct_min:.0f} min")
+print(f"undershoot {metrics.undershoot_mg_dl:.1f} mg/dl")
+print(f"settled in {metrics.settling_2pct_min:.0f} min")
 figure = gl.plot(trace)

@@ -14,5 +14,6 @@ noisy = gl.identify(patient, gl.white_noise(1.45), jax.random.key(1))
 truth = gl.identify(patient)
 
 print(f"{noisy.model.memory} samples of {noisy.model.sample_time_min:g} min")
-print(f"gain {noisy.model.step_response[-1]:.2f}; without noise {truth.model.step_response[-1]:.2f} mg/dl per mU/min")
+for label, found in {"with noise": noisy, "without": truth}.items():
+    print(f"{label}: gain {found.model.step_response[-1]:.2f} mg/dl per mU/min")
 figure = plot_identification(noisy, truth=truth.impulse_response)

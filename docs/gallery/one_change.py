@@ -15,5 +15,6 @@ for weight in (0.0, 3.0):
 
 for label, trace in traces.items():
     metrics = gl.summarise(trace)
-    print(f"{label}: peak {metrics.peak_mg_dl:.1f} mg/dl, undershoot {metrics.undershoot_mg_dl:.1f} mg/dl")
+    peak, undershoot = metrics.peak_mg_dl, metrics.undershoot_mg_dl
+    print(f"{label}: peak {peak:.1f}, undershoot {undershoot:.1f} mg/dl")
 figure = gl.plot(traces)
