@@ -128,15 +128,20 @@ def start(role: str, folder: Path, samples: int) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, __file__, role, "--folder", folder, "--samples", str(samples)])
 
 
+def told(folder: Path, running: dict[str, subprocess.Popen]) -> None:
+    """Write down which processes these are, for whoever wants to kill them."""
+    keep(folder / "processes", json.dumps({role: process.pid for role, process in running.items()}).encode())
+
+
 def both(folder: Path, samples: int) -> None:
     """Keep both processes running until the patient has come to the end."""
     running = {role: start(role, folder, samples) for role in ("patient", "controller")}
-    (folder / "processes").write_text(json.dumps({role: process.pid for role, process in running.items()}))
+    told(folder, running)
     while running["patient"].poll() != 0:
         for role, process in running.items():
             if process.poll():  # not None and not 0
                 running[role] = start(role, folder, samples)
-                (folder / "processes").write_text(json.dumps({role: one.pid for role, one in running.items()}))
+                told(folder, running)
         time.sleep(0.02)
     running["controller"].kill()
     running["controller"].wait()

@@ -40,9 +40,11 @@ def pytest_configure(config):
 LONG = {
     "cli": ("test_stress", "test_tune"),
     "bounds": ("test_hedging",),
+    "examples": ("test_long_examples",),
     "invariants": ("test_faults",),
     "meal_aware": ("test_experiments",),
     "optimize": ("test_moves_qp", "test_soft_floor"),
+    "simulation": ("test_transformations",),
     "storage": ("test_trial_cluster",),
     "trials": (
         "test_campaign",

@@ -34,7 +34,10 @@ def test_example(capsys, name, told):
 
 def test_every_example_has_its_test():
     names = {path.stem for path in EXAMPLES.glob("*.py")}
-    assert names == {"close_the_loop", "your_own_controller", "your_own_data", "a_population", "a_guarded_controller"}
+    tested = "".join(path.read_text() for path in Path(__file__).parent.glob("*.py"))
+    assert names
+    for name in names:
+        assert f'"{name}"' in tested, name
 
 
 def test_configuration(capsys):

@@ -1,0 +1,68 @@
+"""Examples that compile much: training, and a loop over two processes that are killed."""
+
+import json
+import os
+import random
+import runpy
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import glucoloop as gl
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SAMPLES = 8
+
+
+def test_training_lowers_the_cost(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["example", "2"])
+    runpy.run_path(str(EXAMPLES / ("train_a_controller" + ".py")), run_name="__main__")
+    costs = [
+        float(line.split(" (mg/dl)^2")[0].split()[-1]) for line in capsys.readouterr().out.splitlines() if "^2" in line
+    ]
+    assert len(costs) == 4
+    assert costs[1] < costs[0]
+    assert costs[3] < costs[2]
+
+
+def undisturbed():
+    """Doses of the same loop in one process, and the patient at its end."""
+    stepper = gl.Stepper(gl.patient(), gl.white_noise(1.45), key=1)
+    pid = gl.design_pid(gl.PIDTuning(0.5, 150.0))
+    step, seen, doses = jax.jit(pid.step), stepper.reset(), []
+    state = pid.init(seen)
+    for sample in range(SAMPLES):
+        state, decision = step(state, seen)
+        doses.append(float(decision.insulin_mU_min))
+        seen = stepper.step(doses[-1], carbs_g=50.0 if sample == 3 else 0.0)
+    return doses, stepper.save()
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_both_processes_survive_being_killed(tmp_path, seed):
+    """Each is killed once with SIGKILL, at a sample that the seed says."""
+    chance = random.Random(seed)
+    environment = dict(os.environ, JAX_COMPILATION_CACHE_DIR=os.environ["GLUCOLOOP_TESTS_COMPILED"])
+    example = EXAMPLES / ("two_processes" + ".py")
+    arguments = [sys.executable, str(example), "--folder", str(tmp_path), "--samples", str(SAMPLES)]
+    running = subprocess.Popen(arguments, env=environment)
+    plan = {"patient": chance.randrange(1, SAMPLES - 1), "controller": chance.randrange(1, SAMPLES - 1)}
+    decided = tmp_path / "controller.state"
+    while running.poll() is None:
+        done = len(json.loads(decided.read_bytes().partition(b"\n")[0])) if decided.exists() else 0
+        for role, sample in list(plan.items()):
+            if done >= sample:
+                os.kill(json.loads((tmp_path / "processes").read_text())[role], signal.SIGKILL)
+                del plan[role]
+        time.sleep(0.001)
+    assert running.returncode == 0
+    assert not plan
+    doses, end = undisturbed()
+    np.testing.assert_array_equal(json.loads(decided.read_bytes().partition(b"\n")[0]), doses)
+    assert (tmp_path / "patient.state").read_bytes() == end
