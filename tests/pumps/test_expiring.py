@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.pumps import LimitedPump, dose_limits, expiring, rate_in_force
+from glucoloop.episodes import never, once
+from glucoloop.pumps import LimitedPump, dose_limits, expiring, rate_in_force, unheard
 
 KEY = jax.random.key(0)
 FREE = LimitedPump(limits=dose_limits(max_change_mU_min=1000.0, max_mU_min=1000.0))
@@ -51,6 +52,12 @@ def test_while_all_is_heard_it_is_the_pump_inside_to_the_bit(commands):
 )
 def test_a_rate_is_in_force_until_it_expires(command, until, now, rate):
     assert rate_in_force(*map(jnp.asarray, (command, until, now, 20.0))) == rate
+
+
+def test_what_is_not_heard_expires():
+    commands = [40.0, 50.0, 50.0, 50.0, 30.0]
+    assert delivered(unheard(once(1, 3), expiring(2, FREE)), commands) == [40.0, 40.0, 20.0, 20.0, 30.0]
+    assert delivered(unheard(never()), commands) == delivered(LimitedPump(), commands)
 
 
 @pytest.mark.parametrize("samples", [0, -1, 1.5, True])

@@ -1,7 +1,7 @@
 """Insulin pumps: limits of rate and magnitude, delivery resolution, and faults."""
 
 from glucoloop.pumps.expiring import Expiring, expiring, rate_in_force
-from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion
+from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion, unheard
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits, dose_limits
 from glucoloop.pumps.protocol import Delivery, Pump
@@ -21,5 +21,6 @@ __all__ = [
     "missed_pulses",
     "occlusion",
     "rate_in_force",
+    "unheard",
     "with_resolution",
 ]
