@@ -65,7 +65,7 @@ def test_a_script_without_a_figure_or_a_description_is_refused(pictures, tmp_pat
 @pytest.mark.long
 def test_the_commands_of_the_tutorial_run(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
-    lines = [line for line in commands() if "--data" not in line]
+    lines = commands()
     assert len(lines) > 5
     for line in lines:
         with pytest.raises(SystemExit) as left:
