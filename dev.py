@@ -5,8 +5,8 @@
     python3 dev.py test                all checks: format, lint, types, layers, tests, documentation
     python3 dev.py test PYTEST_ARGS    only pytest, with these arguments (paths from the repository root)
     python3 dev.py test -m long        the tests that are left out above because they take long
-    python3 dev.py try                 the first commands and tests/native on the newest other Python, then
-                                       with the newest release of every package
+    python3 dev.py try [--newest]      the first commands and tests/native on the newest other Python; where
+                                       there is none, or with --newest, with the newest release of every package
     python3 dev.py setup               only create or refresh the environment, with the tools of developers
     python3 dev.py lock                renew the two locks (needs uv)
 
@@ -348,8 +348,12 @@ def native_tests(env: Environment, *options: str) -> None:
     check(env, f"{env.folder.name}: tests/native", [env.program("pytest"), "-q", "tests/native", *options])
 
 
-def try_elsewhere() -> None:
-    """What must hold on other machines: another Python with the locked packages, and the newest of all packages."""
+def try_elsewhere(*, newest: bool) -> None:
+    """What must hold on other machines: another Python with the locked packages.
+
+    Where there is none, or where it is asked for, the newest release of every package instead: what they bring is not
+    locked, so it must not decide about a change that has nothing to do with it.
+    """
     others = [python for python in other_pythons() if python.version <= NEWEST_PYTHON]
     if others:
         env = environment(others[0])
@@ -361,7 +365,13 @@ def try_elsewhere() -> None:
     else:
         oldest, newest_one = (".".join(map(str, version)) for version in (OLDEST_PYTHON, NEWEST_PYTHON))
         say(f"No other Python from {oldest} to {newest_one} was found on PATH or among pyenv's versions.")
-    newest = Environment(ROOT / ".venv-newest", others[0] if others else this_python())
+    if newest or not others:
+        try_newest(others[0] if others else this_python())
+
+
+def try_newest(python: Python) -> None:
+    """The same with the newest release of every package."""
+    newest = Environment(ROOT / ".venv-newest", python)
     say(f"\nPython {newest.python.name} ({newest.python.path}) with the newest release of every package")
     create_venv(newest)
     pip_install(newest, "glucoloop as its users do", f"{ROOT}[pages,query]", "pytest", "hypothesis")
@@ -422,7 +432,7 @@ def main(arguments: list[str]) -> int:
     if verb not in ("run", "test", "try", "setup", "lock"):
         stop(f"{'unknown command ' + repr(verb) if verb else 'a command is missing'}.\n\n{(__doc__ or '').strip()}", 2)
     if verb == "try":
-        try_elsewhere()
+        try_elsewhere(newest=rest == ["--newest"])
         return 0
     if verb == "lock":
         renew_locks()

@@ -66,21 +66,24 @@ def test_elsewhere_is_this_python_with_the_newest_packages_if_no_other_is_suppor
         )
     monkeypatch.setattr(dev.Environment, "program", lambda env, name: name)
     monkeypatch.setattr(dev.Environment, "call", lambda env, command: 0)
-    dev.try_elsewhere()
+    dev.try_elsewhere(newest=False)
     steps = ("create_venv", "pip_install", "first_commands", "native_tests")
     assert done == [(step, ".venv-newest", HERE) for step in steps]
     assert "No other Python from 3.11 to 3.14 was found" in capsys.readouterr().out
     done.clear()
     monkeypatch.setattr(dev, "NEWEST_PYTHON", (3, 80))
     monkeypatch.setattr(dev, "setup", lambda env, dev: done.append(("tools" if dev else "users", env.folder.name)))
-    dev.try_elsewhere()
-    assert [step[:2] for step in done] == [
+    locked = [
         ("users", ".venv-3.80"),
         ("first_commands", ".venv-3.80"),
         ("tools", ".venv-3.80"),
         ("native_tests", ".venv-3.80"),
-        *((step, ".venv-newest") for step in steps),
     ]
+    dev.try_elsewhere(newest=False)
+    assert [step[:2] for step in done] == locked
+    done.clear()
+    dev.try_elsewhere(newest=True)
+    assert [step[:2] for step in done] == [*locked, *((step, ".venv-newest") for step in steps)]
 
 
 def test_this_python_is_no_other_one(dev, tmp_path, monkeypatch):

@@ -20,9 +20,9 @@ HELP: Final = (
     "Search for the worst plausible sensor errors: those that bring a controller's glucose lowest.\n\n"
     "Each reading may be wrong by a part of the true glucose, and a few times the reading is stuck. An evolution "
     "strategy (CMA-ES) tries some ten thousand sequences of errors on one person and keeps those with the most time "
-    "below 54 mg/dl. Beside it stand errors of the same size by chance, on a population. Without options it is the "
-    "paper's four controllers and the meal-aware one, guarded, and 50 g at 50 min. A folder given by --out grows "
-    "generation by generation; after Ctrl-C the same command goes on.\n\n"
+    "below 54 mg/dl. Beside it stand errors of the same size by chance, on a population. Without options it is IMC, "
+    "MPC and MPC/SE, guarded, and 50 g at 50 min; nlqdmc-se and meal-mpc take hours and are searched when named. A "
+    "folder given by --out grows generation by generation; after Ctrl-C the same command goes on.\n\n"
     "  glucoloop adversary --out worst\n\n"
     "  glucoloop adversary --controller mpc --error 10 --guards both\n\n"
     "  glucoloop adversary --controller mpc --person 17 --error 20 --generations 1000 --out person-17\n\n"
@@ -77,7 +77,7 @@ _WORDS: Final = {
 _DEFAULTS: Final = {
     "duration_min": "600",
     "meals": "50g@50min",
-    "controllers": "imc, mpc, mpc-se, nlqdmc-se, meal-mpc",
+    "controllers": "imc, mpc, mpc-se",
 }
 
 

@@ -24,7 +24,8 @@ from glucoloop.trials.trial import Trial
 
 GENERATIONS: Final = 300
 FEW_GENERATIONS: Final = 30
-SEARCHED: Final = (*PAPER_CONTROLLERS, "meal-mpc")
+SEARCHED: Final = tuple(name for name in PAPER_CONTROLLERS if name not in SLOW)
+"""Without options; what is slow is searched when it is named."""
 _USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
 _REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
 _NOT_WRITTEN: Final = (*_REFUSED, "days")
