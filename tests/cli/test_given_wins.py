@@ -49,7 +49,7 @@ def test_every_command_with_a_file_is_here():
     assert {name for name, parameters in commands.items() if "config" in parameters} == KEYS_OF.keys()
 
 
-@pytest.mark.parametrize("command", KEYS_OF.keys() - {"claims"})
+@pytest.mark.parametrize("command", [name for name in KEYS_OF if name != "claims"])
 def test_number_given_wins_and_the_rest_of_the_file_stands(command):
     more = CASES if command in ("compare", "trial", "stress", "adversary") else {}
     found = read(command, {"noise_variance": 2.0}, {**LATE, **more})
