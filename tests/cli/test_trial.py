@@ -187,8 +187,7 @@ def test_population_file_beside_a_configuration(glucoloop, tmp_path):
         "[[vary]]\nparameter = 'weight_kg'\ndistribution = 'lognormal'\nspread_pct = 15\n"
     )
     (tmp_path / "in/t.toml").write_text(
-        "population = 'people.toml'\npeople = 20\ndays = 2\nmove_weight = 2\n"
-        "[[case]]\nlabel = 'rest'\ncontroller = 'basal'\n"
+        "population = 'people.toml'\npeople = 20\ndays = 2\n[[case]]\nlabel = 'rest'\ncontroller = 'basal'\n"
     )
     answer = glucoloop("trial", "--config", "in/t.toml", *SHORT, "--out", "a", "--json")
     assert answer.json["config"]["duration_min"] == 300.0

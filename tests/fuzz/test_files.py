@@ -1,5 +1,6 @@
 """Models, records and the folders of trials of any content are read or refused in a sentence."""
 
+import io
 import json
 import math
 from pathlib import Path
@@ -10,16 +11,20 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from glucoloop import arithmetic
 from glucoloop.config import named_population
 from glucoloop.config.trial import read_trial
 from glucoloop.identification import record_from_samples
+from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.model_file import read_model
 from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
+from glucoloop.storage.trials.binding import SHARD
 from glucoloop.storage.trials.folder import SHARDS, SUMMARY
-from glucoloop.storage.trials.header import HEADER, header_of, read_header
+from glucoloop.storage.trials.header import HEADER, arithmetic_of, header_of, read_header
 from glucoloop.storage.trials.query import trial_tables
+from glucoloop.trials.trial import FORMAT
 
 MODEL = {
     "format": "glucoloop-model",
@@ -152,13 +157,22 @@ def test_record_is_refused_for_its_fault(refusal, file, text, told):
 def trial(tmp_path_factory):
     """The folder of a trial with one shard."""
     folder = tmp_path_factory.mktemp("trial")
-    shard = folder / SHARDS / "00000"
-    shard.mkdir(parents=True)
-    (folder / HEADER).write_text(header_of(read_trial({"people": 2})).text())
+    header = header_of(read_trial({"people": 2}))
+    (folder / HEADER).write_text(header.text())
     people = pl.DataFrame({"person": [0, 1], "controller": ["mpc", "[/a] :smile:"], "peak_mg_dl": [150.0, None]})
-    people.write_parquet(shard / "people.parquet")
     counts = {"controller": ["mpc"], "quantity": ["glucose"], "t_min": [0.0], "low": [1.0], "high": [2.0], "count": [3]}
-    pl.DataFrame(counts).write_parquet(shard / "bands.parquet")
+    tables = {"people.parquet": people, "bands.parquet": pl.DataFrame(counts)}
+    told = {
+        **{"format": "glucoloop-shard", "format_version": FORMAT, "index": 0},
+        **{"fingerprint": header.fingerprint, "arithmetic": arithmetic.digest(arithmetic_of(header))},
+        "rows": {name: table.height for name, table in tables.items()},
+    }
+    files = {SHARD: json.dumps(told).encode()}
+    for name, table in tables.items():
+        table.write_parquet(written := io.BytesIO())
+        files[name] = written.getvalue()
+    (folder / SHARDS).mkdir()
+    disk.put_folder(folder / SHARDS / "00000", files)
     return folder
 
 

@@ -16,6 +16,8 @@ class Ledger:
     """A patient who books what enters and leaves him, in four more states: glucose in and out, insulin in and out."""
 
     person: Patient
+    lower_mg_dl: float = 0.0
+    """By how much the references of glucose are below the published ones."""
 
     @property
     def basal_insulin_mU_min(self):
@@ -37,9 +39,11 @@ class Ledger:
     def derivative(self, t_min, x, inputs):
         _, _, _, _, G_L, G_K, _, G_PI, _, I_H, I_G, _, _, _, I_PI, A_IHGP, A_IHGU, N, A_NHGP = x[:19]
         made = 155 * A_IHGP * (2.7 * jnp.tanh(0.388 * N) - A_NHGP)
-        made = made * (1.425 - 1.406 * jnp.tanh(0.6199 * (G_L / 101 - 0.4969)))
-        liver = 20 * A_IHGU * (5.6648 + 5.6589 * jnp.tanh(2.4375 * (G_L / 101 - 1.48)))
-        muscle = 35 * (G_PI / 86.81) * (7.035 + 6.51623 * jnp.tanh(0.33827 * (I_PI / 5.304 - 5.82113)))
+        made = made * (1.425 - 1.406 * jnp.tanh(0.6199 * (G_L / (101 - self.lower_mg_dl) - 0.4969)))
+        liver = 20 * A_IHGU * (5.6648 + 5.6589 * jnp.tanh(2.4375 * (G_L / (101 - self.lower_mg_dl) - 1.48)))
+        muscle = (
+            35 * (G_PI / (86.81 - self.lower_mg_dl)) * (7.035 + 6.51623 * jnp.tanh(0.33827 * (I_PI / 5.304 - 5.82113)))
+        )
         urine = jnp.where(G_K < 460, 71 + 71 * jnp.tanh(0.011 * (G_K - 460)), -330 + 0.872 * G_K)
         cleared = 0.40 * (0.18 * I_H + 0.72 * I_G) + 0.30 * 0.72 * I_H + I_PI / (0.85 / (0.15 * 1.05) - 20 / 6.74)
         booked = [
@@ -54,7 +58,7 @@ class Ledger:
 @pytest.fixture(scope="session")
 def ledger():
     """Make a patient keep accounts."""
-    return lambda person: Ledger(person=person)
+    return lambda person, lower_mg_dl=0.0: Ledger(person=person, lower_mg_dl=lower_mg_dl)
 
 
 @pytest.fixture(scope="session")

@@ -57,6 +57,15 @@ def test_time_limit_is_for_all_pieces_together(work):
         limited.run(work)
 
 
+@pytest.fixture
+def _ctrl_c():
+    """Ctrl-C raises, whatever a program that ran before in this process made of it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_ctrl_c")
 def test_interrupt_ends_the_work(work):
     def press():
         work.begun.wait(60)

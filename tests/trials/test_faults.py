@@ -80,8 +80,13 @@ def test_what_is_no_fault_is_refused_in_a_sentence(text, sentence):
 )
 def test_what_cannot_be_made_is_refused_where_it_is_made(text, sentence):
     told = parse_fault(text)
+
+    def make():
+        faulty_sensor(IdealSensor(), [told], 5.0)
+        faulty_pump(LimitedPump(limits=PARKER_1999_LIMITS), [told], 5.0, PARKER_1999_LIMITS)
+
     with pytest.raises(ValueError, match=r"possible|per_day") as refused:
-        faulty_pump(faulty_sensor(IdealSensor(), [told], 5.0), [told], 5.0, PARKER_1999_LIMITS)
+        make()
     assert sentence in str(refused.value)
 
 

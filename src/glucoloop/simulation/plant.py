@@ -61,6 +61,10 @@ class Integrator(Protocol):
         """The plant, and what reaches it from outside, one entry per sample on the leading axis."""
         ...
 
+
+class SteppingIntegrator(Integrator, Protocol):
+    """An integrator that can also go on one sample at a time, with meals that are told on the way."""
+
     def at_sample(self, plant: Any, kinks: Emptying, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
         """The plant after other meals than those it was prepared for, and what reaches it in one sample; traceable."""
         ...

@@ -20,7 +20,7 @@ from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import default_integrator, start_of
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import Fixed, apart
-from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
 from glucoloop.snapshot import fingerprint, pack, unpack
 
 _FIRST_ROOM: Final = 8
@@ -74,7 +74,7 @@ def _look(numbers: list[Any], fixed: Fixed, now: _Now, announced_g: float) -> Ob
 def _step(
     numbers: list[Any],
     fixed: Fixed,
-    integrator: Integrator,
+    integrator: SteppingIntegrator,
     grid: SampleGrid,
     now: _Now,
     kinks: Emptying,
@@ -108,7 +108,7 @@ class Stepper:
         Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
     key : JAX key or int
         Source of all randomness.
-    integrator : Integrator, optional
+    integrator : SteppingIntegrator, optional
         As for `simulate`.
 
     Raises
@@ -142,7 +142,7 @@ class Stepper:
         initial_glucose_mg_dl: float | None = None,
         allow_unusual: bool = False,
         key: jax.Array | int = 0,
-        integrator: Integrator | None = None,
+        integrator: SteppingIntegrator | None = None,
     ) -> None:
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
         self._integrator = default_integrator(patient) if integrator is None else integrator

@@ -103,9 +103,16 @@ def test_a_record_that_is_none_is_refused(two_states, filtered, columns, sentenc
         estimate_meals(two_states, filtered, *columns)
 
 
-@pytest.mark.parametrize("late", [-1, 1.0, True])
-def test_a_dead_time_that_cannot_be_is_refused(two_states, filtered, late):
-    with pytest.raises(ValueError, match=f"a dead time of {late} samples is not possible"):
+@pytest.mark.parametrize(
+    ("late", "sentence"),
+    [
+        (-1, "a dead time of -1 samples is not possible"),
+        (1.0, "dead_time_samples is 1.0, a float; give a whole number"),
+        (True, "dead_time_samples is True, a bool; give a whole number"),
+    ],
+)
+def test_a_dead_time_that_cannot_be_is_refused(two_states, filtered, late, sentence):
+    with pytest.raises(ValueError, match=sentence):
         estimate_meals(two_states, filtered, T, [80.0] * 3, [20.0] * 3, dead_time_samples=late)
 
 

@@ -45,7 +45,7 @@ class _Page(HTMLParser):
 
 
 def test_writes_a_figure_for_each_situation_and_all_tables(files):
-    drawn = {f"{name}.{kind}" for name in ("noise-free", "noise") for kind in ("png", "svg")}
+    drawn = {f"{name}.{kind}" for name in ("noise-free", "noise") for kind in ("pdf", "png", "svg")}
     tables = {"claims.csv", "claims.json", "numbers.csv", "runs.csv", "timing.json", "claims.toml", "claims.html"}
     assert set(files) == drawn | tables
     assert "seeds = 3" in files["claims.toml"]
