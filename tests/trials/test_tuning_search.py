@@ -171,7 +171,7 @@ def test_bad_searches(patient_81):
         search(patient_81, "pid", [tuning])
     with pytest.raises(ValueError, match="filtered reference"):
         search(patient_81, "mpc-se", [tuning])
-    with pytest.raises(ValueError, match="the known ones are: nominal-22, setpoint-81"):
+    with pytest.raises(ValueError, match="the known ones are: fasting-81, nominal-22, setpoint-81"):
         printed_tuning("elsewhere", "mpc")
 
 
