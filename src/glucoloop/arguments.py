@@ -231,7 +231,8 @@ class _Argument:
             return self.value
         members = _members(protocol)
         without = f" without {_in_words(lacking)}" if len(lacking) < len(members) else ""
-        wanted = f"a {protocol.__name__.lower()}, an object with {_in_words(members)}"
+        name = re.sub(r"(?<!^)(?=[A-Z])", " ", protocol.__name__).lower()
+        wanted = f"{'an' if name[0] in 'aeiou' else 'a'} {name}, an object with {_in_words(members)}"
         raise ArgumentTypeError(self._misplaced() or self._unlike(protocol, wanted, without))
 
     def _unlike(self, kind: type, wanted: str, without: str = "") -> str:
