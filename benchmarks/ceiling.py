@@ -17,7 +17,7 @@ _ARITHMETIC = ("fused", "plain", "divisions", "choices")
 
 def most_gflops(precision: str, repeats: int) -> float:
     """The most that chains of fused products reach, of two operations each, 10^9 a second."""
-    from glucoloop.native.kernel import Kernel, lanes
+    from glucoloop.native.targets.llvm.kernel import Kernel, lanes
 
     width = lanes(precision)
     sizes = {"person": 0, "carry": CHAINS, "own": 0, "shared": 0, "outputs": 0}
@@ -103,7 +103,7 @@ def _kind(line: str) -> str:
         return "fused"
     if "@llvm.sqrt." in code or code.startswith("fdiv"):
         return "divisions"
-    if code.startswith(("fadd", "fsub", "fmul")) or "@llvm.floor." in code or "@llvm.nearbyint." in code:
+    if code.startswith(("fadd", "fsub", "fmul")) or "@llvm.floor." in code:
         return "plain"
     return "choices" if code.startswith(("fcmp", "select")) else ""
 
@@ -112,7 +112,7 @@ def _instructions(kernel: Any) -> dict[str, int]:
     """Instructions of the x86 processor in the chunks; none are known of another."""
     from llvmlite import binding
 
-    from glucoloop.native.kernel import _machine
+    from glucoloop.native.targets.llvm.kernel import _machine
 
     lines = _machine().emit_assembly(binding.parse_assembly(kernel.text)).splitlines()
     labels, loops = {}, []

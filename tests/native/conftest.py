@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.native.kernel import compile_kernel
+from glucoloop.native.lower import lower
+from glucoloop.native.targets.llvm.kernel import compile_kernel
 
 
 def shape(x):
@@ -23,8 +24,8 @@ class Native:
             return carry, function(*own)
 
         own = [shape(x) for x in examples]
-        self.kernel, _ = compile_kernel(step, (), (), own, (), (), precision=precision)
-        self.results = jax.eval_shape(function, *own)
+        lowered = lower(step, (), (), own, (), precision=precision)
+        self.kernel, self.results = compile_kernel(lowered), lowered.shapes.outputs
 
     def __call__(self, *arrays):
         kernel, n = self.kernel, np.shape(arrays[0])[-1]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.native.kernel import compile_kernel
+from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 
 NOT = [np.nan, np.inf, -np.inf]
@@ -237,15 +237,15 @@ def test_random_numbers_are_those_that_jax_draws_for_one_person():
         return noisy(carry, own, chance)
 
     number = jnp.zeros(())
-    kernel, drawing = compile_kernel(step, (), number, number, (), (KEYS[0], jnp.zeros((), int)))
+    lowered = lower(step, (), number, number, (), (KEYS[0], jnp.zeros((), int)))
     for key in KEYS:
         for index in (0, 3):
             _, (_, lost, several, noise) = noisy(number, jnp.ones(()), (key, jnp.asarray(index)))
-            wanted = [np.asarray(w) for w in drawing(key, jnp.asarray(index))]
+            wanted = [np.asarray(w) for w in lowered.drawing(key, jnp.asarray(index))]
             assert sorted(np.concatenate([w.ravel() for w in wanted]).tolist()) == pytest.approx(
                 sorted([float(lost), *several.tolist(), float(noise)]), abs=0.0
             )
-    assert kernel.sizes["own"] == 1 + 5
+    assert lowered.layout.sizes["own"] == 1 + 5
 
 
 def test_random_numbers_may_be_made_numbers_of_another_kind():
@@ -253,7 +253,7 @@ def test_random_numbers_may_be_made_numbers_of_another_kind():
         del person, shared
         return carry, own + jax.random.randint(chance, (), 0, 9)
 
-    _, drawing = compile_kernel(step, (), jnp.zeros(()), jnp.zeros(()), (), KEYS[0])
+    drawing = lower(step, (), jnp.zeros(()), jnp.zeros(()), (), KEYS[0]).drawing
     assert float(drawing(KEYS[1])[0]) == int(jax.random.randint(KEYS[1], (), 0, 9))
 
 
@@ -262,7 +262,7 @@ def test_drawing_many_at_once_draws_the_same():
         del person, own, shared
         return carry, jax.random.normal(jax.random.fold_in(*chance), (2,))
 
-    _, drawing = compile_kernel(step, (), jnp.zeros(()), (), (), (KEYS[0], jnp.zeros((), int)))
+    drawing = lower(step, (), jnp.zeros(()), (), (), (KEYS[0], jnp.zeros((), int))).drawing
     index = jnp.arange(4)
     (many,) = jax.jit(jax.vmap(jax.vmap(drawing, in_axes=(0, None), out_axes=-1), in_axes=(None, 0)))(KEYS, index)
     assert many.shape == (4, 2, 5)
@@ -289,4 +289,4 @@ def test_chance_that_is_no_number_is_refused(told, function):
         return carry, function(chance, own)
 
     with pytest.raises(UnsupportedError, match=told):
-        compile_kernel(step, (), jnp.zeros(()), jnp.zeros(()), (), KEYS[0])
+        lower(step, (), jnp.zeros(()), jnp.zeros(()), (), KEYS[0])

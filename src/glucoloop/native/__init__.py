@@ -1,1 +1,1 @@
-"""Machine code for many people, from a JAX function of one: traced, taken apart, and compiled by LLVM."""
+"""A JAX function of one person and one sample, lowered to a scalar program and compiled for one of several targets."""

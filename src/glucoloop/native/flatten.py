@@ -90,6 +90,12 @@ class Flattener:
         self._keys: list[Chance] = []
         self._wanted: dict[int, tuple[Chance, Values]] = {}
 
+    def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
+        """An input of the program for each element of an array, named after the array and the element's place."""
+        kind = BOOL if aval.dtype == bool else FLOAT
+        flat = [self.program.input((*name, i), level, kind) for i in range(math.prod(aval.shape))]
+        return np.array(flat, np.int64).reshape(aval.shape)
+
     def chance(self, aval: Any) -> Chance:
         """An input from which only what rests on chance alone may be computed: a random key, the number of the sample.
 
@@ -114,10 +120,7 @@ class Flattener:
             aval, position = given.aval, len(self._wanted)
             if not (jnp.issubdtype(aval.dtype, jnp.floating) or aval.dtype == bool):
                 raise UnsupportedError(f"random numbers of type {aval.dtype}")
-            flat = [
-                self.program.input(("chance", position, i), SAMPLE, kind_of(aval)) for i in range(math.prod(aval.shape))
-            ]
-            self._wanted[id(given)] = (given, np.array(flat, np.int64).reshape(aval.shape))
+            self._wanted[id(given)] = (given, self.input(("chance", position), aval, SAMPLE))
         return self._wanted[id(given)][1]
 
     def constants(self, array: Any) -> Values:
@@ -372,8 +375,3 @@ def _refuse_other_than_floats(operation: str, dtype: Any) -> None:
         raise UnsupportedError("a division of whole numbers")
     if operation in ("lt", "le", "max", "min") and truths:
         raise UnsupportedError("an order of truths")
-
-
-def kind_of(aval: Any) -> str:
-    """How an element is held."""
-    return BOOL if aval.dtype == bool else FLOAT

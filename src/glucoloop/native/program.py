@@ -4,6 +4,24 @@ Every value is a number, by its place in the program. Equal operations are one v
 carried out, and what is the same at every sample is computed once. Two liberties are taken with arithmetic: a product
 with zero is zero, whatever the other factor, so that the zeros of a matrix cost nothing; and constant factors are
 gathered, which may change the last digit (but not through `exact_sub`).
+
+A target carries these operations out, each rounded to nearest in the program's precision:
+
+=====================================  ==========================================================================
+operation                              value
+=====================================  ==========================================================================
+``input``, ``constant``                a number or a truth from outside, or known
+``add sub mul div neg abs sqrt floor`` as IEEE 754 has them; ``exact_sub`` is ``sub``
+``max min``                            the larger or smaller; not a number if either is not
+``copy_sign``                          the first with the sign of the second
+``lt le eq ne``                        truths; ``eq`` and ``ne`` take two truths as well; only ``ne`` holds of NaN
+``and or xor not is_finite``           truths
+``select``                             the second if the first holds, otherwise the third
+``number``                             one for true, zero for false
+``mantissa exponent``                  ``x = mantissa 2^exponent`` with a mantissa in [1, 2), for normal x above 0
+``power_of_two``                       two to the whole number which stands in the last bits of a number
+``ratio``                              a quotient; `divisions` replaces all of them before a target sees them
+=====================================  ==========================================================================
 """
 
 from __future__ import annotations
@@ -39,7 +57,6 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
     "min": lambda a, b: float(np.minimum(a, b)),
     "sqrt": lambda a: float(np.sqrt(np.float64(a))),
     "floor": lambda a: float(np.floor(a)),
-    "round": lambda a: float(np.rint(a)),
     "lt": lambda a, b: bool(a < b),
     "le": lambda a, b: bool(a <= b),
     "eq": lambda a, b: bool(a == b),

@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.kernel import Kernel, compile_kernel
+from glucoloop.native.lower import lower
+from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
 from glucoloop.patients.protocol import SemilinearPatient
 
 Matrix = npt.NDArray[np.float64]
@@ -70,9 +71,9 @@ def _kernels(states: int) -> tuple[Kernel, Kernel]:
             (m_2 + E @ (m_0 + 2.0 * m_1 + m_2)) / 8.0,
         ), ()
 
-    series, _ = compile_kernel(term, square, (square,) * 5, (), (number,) * 4)
-    doubling, _ = compile_kernel(double, (), (square,) * 4, (), ())
-    return series, doubling
+    series = lower(term, square, (square,) * 5, (), (number,) * 4)
+    doubling = lower(double, (), (square,) * 4, (), ())
+    return compile_kernel(series), compile_kernel(doubling)
 
 
 @functools.partial(jax.jit, static_argnames="states")

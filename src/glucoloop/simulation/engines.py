@@ -8,15 +8,14 @@ argument      meaning                                                arrays give
 ============  =====================================================  ================================
 ``own``       what a person is                                       ``(..., people)``
 ``carry``     what is handed from sample to sample                   ``(..., people)``
-``reaching``  what reaches him at a sample                           ``(samples, ..., people)``
-``shared``    what reaches all alike at a sample                     ``(samples, ...)``
-``chance``    his random key, and the number of the sample           ``(people,)`` keys
+``reaching``  what reaches the person at a sample                    ``(samples, ..., people)``
+``shared``    what reaches everybody alike at a sample               ``(samples, ...)``
+``chance``    the person's random key, and the number of the sample  ``(people,)`` keys
 ============  =====================================================  ================================
 """
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
@@ -26,8 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.kernel import compile_kernel
+from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.llvm.kernel import compile_kernel
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
@@ -99,14 +99,11 @@ class NativeEngine:
     ) -> None:
         self.precision = precision
         own, carry, reaching, shared = jax.tree.map(jnp.asarray, (own, carry, reaching, shared))
-        chance = (key, jnp.zeros((), int))
-        self._kernel, drawing = compile_kernel(step, own, carry, reaching, shared, chance, precision=precision)
-        of_people = jax.vmap(drawing, in_axes=(0, None), out_axes=-1)
-        self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if drawing.wanted else None
-        _, outputs = jax.eval_shape(step, own, carry, reaching, shared, chance)
-        self._carry, self._outputs = (
-            (jax.tree.structure(tree), [jnp.shape(leaf) for leaf in jax.tree.leaves(tree)]) for tree in (carry, outputs)
-        )
+        lowered = lower(step, own, carry, reaching, shared, (key, jnp.zeros((), int)), precision=precision)
+        self._kernel = compile_kernel(lowered)
+        of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
+        self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None
+        self._shapes = lowered.shapes
 
     def run(
         self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
@@ -130,7 +127,7 @@ class NativeEngine:
         state = _rows(jax.tree.leaves(carry), n, columns, dtype)
         written = np.empty((samples, kernel.sizes["outputs"], columns), dtype)
         kernel.run(_rows(jax.tree.leaves(own), n, columns, dtype), state, arriving, at_sample, written, threads=threads)
-        return _tree(*self._carry, state[:, :n], axis=0), _tree(*self._outputs, written[..., :n], axis=1)
+        return _tree(self._shapes.carry, state[:, :n], axis=0), _tree(self._shapes.outputs, written[..., :n], axis=1)
 
 
 class MappedEngine:
@@ -176,12 +173,12 @@ def _rows(leaves: Sequence[Any], n: int, columns: int, dtype: Any) -> Array:
     return wide
 
 
-def _tree(structure: Any, shapes: Sequence[tuple[int, ...]], rows: Array, *, axis: int) -> Any:
-    """Rows along an axis, as the leaves that they are of."""
+def _tree(shapes: Any, rows: Array, *, axis: int) -> Any:
+    """Rows along an axis, as the leaves of a tree of shapes."""
+    like, structure = jax.tree.flatten(shapes)
     leaves, start = [], 0
-    for shape in shapes:
-        size = math.prod(shape)
-        part = rows[(slice(None),) * axis + (slice(start, start + size),)]
-        leaves.append(part.reshape(*part.shape[:axis], *shape, part.shape[-1]))
-        start += size
+    for leaf in like:
+        part = rows[(slice(None),) * axis + (slice(start, start + leaf.size),)]
+        leaves.append(part.reshape(*part.shape[:axis], *leaf.shape, part.shape[-1]))
+        start += leaf.size
     return jax.tree.unflatten(structure, leaves)

@@ -1,25 +1,20 @@
-"""A function of one person and one sample, compiled for many people and all samples."""
+"""A lowered function of one person and one sample, compiled and run for many people and all samples."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import threading
-from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
-import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.chunks import Layout
-from glucoloop.native.divisions import share_divisions
-from glucoloop.native.drawing import Drawing
-from glucoloop.native.emit import Emitter
-from glucoloop.native.flatten import Flattener, Values, kind_of
 from glucoloop.native.functions import DOUBLE
-from glucoloop.native.program import PERSON, SAMPLE, Program
+from glucoloop.native.lower import Lowered
+from glucoloop.native.targets.llvm.emit import Emitter
+from glucoloop.native.targets.products import FUSED, STRICT
 
 Array = npt.NDArray[Any]
 
@@ -108,79 +103,21 @@ class Kernel:
             list(pool.map(part, range(threads)))
 
 
-def _inputs(program: Program, leaves: Sequence[Any], name: str, level: int) -> list[Values]:
-    """A value for each element of each leaf."""
-    made = []
-    for position, leaf in enumerate(leaves):
-        shape = tuple(leaf.shape)
-        flat = [program.input((name, position, i), level, kind_of(leaf)) for i in range(int(np.prod(shape, dtype=int)))]
-        made.append(np.array(flat, np.int64).reshape(shape))
-    return made
-
-
-def _flat(values: Sequence[Values]) -> list[int]:
-    return [int(v) for array in values for v in array.ravel()]
-
-
-def compile_kernel(
-    step: Callable[..., tuple[Any, Any]],
-    person: Any,
-    carry: Any,
-    own: Any,
-    shared: Any,
-    chance: Any = (),
-    *,
-    precision: str = DOUBLE,
-) -> tuple[Kernel, Drawing]:
-    """Compile ``carry, outputs = step(person, carry, own, shared, chance)``.
+def compile_kernel(lowered: Lowered, *, products: str = FUSED) -> Kernel:
+    """Compile a lowered function for this processor.
 
     Parameters
     ----------
-    step : callable
-        A pure JAX function of one person and one sample.
-    person, carry, own, shared, chance : pytrees of arrays or shapes, without a people axis
-        What a person is; what is handed on; what reaches him, and what reaches everybody, at a sample; random keys and
-        the number of the sample.
-    precision : {"float64", "float32"}
-
-    Returns
-    -------
-    kernel : Kernel
-    drawing : Drawing
-        What has to be computed of `chance` beforehand; it reaches the kernel as the last rows of `own`.
+    lowered : Lowered
+    products : {"fused", "strict"}
+        See `glucoloop.native.targets.products`.
 
     Raises
     ------
-    UnsupportedError
-        If the function does what straight-line code cannot.
+    ValueError
+        For another way of rounding products.
     """
-    groups = (person, carry, own, shared, chance)
-    shapes = jax.eval_shape(lambda *of: of, *groups)
-    closed = jax.make_jaxpr(step)(*shapes)
-    program = Program()
-    flattener = Flattener(program, precision)
-    names, levels = ("person", "carry", "own", "shared"), (PERSON, SAMPLE, SAMPLE, SAMPLE)
-    made = [
-        _inputs(program, jax.tree.leaves(group), name, level)
-        for group, name, level in zip(shapes[:4], names, levels, strict=True)
-    ]
-    keys = [flattener.chance(leaf) for leaf in jax.tree.leaves(shapes[4])]
-    results = flattener.run(closed, [*(leaf for group in made for leaf in group), *keys])
-    drawing, drawn = flattener.drawing()
-    carried = len(made[1])
-    program, place = share_divisions(program, _flat(results))
-
-    def flat(values: Sequence[Values]) -> list[int]:
-        return [place[v] for v in _flat(values)]
-
-    layout = Layout(
-        person=flat(made[0]),
-        carry=flat(made[1]),
-        own=flat([*made[2], *drawn]),
-        shared=flat(made[3]),
-        next_carry=flat(results[:carried]),
-        outputs=flat(results[carried:]),
-    )
-    text = Emitter(program, layout, precision, lanes(precision)).text()
-    sizes = {name: len(getattr(layout, name)) for name in ("person", "carry", "own", "shared", "outputs")}
-    return Kernel(text, precision, sizes), drawing
+    if products not in (FUSED, STRICT):
+        raise ValueError(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
+    text = Emitter(lowered, products, lanes(lowered.precision)).text()
+    return Kernel(text, lowered.precision, lowered.layout.sizes)

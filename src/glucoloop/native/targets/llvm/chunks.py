@@ -13,26 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.native.lower import Layout
 from glucoloop.native.program import SAMPLE, Program, Value
 
 OPERATIONS_A_CHUNK: Final = 2000
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What a kernel reads and writes, as values of its program."""
-
-    person: Sequence[Value]
-    """Numbers of a person."""
-    carry: Sequence[Value]
-    """What is handed from sample to sample."""
-    own: Sequence[Value]
-    """What reaches each person at each sample."""
-    shared: Sequence[Value]
-    """What reaches all alike at each sample."""
-    next_carry: Sequence[Value]
-    outputs: Sequence[Value]
-    """What is written at each sample."""
 
 
 @dataclass(frozen=True)
@@ -54,27 +38,6 @@ class Plan:
     chunks: Sequence[Chunk]
     slot_of: dict[Value, int]
     slots: int
-
-
-def fused_products(program: Program, order: Sequence[Value], results: Sequence[Value]) -> dict[Value, Value]:
-    """Product -> the sum that it goes into at once: products that are used there alone, one for each sum."""
-    uses: dict[Value, int] = {}
-    for value in order:
-        for argument in program.operations[value][1]:
-            uses[argument] = uses.get(argument, 0) + 1
-    for value in results:
-        uses[value] = uses.get(value, 0) + 1
-    taken: dict[Value, Value] = {}
-    for value in order:
-        operation, arguments = program.operations[value]
-        if operation not in ("add", "sub"):
-            continue
-        for argument in reversed(arguments):
-            same_level = program.levels[argument] == program.levels[value]
-            if program.operations[argument][0] == "mul" and uses[argument] == 1 and same_level:
-                taken[argument] = value
-                break
-    return taken
 
 
 def plan_chunks(

@@ -1,7 +1,7 @@
 """A scalar program as vector code of LLVM: many people side by side, one in each lane.
 
 Each lane does the same operations in the same order, none of which the compiler may reorder, so what becomes of a
-person does not depend on who is in the other lanes. Products that are added at once are fused, explicitly.
+person does not depend on who is in the other lanes. Fused products are written as such; LLVM makes no others.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from glucoloop.native.chunks import Chunk, Layout, fused_products, plan_chunks
 from glucoloop.native.functions import DOUBLE
-from glucoloop.native.program import BOOL, PERSON, SAMPLE, Program, Value
+from glucoloop.native.lower import Lowered
+from glucoloop.native.program import BOOL, PERSON, SAMPLE, Value
+from glucoloop.native.targets.llvm.chunks import Chunk, plan_chunks
+from glucoloop.native.targets.products import FUSED, fused_products
 
-_LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "round": "nearbyint", "abs": "fabs"}
+_LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 _ORDERED: Final = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 FITS_THE_CACHE: Final = 6000
 """Operations whose instructions the processor's first cache holds, about."""
@@ -47,11 +49,10 @@ class _Lines:
 class Emitter:
     """Writes the code of one kernel."""
 
-    def __init__(self, program: Program, layout: Layout, precision: str, lanes: int) -> None:
-        self._p = program
-        self._layout = layout
+    def __init__(self, lowered: Lowered, products: str, lanes: int) -> None:
+        program, layout = self._p, self._layout = lowered.program, lowered.layout
         self._lanes = lanes
-        self._double = precision == DOUBLE
+        self._double = lowered.precision == DOUBLE
         self._scalar = "double" if self._double else "float"
         self._whole = "i64" if self._double else "i32"
         self._vector = f"<{lanes} x {self._scalar}>"
@@ -63,9 +64,9 @@ class Emitter:
         self._names: dict[Value, str] = {}
         self._member = self._column = ""
 
-        results = [*layout.next_carry, *layout.outputs]
+        results = layout.results
         order = program.needed(results)
-        self._taken = fused_products(program, order, results)
+        self._taken = fused_products(program, order, results) if products == FUSED else {}
         self._once = [v for v in order if program.levels[v] == PERSON]
         varying = [v for v in order if program.levels[v] == SAMPLE and v not in self._taken]
         needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]

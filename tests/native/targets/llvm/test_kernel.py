@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.native import chunks, divisions, emit, kernel
-from glucoloop.native.kernel import compile_kernel, lanes
+from glucoloop.native import divisions
+from glucoloop.native.lower import lower
+from glucoloop.native.targets.llvm import chunks, emit, kernel
+from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes
 from glucoloop.patients import Inputs, sorensen
 
 PRECISIONS = ["float64", "float32"]
@@ -44,8 +46,13 @@ def numbers():
 
 
 @pytest.fixture(scope="module")
-def compiled():
-    return {p: compile_kernel(step, *EXAMPLE, REACHING, TOLD, precision=p)[0] for p in PRECISIONS}
+def lowered():
+    return {p: lower(step, *EXAMPLE, REACHING, TOLD, precision=p) for p in PRECISIONS}
+
+
+@pytest.fixture(scope="module")
+def compiled(lowered):
+    return {p: compile_kernel(lowered[p]) for p in PRECISIONS}
 
 
 def rows(k, tree):
@@ -110,29 +117,29 @@ def test_threads_make_no_difference(compiled, numbers, threads):
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 40])
-def test_how_the_work_is_cut_makes_no_difference(compiled, numbers, monkeypatch, size):
+def test_how_the_work_is_cut_makes_no_difference(lowered, compiled, numbers, monkeypatch, size):
     monkeypatch.setattr(emit, "plan_chunks", functools.partial(chunks.plan_chunks, size=size))
-    cut, _ = compile_kernel(step, *EXAMPLE, REACHING, TOLD)
+    cut = compile_kernel(lowered["float64"])
     assert cut.text.count("chunk") > compiled["float64"].text.count("chunk")
     for a, b in zip(run(cut, numbers), run(compiled["float64"], numbers), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("vectors", [1, 3])
-def test_nor_how_many_vectors_go_together(compiled, numbers, monkeypatch, vectors):
+def test_nor_how_many_vectors_go_together(lowered, compiled, numbers, monkeypatch, vectors):
     monkeypatch.setattr(emit, "VECTORS_A_BLOCK", vectors)
     monkeypatch.setattr(emit, "FITS_THE_CACHE", 0)
-    other, _ = compile_kernel(step, *EXAMPLE, REACHING, TOLD)
+    other = compile_kernel(lowered["float64"])
     for a, b in zip(run(other, numbers), run(compiled["float64"], numbers), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("bits", [128, 256, 512])
-def test_nor_how_wide_a_vector_is(compiled, numbers, monkeypatch, bits, precision):
+def test_nor_how_wide_a_vector_is(lowered, compiled, numbers, monkeypatch, bits, precision):
     cpu, features, _ = kernel._processor()
     monkeypatch.setattr(kernel, "_processor", lambda: (cpu, features, bits))
-    other, _ = compile_kernel(step, *EXAMPLE, REACHING, TOLD, precision=precision)
+    other = compile_kernel(lowered[precision])
     assert other.lanes == bits // (64 if precision == "float64" else 32)
     monkeypatch.undo()
     for a, b in zip(run(other, numbers), run(compiled[precision], numbers), strict=True):
@@ -142,7 +149,7 @@ def test_nor_how_wide_a_vector_is(compiled, numbers, monkeypatch, bits, precisio
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_sharing_divisions_loses_a_few_units_in_the_last_place(compiled, numbers, monkeypatch, precision):
     monkeypatch.setattr(divisions, "TOGETHER", 1)
-    apart, _ = compile_kernel(step, *EXAMPLE, REACHING, TOLD, precision=precision)
+    apart = compile_kernel(lower(step, *EXAMPLE, REACHING, TOLD, precision=precision))
     divided = [k.text.count("fdiv") for k in (apart, compiled[precision])]
     assert divided[0] > divided[1]
     for a, b in zip(run(apart, numbers), run(compiled[precision], numbers), strict=True):

@@ -1,0 +1,147 @@
+"""A JAX function of one person and one sample as a scalar program: what every target starts from.
+
+Nothing here belongs to a target: no vectors, no processor, no language. `lower` traces the function, takes it apart
+and simplifies it; `glucoloop.native.targets` make code of what it returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+
+from glucoloop.native.divisions import share_divisions
+from glucoloop.native.drawing import Drawing
+from glucoloop.native.flatten import Flattener, Values
+from glucoloop.native.functions import DOUBLE
+from glucoloop.native.program import PERSON, SAMPLE, Program, Value
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The order in which code takes its numbers and gives them back, as values of a program.
+
+    The numbers of a group are those of the leaves of its tree (see `Shapes`), each leaf row by row. Truths and whole
+    numbers are held as numbers.
+    """
+
+    person: Sequence[Value]
+    """What a person is; the same at every sample."""
+    carry: Sequence[Value]
+    """The state before the sample."""
+    own: Sequence[Value]
+    """What reaches each person at the sample, then what `Lowered.drawing` draws for the person."""
+    shared: Sequence[Value]
+    """What reaches everybody alike at the sample."""
+    next_carry: Sequence[Value]
+    """The state after the sample, in the order of `carry`."""
+    outputs: Sequence[Value]
+    """What is written at the sample."""
+
+    @property
+    def results(self) -> list[Value]:
+        """All that is computed: the next state, then the outputs."""
+        return [*self.next_carry, *self.outputs]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """How many numbers each group of arrays has."""
+        return {name: len(getattr(self, name)) for name in ("person", "carry", "own", "shared", "outputs")}
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The trees that a function takes and returns, with `jax.ShapeDtypeStruct` for leaves.
+
+    The host makes records of rows by them, and a target may name its fields after them.
+    """
+
+    person: Any
+    carry: Any
+    own: Any
+    shared: Any
+    outputs: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Lowered:
+    """``carry, outputs = step(person, carry, own, shared, chance)`` of one person and one sample, in scalars.
+
+    The program and its layout are plain data and can be pickled. Levels of the program's values tell what can be
+    computed once for each person (``PERSON``) and what changes at each sample (``SAMPLE``).
+    """
+
+    program: Program
+    layout: Layout
+    shapes: Shapes
+    drawing: Drawing
+    """The random numbers of a sample, which the host computes beforehand with JAX."""
+    precision: str
+    """``"float64"`` or ``"float32"``, for which elementary functions were chosen."""
+
+
+def lower(
+    step: Callable[..., tuple[Any, Any]],
+    person: Any,
+    carry: Any,
+    own: Any,
+    shared: Any,
+    chance: Any = (),
+    *,
+    precision: str = DOUBLE,
+) -> Lowered:
+    """Lower ``carry, outputs = step(person, carry, own, shared, chance)`` to scalars.
+
+    Parameters
+    ----------
+    step : callable
+        A pure JAX function of one person and one sample.
+    person, carry, own, shared : pytrees of arrays or shapes, without a people axis
+        Examples of what a person is, of the state, and of what reaches the person, and everybody, at a sample.
+    chance : pytree
+        Examples of random keys and of the number of the sample. What rests on these alone is left to the host.
+    precision : {"float64", "float32"}
+
+    Raises
+    ------
+    UnsupportedError
+        If the function does what straight-line code cannot.
+    TypeError
+        If the state after a sample has other shapes than the state before.
+    """
+    given = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, chance)
+    closed, (next_carry, outputs) = jax.make_jaxpr(step, return_shape=True)(*given)
+    before, after = ([leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (given[1], next_carry))
+    if before != after:
+        raise TypeError(f"the state has leaves of shapes {before} before a sample, but {after} after it")
+    program = Program()
+    flattener = Flattener(program, precision)
+    levels = {"person": PERSON, "carry": SAMPLE, "own": SAMPLE, "shared": SAMPLE}
+    inputs = {
+        name: [flattener.input((name, i), leaf, level) for i, leaf in enumerate(jax.tree.leaves(tree))]
+        for (name, level), tree in zip(levels.items(), given[:4], strict=True)
+    }
+    keys = [flattener.chance(leaf) for leaf in jax.tree.leaves(given[4])]
+    results = flattener.run(closed, [*(leaf for group in inputs.values() for leaf in group), *keys])
+    drawing, drawn = flattener.drawing()
+    program, place = share_divisions(program, _flat(results))
+
+    def placed(values: Sequence[Values]) -> list[Value]:
+        return [place[v] for v in _flat(values)]
+
+    layout = Layout(
+        person=placed(inputs["person"]),
+        carry=placed(inputs["carry"]),
+        own=placed([*inputs["own"], *drawn]),
+        shared=placed(inputs["shared"]),
+        next_carry=placed(results[: len(before)]),
+        outputs=placed(results[len(before) :]),
+    )
+    shapes = Shapes(person=given[0], carry=next_carry, own=given[2], shared=given[3], outputs=outputs)
+    return Lowered(program=program, layout=layout, shapes=shapes, drawing=drawing, precision=precision)
+
+
+def _flat(values: Sequence[Values]) -> list[Value]:
+    return [int(v) for array in values for v in array.ravel()]

@@ -1,0 +1,56 @@
+"""How a target rounds a product that goes straight into a sum.
+
+==========  ==========================================================================================
+name        meaning
+==========  ==========================================================================================
+``fused``   product and sum are rounded once, by a fused multiply-add, where `fused_products` says so
+``strict``  every operation is rounded by itself
+==========  ==========================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from glucoloop.native.program import Program, Value
+
+FUSED: Final = "fused"
+STRICT: Final = "strict"
+
+
+def fused_products(program: Program, order: Sequence[Value], results: Sequence[Value]) -> dict[Value, Value]:
+    """Products that are rounded together with the sum which takes them.
+
+    These are the products that one sum alone uses, at most one for each sum; of two, the second.
+
+    Parameters
+    ----------
+    program : Program
+    order : sequence
+        The values that are computed, each after its arguments.
+    results : sequence
+        The values that are needed as they are.
+
+    Returns
+    -------
+    dict
+        Product -> sum.
+    """
+    uses: dict[Value, int] = {}
+    for value in order:
+        for argument in program.operations[value][1]:
+            uses[argument] = uses.get(argument, 0) + 1
+    for value in results:
+        uses[value] = uses.get(value, 0) + 1
+    taken: dict[Value, Value] = {}
+    for value in order:
+        operation, arguments = program.operations[value]
+        if operation not in ("add", "sub"):
+            continue
+        for argument in reversed(arguments):
+            same_level = program.levels[argument] == program.levels[value]
+            if program.operations[argument][0] == "mul" and uses[argument] == 1 and same_level:
+                taken[argument] = value
+                break
+    return taken

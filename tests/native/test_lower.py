@@ -1,0 +1,150 @@
+"""The seam between a traced function and its targets: a lowered function means what its operations say, and no more."""
+
+import dataclasses
+import pickle
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop.native.lower import lower
+from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.llvm.kernel import compile_kernel
+from glucoloop.native.targets.products import FUSED, STRICT, fused_products
+
+PEOPLE = 13
+BITS = {"float64": (np.uint64, 52, 1023), "float32": (np.uint32, 23, 127)}
+
+
+def step(person, carry, own, shared, chance):
+    """Something of every operation."""
+    rate, matrix = person
+    x, alarm, count = carry
+    noise = jax.random.normal(chance, (3,))
+    pushed = jnp.where(alarm, -0.5, 0.5) * shared["push"] + own + 0.1 * noise
+    x = jnp.tanh(matrix @ x) / (1.0 + rate * rate) + jnp.maximum(pushed * jnp.exp(-rate / 3.0), -jnp.sqrt(rate))
+    low = ~jnp.isfinite(jnp.log(x[0])) & (jnp.sign(x[1]) != 1.0) | (jnp.floor(x[2]) <= -1.0)
+    risk = jnp.log(1.5 + jnp.abs(x)) ** 1.084 - jnp.expm1(-rate)
+    return (x, low ^ alarm, count + low), {"x": x, "risk": risk, "count": count, "least": jnp.minimum(rate, x.min())}
+
+
+GIVEN = (
+    (jnp.zeros(()), jnp.zeros((3, 3))),
+    (jnp.zeros(3), jnp.asarray(False), jnp.asarray(0)),
+    jnp.zeros(3),
+    {"push": jnp.zeros(())},
+)
+
+
+@pytest.fixture(scope="module", params=["float64", "float32"])
+def lowered(request):
+    return lower(step, *GIVEN, jax.random.key(0), precision=request.param)
+
+
+def by_operations(lowered, groups):
+    """Results of one sample, one operation after the other in NumPy, every one of them rounded by itself."""
+    program, layout = lowered.program, lowered.layout
+    number, (whole, shift, bias) = np.dtype(lowered.precision).type, BITS[lowered.precision]
+    values = {
+        value: row if program.types[value] == "float" else row != 0.0
+        for name, rows in groups.items()
+        for value, row in zip(getattr(layout, name), rows, strict=True)
+    }
+    does = {
+        "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
+        "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "max": np.maximum, "min": np.minimum,
+        "lt": np.less, "le": np.less_equal, "eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite,
+        "and": np.logical_and, "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not,
+        "select": np.where, "number": lambda x: np.asarray(x, number), "copy_sign": np.copysign,
+        "mantissa": lambda x: (x.view(whole) & whole(2**shift - 1) | whole(bias << shift)).view(number),
+        "exponent": lambda x: (x.view(whole) >> whole(shift) & whole(2 * bias + 1)).astype(number) - number(bias),
+        "power_of_two": lambda x: ((x.view(whole) << whole(shift)) + whole(bias << shift)).view(number),
+    }  # fmt: skip
+    with np.errstate(all="ignore"):
+        for value in program.needed(layout.results):
+            operation, arguments = program.operations[value]
+            if value in program.constants:
+                known = program.constants[value]
+                values[value] = np.full(PEOPLE, known, bool if isinstance(known, bool) else number)
+            elif operation != "input":
+                values[value] = does[operation](*(values[a] for a in arguments))
+    return [np.stack([values[v].astype(number) for v in part]) for part in (layout.next_carry, layout.outputs)]
+
+
+@pytest.fixture(scope="module")
+def groups(lowered):
+    """Numbers for each group of inputs; people trail."""
+    rng = np.random.default_rng(5)
+    sizes = lowered.layout.sizes
+    drawn = {name: rng.normal(size=(sizes[name], PEOPLE)) for name in ("person", "carry", "own", "shared")}
+    drawn["person"][0] = np.abs(drawn["person"][0]) + 0.1
+    drawn["carry"][3:] = rng.integers(0, 2, (2, PEOPLE))
+    drawn["shared"][:] = drawn["shared"][:, :1]
+    return {name: rows.astype(lowered.precision) for name, rows in drawn.items()}
+
+
+def by_llvm(lowered, groups, products):
+    kernel = compile_kernel(lowered, products=products)
+    columns = kernel.padded(PEOPLE)
+
+    def wide(rows):
+        return np.concatenate([rows, np.repeat(rows[:, :1], columns - PEOPLE, axis=1)], axis=1)
+
+    carry, outputs = wide(groups["carry"]), np.empty((1, kernel.sizes["outputs"], columns), kernel.dtype)
+    shared = np.ascontiguousarray(groups["shared"][None, :, 0])
+    kernel.run(wide(groups["person"]), carry, wide(groups["own"])[None], shared, outputs)
+    return [carry[:, :PEOPLE], outputs[0, :, :PEOPLE]]
+
+
+def test_strict_code_is_the_operations_to_the_bit(lowered, groups):
+    for found, expected in zip(by_llvm(lowered, groups, STRICT), by_operations(lowered, groups), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_fused_code_differs_from_it_by_rounding_alone(lowered, groups):
+    program, layout = lowered.program, lowered.layout
+    assert fused_products(program, program.needed(layout.results), layout.results)
+    eps = float(np.finfo(lowered.precision).eps)
+    differs = False
+    for found, expected in zip(by_llvm(lowered, groups, FUSED), by_operations(lowered, groups), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=300 * eps, atol=300 * eps)
+        differs |= not np.array_equal(found, expected)
+    assert differs
+
+
+def test_a_way_of_rounding_that_does_not_exist_is_refused(lowered):
+    with pytest.raises(ValueError, match="'loose'; the known ones are: fused, strict"):
+        compile_kernel(lowered, products="loose")
+
+
+def test_the_program_and_its_layout_can_be_sent_elsewhere(lowered, groups):
+    program, layout = pickle.loads(pickle.dumps((lowered.program, lowered.layout)))
+    there = dataclasses.replace(lowered, program=program, layout=layout)
+    for found, expected in zip(by_operations(there, groups), by_operations(lowered, groups), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_no_quotient_is_left_for_a_target_to_share(lowered):
+    assert "ratio" not in {operation for operation, _ in lowered.program.operations}
+
+
+def test_the_shapes_are_those_of_the_function(lowered):
+    carry, outputs = jax.eval_shape(step, *GIVEN, jax.random.key(0))
+    assert (lowered.shapes.carry, lowered.shapes.outputs) == (carry, outputs)
+    sizes = {"person": 10, "carry": 5, "own": 3 + 3, "shared": 1, "outputs": 8}
+    assert lowered.layout.sizes == sizes
+    assert len(lowered.layout.next_carry) == 5
+
+
+def test_a_state_that_changes_its_shape_is_refused():
+    with pytest.raises(TypeError, match=r"shapes \[\(3,\)\] before a sample, but \[\(\)\] after it"):
+        lower(lambda person, carry, own, shared, chance: (carry.sum(), ()), (), jnp.zeros(3), (), ())
+
+
+def test_what_no_target_could_carry_out_is_refused_before_any():
+    with pytest.raises(UnsupportedError, match="while"):
+        lower(
+            lambda person, carry, own, shared, chance: (jax.lax.while_loop(lambda x: x < 3.0, jnp.exp, carry), ()),
+            (), jnp.zeros(()), (), (),
+        )  # fmt: skip
