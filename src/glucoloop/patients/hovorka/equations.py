@@ -1,0 +1,232 @@
+"""The glucose and insulin balances of Hovorka et al. (2004), for a person with type 1 diabetes.
+
+Insulin is infused under the skin, passes two depots, and reaches plasma, from where it acts on glucose in three ways:
+on transport into tissue (x1), on disposal there (x2) and on production by the liver (x3). Glucose is held in an
+accessible compartment, which contains plasma, and a non-accessible one; the interstitial space, where sensors measure,
+follows plasma with a delay. Meals enter as the rate at which glucose appears; the gut is a model of its own.
+
+Amounts of glucose are in mmol, concentrations in mmol/l; amounts of insulin in mU, concentrations in mU/l; time in min.
+Glucose in mg/dl, and meals in mg/min, are converted here, at the border.
+
+Two points in which published implementations differ:
+
+- The renal excretion is ``0.003 (G - 9) V_G`` as in the paper; one implementation in circulation lacks the volume.
+- Production by the liver, ``EGP_0 (1 - x3)``, is kept at 0 or above. The paper lets it become negative.
+
+References
+----------
+R. Hovorka, V. Canonico, L. J. Chassin, U. Haueter, M. Massi-Benedetti, M. Orsini Federici, T. R. Pieber,
+H. C. Schaller, L. Schaupp, T. Vering, M. E. Wilinska, "Nonlinear model predictive control of glucose
+concentration in subjects with type 1 diabetes", Physiol. Meas. 25(4), 2004, 905-920.
+D. Boiroux, A. K. Duun-Henriksen, S. Schmidt, K. Nørgaard, N. K. Poulsen, H. Madsen, J. B. Jørgensen, "Adaptive control
+in an artificial pancreas for people with type 1 diabetes", Control Eng. Pract. 58, 2017 (the interstitial space).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.patients.protocol import Inputs
+
+STATE_NAMES: Final = (
+    *("Q1", "Q2"),  # mmol
+    "IG",  # mmol/l
+    *("S1", "S2"),  # mU
+    "I",  # mU/l
+    *("x1", "x2", "x3"),  # 1/min, 1/min, 1
+)
+GLUCOSE: Final = slice(0, 3)
+INSULIN: Final = slice(3, 9)
+
+GLUCOSE_G_MOL: Final = 180.16
+"""Molar mass of glucose as implementations of this model round it, so that results can be compared digit by digit."""
+MG_PER_MMOL: Final = GLUCOSE_G_MOL
+MG_DL_PER_MMOL_L: Final = GLUCOSE_G_MOL / 10.0
+
+
+@pytree
+class HovorkaParameters:
+    """The constants of the model; scalars for one person, arrays `(people,)` for a cohort.
+
+    Volumes, production and uptake are per kg of body weight, as the paper gives them. The two constants of the gut,
+    `A_G` and `t_maxG`, are among a person's constants but enter the person's meal model, not the balances.
+    `glucoloop.patients.hovorka.parameters` holds published sets with the provenance of every value.
+    """
+
+    weight_kg: jax.Array | float
+    # insulin
+    t_maxI: jax.Array | float
+    """Time to the maximum of insulin absorption, min."""
+    k_e: jax.Array | float
+    """Elimination from plasma, 1/min."""
+    V_I: jax.Array | float
+    """Volume, l/kg."""
+    k_a1: jax.Array | float
+    """Rate of the effect on transport, 1/min."""
+    k_a2: jax.Array | float
+    """Rate of the effect on disposal, 1/min."""
+    k_a3: jax.Array | float
+    """Rate of the effect on production, 1/min."""
+    S_IT: jax.Array | float
+    """Sensitivity of transport to insulin, 1/min per mU/l."""
+    S_ID: jax.Array | float
+    """Sensitivity of disposal to insulin, 1/min per mU/l."""
+    S_IE: jax.Array | float
+    """Sensitivity of production to insulin, l/mU."""
+    # glucose
+    V_G: jax.Array | float
+    """Volume of the accessible compartment, l/kg."""
+    k_12: jax.Array | float
+    """Transfer from the non-accessible to the accessible compartment, 1/min."""
+    EGP_0: jax.Array | float
+    """Production by the liver, extrapolated to no insulin, mmol/kg/min."""
+    F_01: jax.Array | float
+    """Uptake that does not depend on insulin, mmol/kg/min."""
+    uptake_threshold: jax.Array | float
+    """Glucose below which `F_01` falls in proportion, mmol/l."""
+    renal_threshold: jax.Array | float
+    """Glucose above which the kidney excretes, mmol/l."""
+    renal_clearance: jax.Array | float
+    """Excreted fraction of what exceeds the threshold, 1/min."""
+    t_IG: jax.Array | float
+    """Delay of the interstitial space behind plasma, min."""
+    # gut
+    A_G: jax.Array | float
+    """Fraction of eaten carbohydrate that appears as glucose."""
+    t_maxG: jax.Array | float
+    """Time to the maximum of the appearance of glucose after a meal, min."""
+
+    @property
+    def glucose_volume_l(self) -> jax.Array | float:
+        """V_G of the whole person."""
+        return self.V_G * self.weight_kg
+
+    @property
+    def insulin_volume_l(self) -> jax.Array | float:
+        """V_I of the whole person."""
+        return self.V_I * self.weight_kg
+
+
+def uptake_without_insulin(p: HovorkaParameters, G: jax.Array) -> jax.Array:
+    """F_01^c, uptake of brain and other tissue that needs no insulin, mmol/min, at a glucose in mmol/l."""
+    return p.F_01 * p.weight_kg * jnp.minimum(G / p.uptake_threshold, 1.0)
+
+
+def renal_excretion(p: HovorkaParameters, G: jax.Array) -> jax.Array:
+    """F_R, glucose lost in urine, mmol/min, at a glucose in mmol/l."""
+    return p.renal_clearance * p.glucose_volume_l * jnp.maximum(G - p.renal_threshold, 0.0)
+
+
+def hepatic_production(p: HovorkaParameters, x3: jax.Array) -> jax.Array:
+    """EGP, glucose made by the liver, mmol/min; none where insulin suppresses more than all of it."""
+    return p.EGP_0 * p.weight_kg * jnp.maximum(1.0 - x3, 0.0)
+
+
+def insulin_balances(p: HovorkaParameters, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+    """Insulin and its effects: linear, and closed in themselves.
+
+    Parameters
+    ----------
+    p : HovorkaParameters
+    z : (6, ...) array
+        S1, S2, I, x1, x2, x3.
+    insulin_mU_min : (...) array
+        Infusion; it enters the first depot.
+
+    Returns
+    -------
+    (6, ...) array
+        Rates of change per minute.
+    """
+    S1, S2, I, x1, x2, x3 = z
+    return jnp.stack(
+        [
+            insulin_mU_min - S1 / p.t_maxI,
+            (S1 - S2) / p.t_maxI,
+            S2 / (p.t_maxI * p.insulin_volume_l) - p.k_e * I,
+            p.k_a1 * (p.S_IT * I - x1),
+            p.k_a2 * (p.S_ID * I - x2),
+            p.k_a3 * (p.S_IE * I - x3),
+        ]
+    )
+
+
+def glucose_transport(p: HovorkaParameters, y: jax.Array) -> jax.Array:
+    """Glucose that moves between compartments without insulin: linear in y.
+
+    Parameters
+    ----------
+    p : HovorkaParameters
+    y : (3, ...) array
+        Q1, Q2, IG.
+
+    Returns
+    -------
+    (3, ...) array
+        Rates of change per minute.
+    """
+    Q1, Q2, IG = y
+    back = p.k_12 * Q2
+    return jnp.stack([back, -back, (Q1 / p.glucose_volume_l - IG) / p.t_IG])
+
+
+def glucose_kinetics(p: HovorkaParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+    """Glucose made, taken up, excreted and eaten, and what insulin moves.
+
+    Parameters
+    ----------
+    p : HovorkaParameters
+    y : (3, ...) array
+        Q1, Q2, IG.
+    effects : (3, ...) array
+        x1, x2, x3.
+    meal_mg_min : (...) array
+        Glucose that appears in plasma.
+
+    Returns
+    -------
+    (3, ...) array
+        Rates of change per minute; with those of `glucose_transport` they make the balances.
+    """
+    Q1, Q2, _ = y
+    x1, x2, x3 = effects
+    G = Q1 / p.glucose_volume_l
+    into_tissue = x1 * Q1
+    appearing = meal_mg_min / MG_PER_MMOL + hepatic_production(p, x3)
+    Q1_change = appearing - uptake_without_insulin(p, G) - renal_excretion(p, G) - into_tissue
+    return jnp.stack([Q1_change, into_tissue - x2 * Q2, jnp.zeros_like(Q1_change)])
+
+
+def plasma_glucose_mg_dl(p: HovorkaParameters, x: jax.Array) -> jax.Array:
+    """Glucose in plasma, G."""
+    return x[0] / p.glucose_volume_l * MG_DL_PER_MMOL_L
+
+
+def interstitial_glucose_mg_dl(x: jax.Array) -> jax.Array:
+    """Glucose in the interstitial space, IG."""
+    return x[2] * MG_DL_PER_MMOL_L
+
+
+def derivative(p: HovorkaParameters, x: jax.Array, inputs: Inputs) -> jax.Array:
+    """Right-hand side of the model.
+
+    Parameters
+    ----------
+    p : HovorkaParameters
+    x : (9, ...) array
+        State in the order of `STATE_NAMES`.
+    inputs : Inputs
+        Insulin infusion mU/min and glucose from meals mg/min, each `(...)`.
+
+    Returns
+    -------
+    (9, ...) array
+        Rates of change per minute.
+    """
+    y, z = x[GLUCOSE], x[INSULIN]
+    glucose = glucose_transport(p, y) + glucose_kinetics(p, y, z[3:], inputs.meal_mg_min)
+    return jnp.concatenate([glucose, insulin_balances(p, z, inputs.insulin_mU_min)])

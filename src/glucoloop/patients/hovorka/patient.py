@@ -1,0 +1,241 @@
+"""The Hovorka patient at an operating point: constants, basal rate, setpoint."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.arguments import at_once, checked, is_traced
+from glucoloop.patients.hovorka import equations
+from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaParameters
+from glucoloop.patients.hovorka.rest import (
+    glucose_without_insulin_mg_dl,
+    infusion_for,
+    infusion_without_production_mU_min,
+    rest_at,
+    rest_under,
+)
+from glucoloop.patients.protocol import Inputs
+
+PLASMA: Final = "plasma"
+INTERSTITIAL: Final = "interstitial"
+
+
+@pytree
+class HovorkaPatient:
+    """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
+
+    sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
+    """Where glucose can be measured."""
+    insulin_route: ClassVar[str] = "subcutaneous"
+
+    parameters: HovorkaParameters
+    basal_insulin_mU_min: jax.Array
+    setpoint_mg_dl: jax.Array
+
+    @property
+    def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
+        """0 mg/dl: the balances hold for any positive glucose, and glucose stays positive.
+
+        Every flow out of Q1 falls in proportion with Q1 below 4.5 mmol/l, and no flow into it is negative. The model
+        has no counter-regulation, though: neither glucagon nor adrenaline raises production when glucose is low, so
+        that a real person's glucose would fall less deep and recover sooner.
+        """
+        return 0.0
+
+    def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
+        """State at rest under a constant infusion.
+
+        Parameters
+        ----------
+        insulin_mU_min : float or (people,) array
+
+        Returns
+        -------
+        (9, ...) array
+
+        Raises
+        ------
+        ValueError
+            Where the infusion is negative or not finite, or so large that glucose would fall to zero.
+        """
+        return _physiological(self.parameters, insulin_mU_min)
+
+    def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
+        """Infusion that holds a plasma glucose.
+
+        Raises
+        ------
+        ValueError
+            Where no infusion of 0 or more does.
+        """
+        return _holding(self.parameters, glucose_mg_dl)
+
+    def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Infusion that holds a plasma glucose, and the state there; NaN for people whom no rate holds."""
+        found: tuple[jax.Array, jax.Array] = rest_at(self.parameters, glucose_mg_dl)
+        return found
+
+    def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
+        """Right-hand side; the patient's constants do not change with time."""
+        del t_min
+        return equations.derivative(self.parameters, x, inputs)
+
+    def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
+        """Glucose in plasma."""
+        return equations.plasma_glucose_mg_dl(self.parameters, x)
+
+    def seen_mg_dl(self, x: jax.Array, site: str) -> jax.Array:
+        """Glucose at one of the `sites`.
+
+        Raises
+        ------
+        ValueError
+            For an unknown site.
+        """
+        if site == PLASMA:
+            return self.glucose_mg_dl(x)
+        if site == INTERSTITIAL:
+            return equations.interstitial_glucose_mg_dl(x)
+        raise ValueError(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
+
+    def process_noise(self, glucose: float, other: float, glucagon: float = 0.0) -> npt.NDArray[np.float64]:
+        """Diagonal of the process noise covariance `(9,)` that a Kalman filter of this patient takes.
+
+        Parameters
+        ----------
+        glucose : float
+            Variance of glucose in mg/dl squared; the two amounts of glucose vary as the concentration they stand for.
+        other : float
+            Variance of plasma insulin in (mU/l) squared; depots and effects vary as they would at rest under the
+            infusion that makes up such an insulin.
+        glucagon : float
+            Without effect: the model has no glucagon.
+        """
+        del glucagon
+        p = jax.tree.map(float, self.parameters)
+        amount = p.V_G * p.weight_kg / MG_DL_PER_MMOL_L
+        depot = p.k_e * p.V_I * p.weight_kg * p.t_maxI
+        of_glucose = np.array([amount, amount, 1.0 / MG_DL_PER_MMOL_L])
+        of_insulin = np.array([depot, depot, 1.0, p.S_IT, p.S_ID, p.S_IE])
+        return np.concatenate([glucose * of_glucose**2, other * of_insulin**2])
+
+    def split(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """State to glucose `(3, ...)`, and insulin with its effects `(6, ...)`."""
+        return x[GLUCOSE], x[INSULIN]
+
+    def join(self, y: jax.Array, z: jax.Array) -> jax.Array:
+        """Glucose, and insulin with its effects, back to the state."""
+        return jnp.concatenate([y, z])
+
+    def working_state(self) -> jax.Array:
+        """Rest under the basal rate."""
+        return self.steady_state(self.basal_insulin_mU_min)
+
+    def stiff_couplings(self) -> npt.NDArray[np.bool_]:
+        """All: none is fast, and all are slow enough for whatever differs from person to person."""
+        return np.ones((3, 3), dtype=bool)
+
+    def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """Balances of insulin and its effects `(6, ...)`."""
+        return equations.insulin_balances(self.parameters, z, insulin_mU_min)
+
+    def effects(self, z: jax.Array) -> jax.Array:
+        """x1, x2, x3 `(3, ...)`."""
+        return z[3:]
+
+    def transport(self, y: jax.Array) -> jax.Array:
+        """What of the glucose balances is linear `(3, ...)`."""
+        return equations.glucose_transport(self.parameters, y)
+
+    def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+        """The rest of them `(3, ...)`."""
+        return equations.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
+
+
+def _physiological(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> jax.Array:
+    if is_traced(p, insulin_mU_min):
+        traced: jax.Array = rest_under(p, jnp.asarray(insulin_mU_min, float))
+        return traced
+    with at_once():
+        return _physiological_now(p, np.asarray(insulin_mU_min, float))
+
+
+def _physiological_now(p: HovorkaParameters, u: npt.NDArray[np.float64]) -> jax.Array:
+    possible = np.isfinite(u) & (u >= 0.0)
+    if not np.all(possible):
+        raise ValueError(
+            f"an insulin infusion of {u[~possible].flat[0]:g} mU/min is not possible; give a finite rate of 0 or more"
+        )
+    most = np.asarray(infusion_without_production_mU_min(p))
+    excessive = u >= most
+    if np.any(excessive):
+        rate = np.broadcast_to(u, excessive.shape)[excessive].flat[0]
+        raise ValueError(
+            f"no physiological steady state exists at {rate:g} mU/min: the liver would make no glucose, and glucose "
+            f"would fall to 0 mg/dl; give less than {np.min(most):.2f} mU/min"
+        )
+    x: jax.Array = rest_under(p, jnp.asarray(u))
+    return x
+
+
+def _holding(p: HovorkaParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
+    if is_traced(p, glucose_mg_dl):
+        traced: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
+        return traced
+    with at_once():
+        return _holding_now(p, np.asarray(glucose_mg_dl, float))
+
+
+def _holding_now(p: HovorkaParameters, glucose: npt.NDArray[np.float64]) -> jax.Array:
+    u: jax.Array = infusion_for(p, jnp.asarray(glucose))
+    impossible = ~np.isfinite(np.asarray(u))
+    if np.any(impossible):
+        wanted = np.broadcast_to(glucose, impossible.shape)[impossible].flat[0]
+        highest = np.min(np.asarray(glucose_without_insulin_mg_dl(p)))
+        raise ValueError(
+            f"no insulin infusion holds glucose at {wanted:g} mg/dl; give a value above 0 and at most "
+            f"{highest:.2f} mg/dl, where this patient rests without insulin"
+        )
+    return u
+
+
+@checked
+def at_basal(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> HovorkaPatient:
+    """Patient whose setpoint is the glucose that the given infusion holds.
+
+    Raises
+    ------
+    ValueError
+        Where no physiological steady state exists.
+    """
+    with at_once(p, insulin_mU_min):
+        x = _physiological(p, insulin_mU_min)
+        return HovorkaPatient(
+            parameters=p,
+            basal_insulin_mU_min=jnp.asarray(insulin_mU_min, float),
+            setpoint_mg_dl=equations.plasma_glucose_mg_dl(p, x),
+        )
+
+
+@checked
+def at_setpoint(p: HovorkaParameters, glucose_mg_dl: jax.Array | float) -> HovorkaPatient:
+    """Patient whose basal rate is the one that holds the given glucose.
+
+    Raises
+    ------
+    ValueError
+        Where no infusion of 0 or more does.
+    """
+    with at_once(p, glucose_mg_dl):
+        u = _holding(p, glucose_mg_dl)
+        return HovorkaPatient(
+            parameters=p,
+            basal_insulin_mU_min=u,
+            setpoint_mg_dl=jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape),
+        )
