@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from glucoloop.config.trial import read_trial
+from glucoloop.registry.guard import complete_guard
 from glucoloop.trials import engine
-from glucoloop.trials.guard_catalogue import complete_guard
 
 CONTROLLERS = ("mpc", "mpc-se", "imc")
 

@@ -22,8 +22,8 @@ from glucoloop import units
 from glucoloop.cli.app import app
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.trials.catalogue import CONTROLLERS
-from glucoloop.trials.faults import FAULTS
+from glucoloop.registry.controllers import CONTROLLERS
+from glucoloop.registry.faults import FAULTS
 
 # The everyday interface stands on the page "api"; what the command line is made of is no interface.
 LEFT_OUT = ("cli", "config")
@@ -74,7 +74,7 @@ def symbol(name: str) -> str:
 
 
 def constants() -> str:
-    from glucoloop.patients.parameters.parker1999 import CONSTANTS
+    from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS
 
     sources = list(dict.fromkeys(constant.source for constant in CONSTANTS))
     parts, sigmoids = [], {}

@@ -17,9 +17,9 @@ import numpy as np
 
 import glucoloop
 from glucoloop.config.trial import read_trial
+from glucoloop.registry.guard import complete_guard
 from glucoloop.report._stress_faults import short_names
 from glucoloop.trials import engine
-from glucoloop.trials.guard_catalogue import complete_guard
 
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE"}
 PEOPLE, SEED = 1000, 0

@@ -7,7 +7,7 @@ import sys
 
 import glucoloop as gl
 
-patient = gl.patient("setpoint-81")
+patient = gl.patient()
 model = gl.identify(patient).model
 controller = gl.design_linear_mpc(model)
 trace = gl.simulate(patient, controller)

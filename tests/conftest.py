@@ -179,17 +179,17 @@ def open_pump():
 
 @pytest.fixture(scope="session")
 def patient_81():
-    return patient("setpoint-81")
+    return patient()
 
 
 @pytest.fixture(scope="session")
 def patient_22():
-    return patient("nominal-22")
+    return patient(operating_point="nominal-22")
 
 
 @pytest.fixture(scope="session")
 def patient_fasting_81():
-    return patient("fasting-81")
+    return patient(operating_point="fasting-81")
 
 
 @pytest.fixture(scope="session")

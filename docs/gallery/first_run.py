@@ -5,7 +5,7 @@ Linear MPC on a model identified from the patient, 50 g of glucose at 50 min, an
 
 import glucoloop as gl
 
-patient = gl.patient("setpoint-81")
+patient = gl.patient()
 model = gl.identify(patient).model
 trace = gl.simulate(patient, gl.design_linear_mpc(model))
 metrics = gl.summarise(trace)

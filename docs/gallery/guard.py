@@ -8,7 +8,7 @@ import glucoloop as gl
 from glucoloop.episodes import once
 from glucoloop.sensors import stuck
 
-patient = gl.patient("setpoint-81")
+patient = gl.patient()
 mpc = gl.design_linear_mpc(gl.identify(patient).model)
 sensor = stuck(once(start_sample=30, samples=36), gl.white_noise(1.45))
 traces = {

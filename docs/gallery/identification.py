@@ -9,7 +9,7 @@ import jax
 import glucoloop as gl
 from glucoloop.report import plot_identification
 
-patient = gl.patient("setpoint-81")
+patient = gl.patient()
 noisy = gl.identify(patient, gl.white_noise(1.45), jax.random.key(1))
 truth = gl.identify(patient)
 

@@ -6,7 +6,7 @@ late lets it fall lower, too.
 
 import glucoloop as gl
 
-patient = gl.patient("setpoint-81")
+patient = gl.patient()
 model = gl.identify(patient).model
 traces = {}
 for weight in (0.0, 3.0):

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.config import named_population, population_keys, read_population, read_toml, toml_text
-from glucoloop.patients.population import PRESETS, Population
+from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 
 TABLE = """
@@ -38,9 +38,12 @@ def test_a_population_is_read_from_its_table(tmp_path):
     )
 
 
+PRESETS = populations_of("parker-1999")
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_come_back_from_their_keys(name):
-    assert named_population(name) is PRESETS[name]
+    assert named_population(name) == PRESETS[name]
     read, _ = read_toml(toml_text(population_keys(PRESETS[name]), ""), "p.toml")
     assert read_population(read) == PRESETS[name]
 

@@ -16,7 +16,7 @@ from glucoloop.sensors import dead_time
 from glucoloop.simulation import nonlinear_model, simulate
 
 SETPOINT = 81.1
-PATIENT = patient("setpoint-81")
+PATIENT = patient()
 MODEL = nonlinear_model(PATIENT)
 QUIET = design_meal_mpc(MODEL, measurement_variance=0.01)
 CALM = dataclasses.replace(QUIET, anticipation=0.0)

@@ -13,6 +13,8 @@ from glucoloop.control import Observation, StateTuning, Status, design_mpc_se
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.estimation import steady_state_gain
 from glucoloop.models.state_space import LinearModel
+from glucoloop.patients import patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import dose_limits
 from glucoloop.sensors import Reading, WhiteNoise, white_noise
 from glucoloop.simulation import linear_model, simulate
@@ -71,7 +73,9 @@ def test_told_of_another_basal_rate_it_doses_as_much_above_that():
 def test_table_i(point, undershoot, settling, patient_81, patient_22, undershoot_and_settling):
     person = patient_81 if point == "setpoint-81" else patient_22
     tuning = PARKER_1999[point, False]
-    trace = simulate(person, design_mpc_se(linear_model(person), tuning.process_noise(), tuning.mpc_se))
+    trace = simulate(
+        person, design_mpc_se(linear_model(person), process_noise(patient(), *tuning.noise), tuning.mpc_se)
+    )
     found = undershoot_and_settling(trace.fine_glucose_mg_dl, person.setpoint_mg_dl, 0.02)
     assert found[0] == pytest.approx(undershoot, abs=0.3)
     assert found[1] == pytest.approx(settling, abs=12)
@@ -112,7 +116,9 @@ def medians(patient_81):
 
     def padded(known):
         """Samples beyond the prediction horizon count for nothing: all horizons become one length."""
-        controller = design_mpc_se(model, tuning.process_noise(), tuning.mpc_se, dead_time_samples=known)
+        controller = design_mpc_se(
+            model, process_noise(patient(), *tuning.noise), tuning.mpc_se, dead_time_samples=known
+        )
         longest = tuning.mpc_se.prediction_horizon + 3
 
         def pad(leaf):
@@ -163,7 +169,7 @@ def test_the_gain_of_the_paper_is_the_one_of_the_linearised_patient(patient_81):
     Q = np.diag([0.9] * 8 + [0.01] * 9 + [0.005] * 2)
     Phi, row = np.asarray(model.Phi), np.eye(19)[2]
     P = scipy.linalg.solve_discrete_are(Phi.T, row[:, None], Q, np.array([[1.45]]))
-    found = design_mpc_se(model, tuning.process_noise(), tuning.mpc_se).kalman_gain
+    found = design_mpc_se(model, process_noise(patient(), *tuning.noise), tuning.mpc_se).kalman_gain
     np.testing.assert_allclose(found, P[:, 2] / (P[2, 2] + 1.45), rtol=1e-6, atol=1e-9)
 
 

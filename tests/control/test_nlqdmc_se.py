@@ -11,6 +11,8 @@ import scipy.linalg
 
 from glucoloop.control import Observation, StateTuning, Status, design_mpc_se, design_nlqdmc_se
 from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.patients import patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 
 TUNING = PARKER_1999["setpoint-81", True]
@@ -36,7 +38,7 @@ def imagined(patient_81):
 
 @pytest.fixture(scope="module")
 def controller(imagined):
-    return design_nlqdmc_se(imagined, TUNING.process_noise(), TUNING.nlqdmc_se)
+    return design_nlqdmc_se(imagined, process_noise(patient(), *TUNING.noise), TUNING.nlqdmc_se)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,7 @@ def advance(imagined):
 def test_table_i(point, undershoot, settling, patient_81, patient_22, undershoot_and_settling):
     person = patient_81 if point == "setpoint-81" else patient_22
     tuning = PARKER_1999[point, False]
-    controller = design_nlqdmc_se(nonlinear_model(person), tuning.process_noise(), tuning.nlqdmc_se)
+    controller = design_nlqdmc_se(nonlinear_model(person), process_noise(person, *tuning.noise), tuning.nlqdmc_se)
     trace = simulate(person, controller)
     found = undershoot_and_settling(trace.fine_glucose_mg_dl, person.setpoint_mg_dl, 0.02)
     assert found[0] == pytest.approx(undershoot, abs=0.3)
@@ -122,7 +124,7 @@ def test_one_sample_is_that_of_an_independent_implementation(
     found = float(decision.insulin_mU_min) - delivered
     assert abs(found) > 0.5
 
-    settings = (x, delivered, reading, TUNING.nlqdmc_se, TUNING.process_noise())
+    settings = (x, delivered, reading, TUNING.nlqdmc_se, process_noise(patient(), *TUNING.noise))
     move, z = by_hand(sorensen_by_hand, lambda x: np.asarray(advance(x, delivered)), *settings)
     np.testing.assert_allclose(state.estimate, z, rtol=1e-6, atol=1e-7)
     assert found == pytest.approx(move, rel=1e-6)
@@ -138,7 +140,9 @@ def test_one_sample_is_that_of_an_independent_implementation(
 @pytest.fixture(scope="module")
 def linear_twin(patient_81):
     """MPC/SE with everything else the same."""
-    return design_mpc_se(linear_model(patient_81), TUNING.process_noise(), TUNING.nlqdmc_se, constraints="qp")
+    return design_mpc_se(
+        linear_model(patient_81), process_noise(patient(), *TUNING.noise), TUNING.nlqdmc_se, constraints="qp"
+    )
 
 
 def doses_of(controller, deviations):
@@ -222,6 +226,6 @@ def test_statuses(controller):
     ],
 )
 def test_what_cannot_be_designed_is_refused(imagined, changed, sentence):
-    arguments = {"process_noise": TUNING.process_noise(), "tuning": StateTuning(2, 5), **changed}
+    arguments = {"process_noise": process_noise(patient(), *TUNING.noise), "tuning": StateTuning(2, 5), **changed}
     with pytest.raises(ValueError, match=sentence):
         design_nlqdmc_se(imagined, **arguments)

@@ -11,6 +11,8 @@ from glucoloop.control.parker1999 import (
     MEASUREMENT_VARIANCE,
     PARKER_1999,
 )
+from glucoloop.patients import patient
+from glucoloop.patients.capabilities import process_noise
 
 
 def test_the_reference_goes_to_the_setpoint_by_the_filter():
@@ -80,6 +82,6 @@ def test_what_the_paper_prints():
 )
 def test_the_process_noise_is_that_of_glucose_insulin_and_glucagon(point, noisy, glucose, other, glucagon):
     expected = [glucose] * 8 + [other] * 9 + [glucagon] * 2
-    np.testing.assert_array_equal(PARKER_1999[point, noisy].process_noise(), expected)
+    np.testing.assert_array_equal(process_noise(patient(), *PARKER_1999[point, noisy].noise), expected)
     if noisy:
         assert max(expected) < 1.0  # as the paper says

@@ -11,8 +11,8 @@ from glucoloop.config import read_comparison, read_identification, read_populati
 from glucoloop.config.identification import IdentificationConfig
 from glucoloop.config.run import run_keys
 from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
-from glucoloop.patients.varying import NOMINAL
-from glucoloop.trials.catalogue import CONTROLLERS
+from glucoloop.patients.sorensen.varying import NOMINAL
+from glucoloop.registry.controllers import CONTROLLERS
 
 scalars = st.one_of(
     st.booleans(),

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from glucoloop.config import meal_text, parse_meal
 from glucoloop.config.case_text import parse_case
-from glucoloop.trials.fault_text import fault_text, parse_fault
-from glucoloop.trials.faults import FAULTS
-from glucoloop.trials.printable import is_printable, printable
+from glucoloop.printable import is_printable, printable
+from glucoloop.registry.fault_text import fault_text, parse_fault
+from glucoloop.registry.faults import FAULTS
 from glucoloop.trials.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
 awkward = st.text(alphabet="0123456789.eE+-@ghmin:,= \t\n\0'\"[]{}#_²٣", max_size=20) | st.text(max_size=12)

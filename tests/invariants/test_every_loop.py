@@ -20,6 +20,7 @@ from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.control.tuning import NOISY
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients import OPERATING_POINTS, patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import LimitedPump, with_resolution
 from glucoloop.sensors import IdealSensor, Reading, dead_time, white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
@@ -51,7 +52,7 @@ class Mad:
 
 
 def tuned(person):
-    return next(PARKER_1999[name, True] for name in OPERATING_POINTS if same(person, patient(name)))
+    return next(PARKER_1999[name, True] for name in OPERATING_POINTS if same(person, patient(operating_point=name)))
 
 
 def same(one, other):
@@ -63,10 +64,10 @@ CONTROLLERS = {
     "linear MPC, exact program": lambda person, model: design_linear_mpc(model, NOISY, constraints="qp"),
     "IMC": lambda person, model: design_imc(-3.0, 80.0, 5.0),
     "MPC/SE": lambda person, model: design_mpc_se(
-        linear_model(person), tuned(person).process_noise(), tuned(person).mpc_se
+        linear_model(person), process_noise(person, *tuned(person).noise), tuned(person).mpc_se
     ),
     "NLQDMC/SE": lambda person, model: design_nlqdmc_se(
-        nonlinear_model(person), tuned(person).process_noise(), tuned(person).nlqdmc_se
+        nonlinear_model(person), process_noise(person, *tuned(person).noise), tuned(person).nlqdmc_se
     ),
     "PID": lambda person, model: design_pid(internal_model_tuning(-3.0, 80.0, 5.0, 30.0)),
     "open loop": lambda person, model: design_open_loop(),
@@ -86,7 +87,7 @@ CASES = [
 def loop(request, identified_81):
     """A loop by whether its sensor is mad, and its key."""
     controller, part, point = request.param
-    person = patient(point)
+    person = patient(operating_point=point)
     sensor, pump = PARTS[part] if part else (white_noise(), LimitedPump())
     designed = CONTROLLERS[controller](person, identified_81.model)
     traces = {}

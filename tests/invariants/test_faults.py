@@ -10,11 +10,15 @@ from hypothesis import strategies as st
 
 from glucoloop.control import Status, design_pid, guarded, internal_model_tuning
 from glucoloop.episodes import Episodes
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import with_guard, with_individual_basal
+from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import patient
-from glucoloop.patients.population import PRESETS, virtual_people
+from glucoloop.patients.population import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
+from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import IdealSensor, white_noise
 from glucoloop.sensors.faults import Missing, Nonsense
 from glucoloop.simulation import Adaptive, simulate
@@ -22,10 +26,6 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.trials.campaign import catalogue_controller
 from glucoloop.trials.campaign.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
-from glucoloop.trials.designs import told_of_basal, with_guard
-from glucoloop.trials.fault_text import parse_fault
-from glucoloop.trials.faulty import faulty_pump, faulty_sensor
-from glucoloop.trials.situation import keys_of_people
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
 PID = design_pid(internal_model_tuning(-3.0, 80.0, 5.0, 30.0))
@@ -122,7 +122,7 @@ def test_doses_keep_the_limits_whatever_fails(controller, texts, key):
 
 # finding back
 
-PEOPLE = virtual_people(PRESETS["nominal"], 0, np.zeros(2, int))
+PEOPLE = virtual_people(population("nominal"), 0, np.zeros(2, int))
 BACK_MG_DL = 5.0
 
 
@@ -138,14 +138,14 @@ class Gaps:
     def run(self, onset, samples, value):
         """With a gap from a sample on, during which the sensor tells a number; nothing where that is NaN."""
         n = len(onset)
-        people = virtual_people(PRESETS["nominal"], 0, np.zeros(n, int))
+        people = virtual_people(population("nominal"), 0, np.zeros(n, int))
         return self.cohort.run(
             People(
                 patient=people.patient,
                 x=people.rest,
                 insulin_mU_min=people.basal_insulin_mU_min,
                 key=keys_of_people(0, np.arange(n)),
-                controller=told_of_basal(self.controller, people.basal_insulin_mU_min),
+                controller=with_individual_basal(self.controller, people.basal_insulin_mU_min),
                 sensor=sensor_with_gap(np.asarray(onset, float), np.asarray(samples, float), value),
             )
         )
@@ -189,7 +189,7 @@ def gaps(name, guard, horizon_min):
         fold,
         setpoint_mg_dl=float(nominal.setpoint_mg_dl),
         meals=(np.array([50.0]), np.array([50.0])),
-        varied_controller=told_of_basal(controller, PEOPLE.basal_insulin_mU_min),
+        varied_controller=with_individual_basal(controller, PEOPLE.basal_insulin_mU_min),
         varied_sensor=sensor_with_gap(np.ones(2), np.ones(2), 0.0),
     )
     return Gaps(cohort=cohort, controller=controller, fold=fold, samples=grid.samples)

@@ -16,7 +16,10 @@ def test_glucose_and_insulin_are_conserved(point, identified_81, ledger, conserv
     scenario = Scenario([Meal(75.0, 22.2), Meal(8.0, 210.0)], 400.0)
     controller = design_linear_mpc(identified_81.model)
     trace = simulate(
-        ledger(patient(point), LOWER_MG_DL[point]), controller, scenario=scenario, integrator=Adaptive(1e-9)
+        ledger(patient(operating_point=point), LOWER_MG_DL[point]),
+        controller,
+        scenario=scenario,
+        integrator=Adaptive(1e-9),
     )
     assert np.ptp(np.asarray(trace.insulin_mU_min)) > 20.0
     glucose_mg, insulin_mU = conserved(np.asarray(trace.states))

@@ -162,7 +162,7 @@ def test_records_that_do_not_fit_are_refused(continuous, discrete):
 
 
 def test_the_patient_at_the_setpoint_has_its_known_dynamics():
-    person = patient("setpoint-81")
+    person = patient()
     u0 = 25.6060573442
 
     def flow(x, u, meal):

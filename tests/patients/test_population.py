@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.patients import Inputs, Population, Variation, draw, patient, population, virtual_people
-from glucoloop.patients.parameters.parker1999 import CONSTANTS, PARKER_1999
-from glucoloop.patients.rest import rest_under
-from glucoloop.patients.sorensen import ARTERIAL_GLUCOSE, GLUCOSE
-from glucoloop.patients.varying import NOMINAL, with_values
+from glucoloop.patients.sorensen.equations import ARTERIAL_GLUCOSE, GLUCOSE
+from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.sorensen.rest import rest_under
+from glucoloop.patients.sorensen.varying import NOMINAL, with_values
 from glucoloop.threefry import name_word
 
 EIGHT = {
@@ -130,7 +130,9 @@ def test_the_nominal_population_is_the_nominal_patient():
     assert people.draw.values == {}
     np.testing.assert_allclose(people.basal_insulin_mU_min, patient().basal_insulin_mU_min, rtol=1e-14)
     assert with_values({}) == PARKER_1999
-    higher = virtual_people(population("nominal"), 0, [0], setpoint_mg_dl=float(patient("nominal-22").setpoint_mg_dl))
+    higher = virtual_people(
+        population("nominal"), 0, [0], setpoint_mg_dl=float(patient(operating_point="nominal-22").setpoint_mg_dl)
+    )
     assert higher.basal_insulin_mU_min[0] == pytest.approx(22.33, rel=1e-11)
 
 
@@ -227,7 +229,8 @@ def test_bounds_make_a_wide_spread_possible():
 
 def test_an_unknown_population_is_refused_with_the_known_ones():
     with pytest.raises(
-        ValueError, match=r"unknown population 'people'; the known ones are: nominal, parker2000, lognormal$"
+        ValueError,
+        match=r"unknown population 'people' of parker-1999; the known ones are: nominal, parker2000, lognormal$",
     ):
         population("people")
     with pytest.raises(ValueError, match="a population has no name; give it one"):

@@ -9,10 +9,11 @@ import scipy.optimize
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.patients import Inputs, Patient, SemilinearPatient, at_basal, at_setpoint, patient, sorensen
-from glucoloop.patients.parameters.parker1999 import PARKER_1999
-from glucoloop.patients.rest import rest_under
-from glucoloop.patients.sorensen import Sigmoid, SorensenParameters
+from glucoloop.patients import Inputs, Patient, SemilinearPatient, at_basal, at_setpoint, patient
+from glucoloop.patients.sorensen import equations as sorensen
+from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
+from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.rest import rest_under
 
 STEADY = {0: 190.831408, 5: 160.002098, 20: 100.421044, 25: 83.0455178, 30: 67.8321106, 40: 23.3968922}
 
@@ -68,10 +69,13 @@ def test_patient_keeps_both_protocols(patient_81):
 
 
 def test_an_unknown_operating_point_is_refused_with_the_known_ones():
-    with pytest.raises(
-        ValueError, match=r"unknown operating point 'average'; .*: setpoint-81, nominal-22, fasting-81$"
-    ):
+    known = "setpoint-81, nominal-22, fasting-81$"
+    with pytest.raises(ValueError, match=rf"unknown operating point 'average' of parker-1999; .*: {known}"):
+        patient(operating_point="average")
+    with pytest.raises(ValueError, match=r"unknown patient 'average'; the known ones are: parker-1999, hovorka-2004"):
         patient("average")
+    with pytest.raises(ValueError, match="'nominal-22' is an operating point of parker-1999 and no patient"):
+        patient("nominal-22")
 
 
 @pytest.mark.parametrize("u", [-1.0, -1e-9, np.nan, np.inf])

@@ -5,9 +5,9 @@ import re
 
 import pytest
 
+from glucoloop.registry.faults import FAULTS
 from glucoloop.report import stress_page
 from glucoloop.report._stress_cells import QUANTITIES, SHADES
-from glucoloop.trials.faults import FAULTS
 from glucoloop.trials.stress import STANDARD_FAULTS
 
 STUCK, SPIKES = "stuck, start_min=60, duration_min=90", "spikes, per_day=12, size_mg_dl=60"

@@ -9,9 +9,10 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
-from glucoloop.patients import Inputs, sorensen, virtual_people
+from glucoloop.patients import Inputs, virtual_people
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.population import Population
-from glucoloop.patients.protocol import lowest_valid_glucose_mg_dl
+from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.variation import Variation
 from glucoloop.simulation import simulate
 from glucoloop.trials.people_run import simulate_people

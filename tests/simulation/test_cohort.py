@@ -9,6 +9,7 @@ import pytest
 
 from glucoloop._pytree import pytree
 from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se
+from glucoloop.experiments.chance import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import emptying
 from glucoloop.metrics import summarise
@@ -24,7 +25,6 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import SUBSTEPS, Cohort, People
 from glucoloop.simulation.exponential import ExponentialPlant, design, meal_moments, substeps_of
 from glucoloop.simulation.loop import Loop, begin, sample
-from glucoloop.trials.situation import keys_of_people
 
 PEOPLE = 20
 DAY, SHORT = sample_grid(1440.0, 5.0), sample_grid(400.0, 5.0)

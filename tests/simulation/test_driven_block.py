@@ -8,8 +8,8 @@ import scipy.linalg
 
 from glucoloop.patients import SorensenPatient
 from glucoloop.patients.population import Population, draw
+from glucoloop.patients.sorensen.varying import with_values
 from glucoloop.patients.variation import Variation
-from glucoloop.patients.varying import with_values
 from glucoloop.simulation.driven_block import doublings_for, driven_matrices
 from glucoloop.simulation.exponential import design
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MPCTuning, design_linear_mpc
+from glucoloop.experiments.chance import keys_of_people
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.population import population, virtual_people
@@ -12,7 +13,6 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
-from glucoloop.trials.situation import keys_of_people
 
 PEOPLE = 6
 

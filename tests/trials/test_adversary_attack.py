@@ -8,10 +8,9 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.config.adversary import read_adversary
-from glucoloop.patients import patient
+from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
 from glucoloop.trials.adversary import Attack, Effort, ErrorSpace, random_errors, worst_errors
-from glucoloop.trials.designs import controller_of
 
 ASKED = read_adversary(
     {
@@ -29,7 +28,7 @@ ASKED = read_adversary(
 
 @pytest.fixture(scope="module")
 def pid():
-    return controller_of(ASKED.base, ASKED.base.cases[0], patient(), gl.dose_limits())
+    return controller_of(ASKED.base, ASKED.base.cases[0])
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,13 @@ import pytest
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.episodes import Episode, never
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.patients import patient
-from glucoloop.patients.sorensen import STATE_NAMES
+from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.pumps.faults import occlusion
+from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.loop import Sampled
 from glucoloop.trials.campaign import Campaign, campaign, invariants, met, run_campaign
@@ -33,9 +36,6 @@ from glucoloop.trials.campaign.watched import (
     WatchedSensor,
     all_finite,
 )
-from glucoloop.trials.fault_text import parse_fault
-from glucoloop.trials.faulty import faulty_pump, faulty_sensor
-from glucoloop.trials.situation import keys_of_people
 
 PERSON = patient()
 REST = PERSON.steady_state(PERSON.basal_insulin_mU_min)

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from glucoloop.config.trial import read_trial
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import Metrics, summarise
@@ -16,9 +19,7 @@ from glucoloop.pumps import dose_limits
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.trials import blocks
 from glucoloop.trials.bins import glucose_edges, insulin_edges
-from glucoloop.trials.designs import controller_of
 from glucoloop.trials.engine import prepare, run_people
-from glucoloop.trials.situation import keys_of_people, pump_of, sensor_of
 
 NUMBERS = np.array([4, 11, 2, 4, 530, 300, 17, 902, 0])
 """With 120 mg/dl as setpoint no basal rate exists for the persons 11, 530 and 902."""
@@ -172,5 +173,5 @@ def test_what_was_prepared_last_is_kept(trial, prepared):
 
 
 def test_controllers_are_designed_for_the_nominal_patient(trial, prepared, patient_81):
-    again = controller_of(trial, trial.cases[0], patient_81, dose_limits())
+    again = controller_of(trial, trial.cases[0], patient_81)
     jax.tree.map(np.testing.assert_array_equal, again, prepared.cases["mpc-se"].controller)

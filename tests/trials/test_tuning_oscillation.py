@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, design_linear_mpc, design_mpc_se, design_nlqdmc_se
 from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.trials.tuning import oscillation
 from glucoloop.trials.tuning.oscillation import crossings, turns
@@ -55,8 +56,8 @@ def test_crossings_by_hand():
 def test_printed_tunings_do_not_oscillate(patient_81, identified_81):
     controllers = [
         design_linear_mpc(identified_81.model, PAPER.mpc),
-        design_mpc_se(linear_model(patient_81), PAPER.process_noise(), PAPER.mpc_se),
-        design_nlqdmc_se(nonlinear_model(patient_81), PAPER.process_noise(), PAPER.nlqdmc_se),
+        design_mpc_se(linear_model(patient_81), process_noise(patient_81, *PAPER.noise), PAPER.mpc_se),
+        design_nlqdmc_se(nonlinear_model(patient_81), process_noise(patient_81, *PAPER.noise), PAPER.nlqdmc_se),
     ]
     assert not any(bool(oscillation(simulate(patient_81, one)).oscillates) for one in controllers)
 

@@ -18,6 +18,8 @@ from glucoloop.control import (
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
+from glucoloop.patients import patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.trials.tuning import (
@@ -33,7 +35,7 @@ from glucoloop.trials.tuning.search import _block
 from glucoloop.trials.tuning.stacking import move_slots, padded, stack
 
 PAPER = PARKER_1999["setpoint-81", False]
-Q = PAPER.process_noise()
+Q = process_noise(patient(), *PAPER.noise)
 SHORT = Scenario(horizon_min=150.0)
 
 

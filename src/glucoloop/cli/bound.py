@@ -132,7 +132,7 @@ def _write(folder: OutputFolder, bounded: Bounded) -> None:
         bounded.plans,
         bounded.hedged,
         meals=bounded.config.eaten(),
-        title=f"The best that could be done at {bounded.config.operating_point}",
+        title=f"The best that could be done at {bounded.config.place}",
         limits=bounded.limits,
     )
     write_figure(folder, "figure", figure)

@@ -12,10 +12,9 @@ import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
 from glucoloop.config.bound import BoundConfig, bound_keys
-from glucoloop.config.run import Situation
-from glucoloop.meals import Scenario
-from glucoloop.patients import patient
-from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.config.run import SituationKeys
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.pumps import DoseLimits
 from glucoloop.report.validity import validity_told
 
 _ARRAYS = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
@@ -64,7 +63,7 @@ class Bounded:
                     f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
                     f"{plan.optimality:.2g} more, so this is no bound."
                 )
-        limit = float(patient(self.config.operating_point).lowest_valid_glucose_mg_dl)
+        limit = float(lowest_valid_glucose_mg_dl(self.config.surroundings().nominal))
         for label, plan in self.plans.items():
             not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
             if not_valid is not None:
@@ -133,19 +132,8 @@ def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
     ValueError
         For a situation that is not possible, in one sentence.
     """
-    person = patient(asked.operating_point)
-    limits = dose_limits(
-        max_change_mU_min=asked.max_change_mU_min,
-        min_mU_min=asked.min_insulin_mU_min,
-        max_mU_min=asked.max_insulin_mU_min,
-    )
-    scenario = Scenario(
-        asked.eaten(),
-        asked.duration_min,
-        setpoint_mg_dl=asked.setpoint_mg_dl,
-        initial_glucose_mg_dl=asked.initial_glucose_mg_dl,
-        allow_unusual=asked.allow_unusual,
-    )
+    made, scenario = asked.surroundings(), asked.scenario()
+    person, limits = made.nominal, made.limits
     plans = {}
     for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
         label = information_label(known_after_min)
@@ -176,7 +164,7 @@ def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
     return Bounded(config=asked, plans=plans, hedged=hedged, limits=limits)
 
 
-def bound_of_run(situation: Situation) -> OptimalDoses:
+def bound_of_run(situation: SituationKeys) -> OptimalDoses:
     """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump.
 
     Raises
@@ -184,23 +172,11 @@ def bound_of_run(situation: Situation) -> OptimalDoses:
     ValueError
         For a situation that is not possible, or too long for a plan.
     """
-    limits = dose_limits(
-        max_change_mU_min=situation.max_change_mU_min,
-        min_mU_min=situation.min_insulin_mU_min,
-        max_mU_min=situation.max_insulin_mU_min,
-    )
-    scenario = Scenario(
-        situation.eaten(),
-        situation.duration_min,
-        setpoint_mg_dl=situation.setpoint_mg_dl,
-        initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
-        allow_unusual=situation.allow_unusual,
-        announced=situation.announce_meals,
-    )
+    made = situation.situation()
     return bound_of_situation(
-        patient(situation.operating_point),
-        scenario,
-        limits,
+        made.nominal,
+        situation.scenario(announced=situation.announce_meals),
+        made.limits,
         dead_time_min=situation.dead_time_min,
         sample_time_min=situation.sample_time_min,
     )

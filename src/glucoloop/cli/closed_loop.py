@@ -8,21 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.config.run import IDENTIFICATION_KEYS, Case, Run, Situation
+from glucoloop.config.run import IDENTIFICATION_KEYS, CaseKeys, Run, SituationKeys
 from glucoloop.control import Controller
-from glucoloop.meals import Scenario
+from glucoloop.experiments.designs import controller_of, identified_model
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.metrics import Metrics, summarise
-from glucoloop.patients import SorensenPatient, patient
 from glucoloop.plausible import CONFIRM_OPTION
-from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.pumps import DoseLimits
+from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
-from glucoloop.simulation import Adaptive, Exponential, Trace, identify, simulate
+from glucoloop.simulation import Adaptive, Exponential, Trace, simulate
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
-from glucoloop.trials.catalogue import controller_entry
-from glucoloop.trials.designs import DesignCase, with_guard
-from glucoloop.trials.fault_text import parse_fault
-from glucoloop.trials.faulty import faulty_pump, faulty_sensor
-from glucoloop.trials.situation import pump_of, record_key, sensor_of
 
 
 @dataclass(frozen=True)
@@ -56,69 +53,46 @@ def close_the_loop(run: Run) -> Outcome:
     ValueError
         For a configuration that is not possible, in one sentence.
     """
-    situation, case = run.situation, run.case
-    person = patient(situation.operating_point)
-    limits = dose_limits(
-        max_change_mU_min=situation.max_change_mU_min,
-        min_mU_min=situation.min_insulin_mU_min,
-        max_mU_min=situation.max_insulin_mU_min,
-    )
-    scenario = Scenario(
-        situation.eaten(),
-        situation.duration_min,
-        setpoint_mg_dl=situation.setpoint_mg_dl,
-        initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
-        allow_unusual=situation.allow_unusual,
-        announced=situation.announce_meals,
-    )
-    known_samples = situation.dead_time_samples if case.known_dead_time else 0
-    model = model_for(run, person)
-    controller = controller_for(run, person, model, limits, known_samples)
-    faults = [parse_fault(text) for text in situation.faults]
-    sensor = sensor_of(situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples)
+    asked = run.situation
+    situation = asked.situation()
+    model = model_for(run, situation)
+    controller = controller_for(run, situation, model)
+    around = surroundings_of(situation)
     trace = simulate(
-        person,
+        situation.nominal,
         controller,
-        faulty_sensor(sensor, faults, situation.sample_time_min),
-        faulty_pump(pump_of(limits, situation.pump_resolution_mU_min), faults, situation.sample_time_min, limits),
-        scenario,
-        situation.seed,
-        integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
+        around.sensor,
+        around.pump,
+        asked.scenario(announced=asked.announce_meals),
+        asked.seed,
+        integrator=Exponential() if asked.integrator == "fast" else Adaptive(),
     )
-    metrics = summarise(trace, limits)
+    metrics = summarise(trace, situation.limits)
     return Outcome(
         run=run,
         model=model,
         trace=trace,
         metrics=metrics,
-        limits=limits,
+        limits=situation.limits,
         notes=(*notes_on(run, model), *notes_on_trace(trace, metrics)),
     )
 
 
-def model_for(run: Run, person: SorensenPatient) -> ModelFile | None:
+def model_for(run: Run, situation: Situation) -> ModelFile | None:
     """The model that the controller is designed on, before it is told of a dead time."""
-    situation, case = run.situation, run.case
+    case = run.case
     if not controller_entry(case.controller).uses_model:
         return None
     if case.model is not None:
-        return _given_model(Path(case.model), situation, case)
-    settings = _identification_settings(case)
-    identification = identify(
-        person,
-        sensor_of(settings["model_noise_variance"], situation.noise_bound_mg_dl, 0),
-        record_key(situation.seed),
-        memory=settings["memory"],
-        laguerre_pole=settings["laguerre_pole"],
-        laguerre_functions=settings["laguerre_functions"] or None,
-        sample_time_min=situation.sample_time_min,
-    )
+        return _given_model(Path(case.model), run.situation, case)
+    identification = identified_model(situation, case.case(), situation.nominal)
+    settings = {key: getattr(case, key) for key in IDENTIFICATION_KEYS}
     variance = settings["model_noise_variance"]
     noise = f"with noise of variance {variance:g}" if variance else "free of noise"
     smooth = f"{settings['laguerre_functions']} Laguerre functions with pole {settings['laguerre_pole']:.4g}"
     return model_file(
         identification,
-        operating_point=situation.operating_point,
+        operating_point=run.situation.place,
         source=(
             f"identified from a record of {2 * settings['memory']} samples {noise}, "
             f"{smooth if settings['laguerre_functions'] else 'not smoothed'}"
@@ -128,11 +102,7 @@ def model_for(run: Run, person: SorensenPatient) -> ModelFile | None:
     )
 
 
-def _identification_settings(case: Case) -> dict[str, Any]:
-    return {key: getattr(case, key) for key in IDENTIFICATION_KEYS}
-
-
-def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
+def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelFile:
     model = read_model(path)
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         own, runs = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
@@ -155,26 +125,14 @@ def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
     return model
 
 
-def controller_for(
-    run: Run, person: SorensenPatient, model: ModelFile | None, limits: DoseLimits, known_samples: int
-) -> Controller:
-    """The controller of a case, told of as much dead time as it is to know."""
-    told = None
-    if model is not None:
-        told = model.step_response_model()
-        # A model from a late record holds the dead time already.
-        if not model.provenance.dead_time_min:
-            told = told.delayed(known_samples)
-    design = controller_entry(run.case.controller).designer()
-    case = DesignCase(
-        patient=person,
-        model=told,
-        limits=limits,
-        sample_time_min=run.situation.sample_time_min,
-        noise_variance=run.situation.noise_variance,
-        dead_time_samples=known_samples,
+def controller_for(run: Run, situation: Situation, model: ModelFile | None) -> Controller:
+    """The controller of a case; a model from a late record holds the dead time already."""
+    return controller_of(
+        situation,
+        run.case.case(),
+        model=None if model is None else model.step_response_model(),
+        model_is_late=model is not None and bool(model.provenance.dead_time_min),
     )
-    return with_guard(design(case, **run.case.tuning), run.case.guard_limits if run.case.guard else None, limits)
 
 
 def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
@@ -187,8 +145,8 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
         yield from (f"Doubtful model: {doubt}" for doubt in model.doubts())
         yield from model.provenance.notes
         resting = model.operating_point
-        if resting.name not in (None, situation.operating_point):
-            yield f"The model was identified at {resting.name}, but the run is at {situation.operating_point}."
+        if resting.name not in (None, situation.place):
+            yield f"The model was identified at {resting.name}, but the run is at {situation.place}."
     elif case.model is not None:
         yield f"The controller {case.controller} uses no model; {case.model} was not read."
     if situation.dead_time_min and case.known_dead_time:

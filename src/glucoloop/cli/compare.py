@@ -129,7 +129,7 @@ def _write(
             if outcome.run.case.model is not None:
                 table["model"] = name
     folder.write("compare.toml", toml_text(keys, "compare --config compare.toml"))
-    write_pictures(folder, outcomes, title=f"Comparison at {asked.situation.operating_point}", mmol=output.mmol)
+    write_pictures(folder, outcomes, title=f"Comparison at {asked.situation.place}", mmol=output.mmol)
 
 
 def _report(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None) -> dict[str, object]:

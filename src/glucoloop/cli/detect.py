@@ -11,7 +11,7 @@ from glucoloop.cli.request import Output, file_keys, split_off_output, with_list
 from glucoloop.cli.screen import show, stage, stages
 from glucoloop.cli.telling import print_json, where_written
 from glucoloop.cli.trial_options import TRIAL
-from glucoloop.trials.catalogue import CONTROLLERS, all_settings
+from glucoloop.registry.controllers import CONTROLLERS, all_settings
 
 if TYPE_CHECKING:
     from glucoloop.trials.detection.detection import Detection
@@ -39,7 +39,7 @@ _ESTIMATOR_SETTINGS: Final = (
 )
 _OF_A_TRIAL: Final = (
     *("people", "population", "first_person", "meals", "no_meal", "meal_size_spread_pct", "meal_time_spread_min"),
-    *("operating_point", "setpoint_mg_dl", "noise_variance", "noise_bound_mg_dl", "dead_time_min"),
+    *("patient", "operating_point", "setpoint_mg_dl", "noise_variance", "noise_bound_mg_dl", "dead_time_min", "site"),
     *("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min", "pump_resolution_mU_min"),
     *("faults", "no_fault", "sample_time_min", "seed", "allow_unusual", "known_dead_time"),
 )

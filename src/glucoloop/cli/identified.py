@@ -12,6 +12,9 @@ import jax
 import numpy as np
 
 from glucoloop.config.identification import IdentificationConfig, identification_keys
+from glucoloop.config.run import place_of
+from glucoloop.experiments.chance import record_key
+from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import (
     Identification,
     Record,
@@ -27,12 +30,11 @@ from glucoloop.identification import (
 )
 from glucoloop.patients import patient
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
+from glucoloop.printable import printable
 from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import read_record_columns
-from glucoloop.trials.printable import printable
-from glucoloop.trials.situation import record_key, sensor_of
 
 VALIDATION_SAMPLES: Final = 100
 VALIDATION_SHARE: Final = 0.1
@@ -114,7 +116,7 @@ def identify(config: IdentificationConfig) -> Identified:
 
 
 def _from_patient(config: IdentificationConfig) -> Identified:
-    person = patient(config.operating_point)
+    person = patient(config.patient, config.operating_point)
     basal = float(person.basal_insulin_mU_min)
     if config.amplitude_mU_min > basal:
         raise ValueError(
@@ -156,7 +158,7 @@ def _from_patient(config: IdentificationConfig) -> Identified:
         validation_insulin_mU_min=sequence,
         validated_on="random binary sequence",
         notes=(
-            f"Model: {source} at {config.operating_point}.",
+            f"Model: {source} at {place_of(config.patient, config.operating_point)}.",
             f"Checked on a random binary sequence of {VALIDATION_SAMPLES} samples, free of noise.",
         ),
     )
@@ -286,7 +288,7 @@ def _model_file(
     )
     return model_file(
         identification,
-        operating_point=config.operating_point if config.data is None else None,
+        operating_point=None if config.data is not None else place_of(config.patient, config.operating_point),
         source=f"{source}, {smooth}",
         dead_time_min=config.dead_time_min,
         settings=identification_keys(config),

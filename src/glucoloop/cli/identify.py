@@ -14,6 +14,7 @@ from glucoloop.cli.options import (
     NOISE_BOUND,
     OPERATING_POINT,
     OUTPUT,
+    PATIENT,
     SAMPLE_TIME,
     SEED,
     Given,
@@ -44,6 +45,7 @@ HELP: Final = (
 _EXPERIMENT: Final = "Experiment on the virtual patient"
 _RECORD: Final = "Record"
 _OPTIONS: Final = (
+    PATIENT,
     OPERATING_POINT,
     NOISE,
     NOISE_BOUND,

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from glucoloop.cli import results
-from glucoloop.trials.printable import printable
+from glucoloop.printable import printable
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
 _LONGEST: Final = 2000

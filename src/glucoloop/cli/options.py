@@ -13,9 +13,10 @@ from typing import Any, Final
 
 import typer
 
-from glucoloop.trials.catalogue import CONTROLLERS, all_settings
-from glucoloop.trials.faults import FAULTS as KNOWN_FAULTS
-from glucoloop.trials.guard_catalogue import GUARD
+from glucoloop.registry.controllers import CONTROLLERS, all_settings
+from glucoloop.registry.faults import FAULTS as KNOWN_FAULTS
+from glucoloop.registry.guard import GUARD
+from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
 
 Given = dict[str, Any]
 """Key -> value of the options that were given."""
@@ -101,15 +102,28 @@ _GUARD: Final = "Guard"
 _MODEL: Final = "Model"
 _OUTPUT: Final = "Files and output"
 
+PATIENT: Final = Option(
+    "patient",
+    "--patient",
+    str,
+    "; ".join(f"{entry.name}: {entry.summary}" for entry in PATIENTS.values())
+    + "; or one of another package, or module:attribute. Pump, model and tuning are by default those usual for it.",
+    _PATIENT,
+    metavar="NAME",
+    default=USUAL_PATIENT.name,
+)
 OPERATING_POINT: Final = Option(
     "operating_point",
     "--operating-point",
     str,
-    "setpoint-81: held at 81.1 mg/dl by 25.61 mU/min; nominal-22: 22.33 mU/min, which hold 92.1 mg/dl; fasting-81: "
-    "22.33 mU/min, which hold 81.2 mg/dl in a person whose healthy fasting glucose is 81 mg/dl.",
+    "Where the patient rests. "
+    + " ".join(
+        f"Of {entry.name}: {'; '.join(f'{point.name}: {point.summary}' for point in entry.operating_points)}."
+        for entry in PATIENTS.values()
+    ),
     _PATIENT,
     metavar="NAME",
-    default="setpoint-81",
+    default="the first of the patient's",
 )
 NOISE: Final = Option(
     "noise_variance",
@@ -192,6 +206,7 @@ def _of_part(part: str) -> str:
 
 
 SITUATION: Final = (
+    PATIENT,
     OPERATING_POINT,
     Option("setpoint_mg_dl", "--setpoint", float, "Target; the patient's own by default.", _PATIENT, metavar="MG_DL"),
     Option(
@@ -223,16 +238,33 @@ SITUATION: Final = (
     NOISE_BOUND,
     DEAD_TIME,
     Option(
+        "site",
+        "--site",
+        str,
+        "Where the sensor sits: arterial or interstitial, or plasma or interstitial, as the patient has it.",
+        _SENSOR,
+        metavar="NAME",
+        default="where the glucose is that is controlled",
+    ),
+    Option(
         "max_change_mU_min",
         "--max-rate-change",
         float,
         "Largest change of the rate from one sample to the next.",
         _PUMP,
         metavar="MU_MIN",
-        default="16.7",
+        default="16.7, or the patient's",
     ),
     Option("min_insulin_mU_min", "--min-insulin", float, "Least rate.", _PUMP, metavar="MU_MIN", default="0"),
-    Option("max_insulin_mU_min", "--max-insulin", float, "Greatest rate.", _PUMP, metavar="MU_MIN", default="66.9"),
+    Option(
+        "max_insulin_mU_min",
+        "--max-insulin",
+        float,
+        "Greatest rate.",
+        _PUMP,
+        metavar="MU_MIN",
+        default="66.9, or the patient's",
+    ),
     Option(
         "pump_resolution_mU_min",
         "--pump-resolution",

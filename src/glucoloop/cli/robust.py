@@ -12,7 +12,7 @@ from glucoloop.cli.options import CASE, MEALS, NO_FAULT, Given, Option, names, w
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import note, show, stage
 from glucoloop.cli.trial_options import TRIAL
-from glucoloop.trials.catalogue import controller_entry
+from glucoloop.registry.controllers import controller_entry
 
 if TYPE_CHECKING:
     from glucoloop.cli.robust_results import Found
@@ -51,6 +51,7 @@ _RANGED: Final = {
 """What can be tuned, with the range that is searched; None: kept unless a range is given."""
 _SHARED: Final = (
     "population",
+    "patient",
     "operating_point",
     MEALS,
     "no_meal",
@@ -62,6 +63,7 @@ _SHARED: Final = (
     "max_change_mU_min",
     "min_insulin_mU_min",
     "max_insulin_mU_min",
+    "site",
     "pump_resolution_mU_min",
     "faults",
     NO_FAULT,

@@ -73,7 +73,7 @@ def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
     folder.write("run.toml", toml_text(repeat.keys(), "run --config run.toml"))
     case, situation = outcome.run.case, outcome.run.situation
     write_pictures(
-        folder, {case.controller: outcome}, title=f"{case.controller} at {situation.operating_point}", mmol=output.mmol
+        folder, {case.controller: outcome}, title=f"{case.controller} at {situation.place}", mmol=output.mmol
     )
 
 

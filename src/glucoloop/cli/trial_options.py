@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from glucoloop.cli.options import CASE, MEALS, MMOL, OUTPUT, SITUATION, Option
+from glucoloop.registry.patients import PATIENTS
 
 _PEOPLE: Final = "People"
 _MEALS: Final = "Meals"
@@ -62,13 +63,17 @@ DASK: Final = Option(
 def _shared() -> Iterator[Option]:
     """What a trial has in common with a single run, in the words of a trial."""
     words = {
-        "operating_point": (
-            "The nominal patient, for whom controllers are designed: setpoint-81, nominal-22 or fasting-81."
-        ),
+        "operating_point": "Where the nominal patient rests, for whom controllers are designed.",
         "setpoint_mg_dl": "Where everybody rests at the start, and the target; the operating point's by default.",
         "seed": "The same seed gives the same people, meals and noise.",
     }
-    panels = {"setpoint_mg_dl": _PEOPLE, "seed": _PEOPLE, "operating_point": _PEOPLE, "announce_meals": _MEALS}
+    panels = {
+        "patient": _PEOPLE,
+        "setpoint_mg_dl": _PEOPLE,
+        "seed": _PEOPLE,
+        "operating_point": _PEOPLE,
+        "announce_meals": _MEALS,
+    }
     for option in (*SITUATION, *CASE):
         if option.key not in _NOT_OF_A_TRIAL:
             yield dataclasses.replace(
@@ -92,10 +97,16 @@ TRIAL: Final = (
         "population",
         "--population",
         str,
-        "nominal, parker2000 (up to 40 % in eight parameters), lognormal, or a table of your own in a file.",
+        "nominal; "
+        + "; ".join(
+            f"of {entry.name}: " + "; ".join(f"{name}: {summary}" for name, summary in entry.populations.items())
+            for entry in PATIENTS.values()
+            if entry.populations
+        )
+        + "; or a table of your own in a file.",
         _PEOPLE,
         metavar="NAME|FILE.toml",
-        default="parker2000",
+        default="the first of the patient's",
     ),
     Option(
         "first_person",

@@ -11,7 +11,6 @@ import polars as pl
 import glucoloop
 from glucoloop.cli.pictures import figure_files, tell_what_plots_lack
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.patients import patient
 from glucoloop.report import CaseReport, Distribution, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.storage.strict_json import json_text
@@ -42,7 +41,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
     trial = folder.trial
     summary = summarise_people(folder.people, max_insulin_mU_min=trial.max_insulin_mU_min)
     bands = _bands(folder)
-    setpoint = trial.setpoint_mg_dl or float(patient(trial.operating_point).setpoint_mg_dl)
+    setpoint = trial.target_mg_dl
     report = TrialReport(
         title=f"{trial.population.name}, {trial.people} people",
         setpoint_mg_dl=setpoint,

@@ -11,8 +11,8 @@ from glucoloop.cli.options import CASE, FAULTS, NO_FAULT, OUTPUT, SITUATION, Giv
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage, stages
 from glucoloop.cli.telling import print_json, where_written, with_version
-from glucoloop.trials.catalogue import CONTROLLERS, controller_entry
-from glucoloop.trials.guard_catalogue import GUARD
+from glucoloop.registry.controllers import CONTROLLERS, controller_entry
+from glucoloop.registry.guard import GUARD
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -196,52 +196,36 @@ def _grid(run: Run, ranges: Mapping[str, str], called: Mapping[str, str]) -> lis
 
 def _search(asked: _Asked) -> _Found:
     from glucoloop.cli import closed_loop
-    from glucoloop.meals import Scenario
-    from glucoloop.patients import patient
-    from glucoloop.pumps import dose_limits
+    from glucoloop.experiments.surroundings import pump_of, sensor_of
     from glucoloop.simulation import Adaptive, Exponential
-    from glucoloop.trials.situation import pump_of, sensor_of
-    from glucoloop.trials.tuning import printed_tuning, search
+    from glucoloop.trials.tuning import search, usual_tuning
 
     run, situation = asked.run, asked.run.situation
-    person = patient(situation.operating_point)
-    limits = dose_limits(
-        max_change_mU_min=situation.max_change_mU_min,
-        min_mU_min=situation.min_insulin_mU_min,
-        max_mU_min=situation.max_insulin_mU_min,
-    )
-    known_samples = situation.dead_time_samples if run.case.known_dead_time else 0
+    made = situation.situation()
     with stage("Identifying"):
-        model = closed_loop.model_for(run, person)
+        model = closed_loop.model_for(run, made)
 
     def design(tuning: MPCTuning) -> Any:
         settings = {**run.case.tuning, **dataclasses.asdict(tuning)}
         settings = {key: value for key, value in settings.items() if key in run.case.tuning}
         tuned = dataclasses.replace(run, case=run.case.model_copy(update={"tuning": settings}))
-        return closed_loop.controller_for(tuned, person, model, limits, known_samples)
+        return closed_loop.controller_for(tuned, made, model)
 
-    printed = printed_tuning(situation.operating_point, run.case.controller, noisy=situation.noisy)
+    printed = usual_tuning(made, run.case.controller)
     grid = [*asked.grid] if printed in asked.grid else [*asked.grid, printed]
     noise, bound, late = situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples
     with stages(f"Designing {len(grid)} controllers") as progress:
         surface = search(
-            person,
+            made.nominal,
             design,
             grid,
             name=run.case.controller,
-            scenario=Scenario(
-                situation.eaten(),
-                situation.duration_min,
-                setpoint_mg_dl=situation.setpoint_mg_dl,
-                initial_glucose_mg_dl=situation.initial_glucose_mg_dl,
-                allow_unusual=situation.allow_unusual,
-                announced=situation.announce_meals,
-            ),
-            sensor=sensor_of(noise, bound, late),
-            quiet_sensor=sensor_of(0.0, bound, late) if situation.noisy else None,
+            scenario=situation.scenario(announced=situation.announce_meals),
+            sensor=sensor_of(noise, bound, late, situation.site),
+            quiet_sensor=sensor_of(0.0, bound, late, situation.site) if situation.noisy else None,
             seeds=range(situation.seed, situation.seed + asked.seeds),
-            pump=pump_of(limits, situation.pump_resolution_mU_min),
-            limits=limits,
+            pump=pump_of(made.limits, situation.pump_resolution_mU_min),
+            limits=made.limits,
             integrator=Exponential() if situation.integrator == "fast" else Adaptive(),
             progress=lambda done, total: progress(f"{done} of {total} runs"),
         )
@@ -283,7 +267,7 @@ def _write(folder: OutputFolder, asked: _Asked, found: _Found) -> _Found:
         if asked.run.case.model is not None:
             repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
     folder.write("tune.toml", toml_text(repeat.keys(), "tune --config tune.toml"))
-    title = f"{asked.run.case.controller} at {asked.run.situation.operating_point}"
+    title = f"{asked.run.case.controller} at {asked.run.situation.place}"
     told = [_verdict(found), *found.notes]
     page = surface_page(found.surface, found.printed, title=f"Tunings of {title}", grid=asked.grid, notes=told)
     folder.write("surface.html", page)

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.options import Given, Option, with_options
+from glucoloop.cli.options import PATIENT, Given, Option, with_options
 from glucoloop.cli.screen import stage
 from glucoloop.cli.verify_progress import loops_counted
-from glucoloop.trials.catalogue import CONTROLLERS
+from glucoloop.registry.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
     from glucoloop.trials.campaign import Campaign
 
 HELP: Final = (
     "Close random loops with random faults, and check at every sample what every loop promises.\n\n"
-    "People of two populations eat up to four meals at any time and meet up to three faults of sensor and pump at "
-    "once, absurd ones among them, under every controller, with a guard and without. It leaves with 0 if every promise "
-    "was kept, and with 1 if one was broken; then broken loops are told, each with the command that closes it again."
+    "People of the patient's populations eat up to four meals at any time and meet up to three faults of sensor and "
+    "pump at once, absurd ones among them, under every controller, with a guard and without. It leaves with 0 if every "
+    "promise was kept, and with 1 if one was broken; then broken loops are told, each with the command that closes it "
+    "again."
     "\n\n"
     "All of that comes by chance; `glucoloop adversary` searches for the sensor errors that do the most harm.\n\n"
     "  glucoloop verify\n\n"
@@ -42,6 +44,7 @@ OPTIONS: Final = (
         metavar="NAME",
         default="all",
     ),
+    dataclasses.replace(PATIENT, panel=_RUN),
     Option("person", "--person", int, "Only the loops of this one, with what fails in them.", _RUN, metavar="N"),
     Option(
         "nonsense",
@@ -63,6 +66,8 @@ def command(given: Given) -> None:
         raise ValueError("--loops and --person exclude one another; leave one out")
     if "nonsense" in given and "loops" in given:
         raise ValueError("--loops and --nonsense exclude one another; leave one out")
+    if "patient" in given and "nonsense" in given:
+        raise ValueError("--nonsense has no patient at all; leave --patient out")
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.trials.campaign import Campaign

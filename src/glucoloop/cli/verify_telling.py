@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from glucoloop.cli.screen import show
+from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.trials.campaign import Campaign, met
 from glucoloop.trials.campaign.result import Arm, Broken, CampaignResult, Guarding
 
@@ -29,11 +30,14 @@ def report(campaign: Campaign, result: CampaignResult, seconds: float) -> dict[s
     """The same as one JSON object."""
     arms = [dataclasses.asdict(arm) for arm in result.arms]
     for arm, told in zip(arms, result.arms, strict=True):
-        arm["told"] = [{**of, "repeat": repeat(result.seed, told.controller, of["person"])} for of in arm["told"]]
+        arm["told"] = [{**of, "repeat": repeat(result, told.controller, of["person"])} for of in arm["told"]]
     of_person = {}
     if campaign.person is not None:
         person = campaign.person
-        of_person = {name: dataclasses.asdict(met(name, campaign.seed, person)) for name in campaign.controllers}
+        of_person = {
+            name: dataclasses.asdict(met(name, campaign.seed, person, campaign.patient))
+            for name in campaign.controllers
+        }
     return {
         "seed": result.seed,
         "loops": result.loops,
@@ -47,25 +51,26 @@ def report(campaign: Campaign, result: CampaignResult, seconds: float) -> dict[s
     }
 
 
-def repeat(seed: int, controller: str, person: int) -> str:
+def repeat(result: CampaignResult, controller: str, person: int) -> str:
     """Command that closes somebody's loops again."""
-    return f"glucoloop verify --seed {seed} --controller {controller} --person {person}"
+    patient = "" if result.patient == USUAL_PATIENT.name else f"--patient {result.patient} "
+    return f"glucoloop verify {patient}--seed {result.seed} --controller {controller} --person {person}"
 
 
 def broken_lines(result: CampaignResult) -> Iterator[str]:
     """For each broken loop that is told, what broke and how to repeat it."""
     for arm in result.arms:
         for broken in arm.told:
-            yield _line(result.seed, arm, broken)
+            yield _line(result, arm, broken)
         for person in arm.not_repeated[:10]:
-            yield f"{_called(arm)}, person {person}: other bits; {repeat(result.seed, arm.controller, person)}"
+            yield f"{_called(arm)}, person {person}: other bits; {repeat(result, arm.controller, person)}"
 
 
-def _line(seed: int, arm: Arm, broken: Broken) -> str:
+def _line(result: CampaignResult, arm: Arm, broken: Broken) -> str:
     faults = " ".join(f"--fault {fault!r}" for fault in broken.faults) or "no fault"
     return (
         f"{_called(arm)}, person {broken.person}: {broken.promise}; broken at {broken.samples} samples, first at "
-        f"{broken.first_min:g} min; {faults}; {repeat(seed, arm.controller, broken.person)}"
+        f"{broken.first_min:g} min; {faults}; {repeat(result, arm.controller, broken.person)}"
     )
 
 
@@ -75,7 +80,7 @@ def _called(arm: Arm) -> str:
 
 def _meets(campaign: Campaign, person: int) -> Iterator[str]:
     for name in campaign.controllers:
-        of = met(name, campaign.seed, person)
+        of = met(name, campaign.seed, person, campaign.patient)
         meals = " ".join(f"{carbs:.1f}g@{t:.1f}min" for t, carbs in of.meals) or "no meal"
         faults = " ".join(f"--fault {fault!r}" for fault in of.faults) or "no fault"
         yield (

@@ -14,11 +14,11 @@ from glucoloop.config.run import STRICT, Seed, checked, whole_samples
 from glucoloop.config.stress import PAPER_CONTROLLERS
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
+from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.settings import Value
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials.adversary import Cell, Effort, ErrorSpace
 from glucoloop.trials.campaign.campaign import SLOW
-from glucoloop.trials.catalogue import Value
-from glucoloop.trials.guard_catalogue import GUARD, complete_guard
 from glucoloop.trials.stress import Guards
 from glucoloop.trials.trial import Trial
 

@@ -8,15 +8,15 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field
 
 from glucoloop.config.meal_text import meal_text
-from glucoloop.config.run import Surroundings, ask_about_surroundings, checked
+from glucoloop.config.run import SurroundingKeys, ask_about_surroundings, checked
 from glucoloop.config.run import whole_samples as whole_dead_time
 from glucoloop.plausible import DURATION
-from glucoloop.trials import catalogue
+from glucoloop.registry.settings import known_names
 
 _MOST_KNOWN: Final = 20
 
 
-class BoundConfig(Surroundings):
+class BoundConfig(SurroundingKeys):
     """Surroundings as of a run, without a controller, and what is known in them."""
 
     duration_min: Annotated[float, Field(gt=0.0, le=7200.0), DURATION] = 600.0
@@ -52,7 +52,7 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     known = list(BoundConfig.model_fields)
     for key in keys:
         if key not in known:
-            raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, known)}")
+            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
     asked = checked(BoundConfig, keys, names)
     if not asked.allow_unusual:
         ask_about_surroundings(asked, asked.eaten(), names)

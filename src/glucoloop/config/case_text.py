@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from glucoloop.trials.keyed_values import keyed_values, value_of
+from glucoloop.registry.keyed_values import keyed_values, value_of
 
 
 def parse_case(text: str) -> dict[str, object]:

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from glucoloop.config.case_text import parse_case
 from glucoloop.config.run import case_key_names, overlay, refuse_limits_without_guard
-from glucoloop.trials import catalogue
-from glucoloop.trials.guard_catalogue import GUARD
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.guard import GUARD
 
 CASES_KEY: Final = "case"
 """Of the tables in a file: ``[[case]]``."""

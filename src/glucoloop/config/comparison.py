@@ -8,17 +8,17 @@ from typing import Any, Final
 
 from glucoloop.config.cases import CASES_KEY, refuse_idle, under_shared
 from glucoloop.config.run import (
-    Case,
+    CaseKeys,
     Run,
-    Situation,
+    SituationKeys,
     case_key_names,
     case_keys,
     read_case,
     read_run,
     refuse_unknown,
 )
-from glucoloop.trials import catalogue
-from glucoloop.trials.printable import is_printable
+from glucoloop.printable import is_printable
+from glucoloop.registry.settings import known_names
 
 MOST_CASES: Final = 20
 
@@ -27,8 +27,8 @@ MOST_CASES: Final = 20
 class Comparison:
     """Cases by label, in one situation."""
 
-    situation: Situation
-    cases: Mapping[str, Case]
+    situation: SituationKeys
+    cases: Mapping[str, CaseKeys]
 
     def runs(self) -> dict[str, Run]:
         """The run of each case."""
@@ -60,10 +60,10 @@ def read_comparison(
             f"give from 2 to {MOST_CASES}, like --case mpc --case 'careful: mpc, move_weight=1'"
         )
     refuse_unknown(keys)
-    shared_situation = read_run({key: value for key, value in keys.items() if key in Situation.model_fields}, names)
+    shared_situation = read_run({key: value for key, value in keys.items() if key in SituationKeys.model_fields}, names)
     situation = shared_situation.situation
-    shared = {key: value for key, value in keys.items() if key not in Situation.model_fields}
-    read: dict[str, Case] = {}
+    shared = {key: value for key, value in keys.items() if key not in SituationKeys.model_fields}
+    read: dict[str, CaseKeys] = {}
     for case in cases:
         label = case.get("label")
         if not isinstance(label, str) or not label.strip():
@@ -85,7 +85,7 @@ def read_comparison(
 
 def _refuse_shared(case: Mapping[str, object]) -> None:
     for key in case:
-        if key in Situation.model_fields:
+        if key in SituationKeys.model_fields:
             raise ValueError(f"{key} belongs to the situation, which all cases share; give it outside the cases")
         if key not in case_key_names():
-            raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, case_key_names())}")
+            raise ValueError(f"unknown key {key!r}; {known_names(key, case_key_names())}")

@@ -10,7 +10,8 @@ from pydantic import BaseModel, Field
 from glucoloop.config.run import STRICT, checked
 from glucoloop.config.trial import SITUATION_KEYS, overlay_trial, read_trial, trial_keys
 from glucoloop.meals.plan import MOST_DAYS
-from glucoloop.trials import catalogue
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.settings import known_names
 from glucoloop.trials.detection.detection import ESTIMATING, ESTIMATOR_SETTINGS, ESTIMATORS, Detection, check_estimators
 
 USUAL: Final[Mapping[str, Any]] = {
@@ -85,9 +86,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     settings = {key: value for key, value in keys.items() if key in catalogue.all_settings()}
     trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
     asked = {key: value for key, value in settings.items() if key in ESTIMATOR_SETTINGS}
-    complete = catalogue.complete(
-        ESTIMATING, asked, operating_point=trial.operating_point, noisy=trial.noise_variance > 0.0
-    )
+    complete = catalogue.complete(ESTIMATING, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
     return Detection(
         trial=trial,
         days=own.days or (USUAL_DAYS if trial.people == 1 else 1),
@@ -118,4 +117,4 @@ def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None)
         raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")
     for key in keys:
         if key not in known:
-            raise ValueError(f"unknown key {key!r} of a test of estimators; {catalogue.known_names(key, known)}")
+            raise ValueError(f"unknown key {key!r} of a test of estimators; {known_names(key, known)}")

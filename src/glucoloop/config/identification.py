@@ -21,15 +21,16 @@ from glucoloop.config.run import (
     Seed,
     Variance,
     checked,
-    paper_memory,
-    paper_pole,
+    patient_of,
     whole_samples,
 )
 from glucoloop.config.unusual import ask_about
 from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
-from glucoloop.trials.catalogue import known_names
+from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.registry.settings import known_names
 
 EXPERIMENT_KEYS: Final = (
+    "patient",
     "operating_point",
     "noise_variance",
     "noise_bound_mg_dl",
@@ -49,11 +50,12 @@ class IdentificationConfig(BaseModel):
 
     data: str | None = None
     """Path of a record; None: the experiment is made on the simulated patient."""
-    operating_point: str = "setpoint-81"
+    patient: str = USUAL_PATIENT.name
+    operating_point: str = USUAL_PATIENT.usual_point
     noise_variance: Variance = 0.0
     noise_bound_mg_dl: NoiseBound = 5.0
     dead_time_min: DeadTime = 0.0
-    amplitude_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0), RATE_CHANGE] = 22.33
+    amplitude_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0), RATE_CHANGE] = USUAL_PATIENT.pulse_mU_min
     samples: Annotated[int, Field(ge=4, le=100_000)] | None = None
     """Length of the simulated record; None: the shortest, twice the memory."""
 
@@ -103,11 +105,13 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
     if keys.get("best_pole") and keys.get("laguerre_functions") == 0:
         raise ValueError("0 Laguerre functions have no pole to search for; give more, or leave out the search")
     sample_time = keys.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
-    derived: dict[str, object] = {}
+    entry = patient_of(keys)
+    derived: dict[str, object] = {"operating_point": entry.usual_point, "amplitude_mU_min": entry.pulse_mU_min}
     # A sample time that is wrong is refused by name with the other keys, and nothing follows from it.
     if isinstance(sample_time, int | float) and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN:
-        derived = {"memory": paper_memory(sample_time), "laguerre_pole": paper_pole(sample_time)}
+        derived |= entry.identification(float(sample_time))
     asked = checked(IdentificationConfig, {**derived, **keys}, names)
+    entry.operating_point(asked.operating_point)
     if not asked.allow_unusual:
         ask_about(asked, names)
     return asked

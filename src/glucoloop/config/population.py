@@ -10,11 +10,11 @@ from pydantic import BaseModel
 
 from glucoloop.config.run import STRICT, checked
 from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
-from glucoloop.patients.population import PRESETS, Population
-from glucoloop.patients.population import population as preset
+from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
-from glucoloop.trials.catalogue import known_names
-from glucoloop.trials.printable import is_printable
+from glucoloop.printable import is_printable
+from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.registry.settings import known_names
 
 VARY_KEY: Final = "vary"
 """Of the tables in a file: ``[[vary]]``."""
@@ -43,13 +43,15 @@ class _Named(BaseModel):
     summary: str = ""
 
 
-def read_population(keys: Mapping[str, object], name: str = "custom") -> Population:
+def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.name, name: str = "custom") -> Population:
     """Population from the keys of a file.
 
     Parameters
     ----------
     keys : mapping
         ``name`` and ``summary``, which may be left out, and ``vary``, a list of tables.
+    patient : str
+        Name of the nominal patient.
     name : str
         What it is called unless the keys tell.
 
@@ -72,7 +74,7 @@ def read_population(keys: Mapping[str, object], name: str = "custom") -> Populat
     if not isinstance(tables, list | tuple) or not all(isinstance(table, Mapping) for table in tables):
         raise ValueError(f"{VARY_KEY} is {tables!r}; give a table for each parameter, under [[{VARY_KEY}]]")
     variations = tuple(_read_variation(number, table) for number, table in enumerate(tables, 1))
-    return Population(named.name or name, variations, named.summary)
+    return Population(named.name or name, variations, named.summary, patient)
 
 
 def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
@@ -94,8 +96,8 @@ def population_keys(population: Population) -> dict[str, object]:
     return {"name": population.name, "summary": population.summary, VARY_KEY: tables}
 
 
-def named_population(text: str) -> Population:
-    """Population by the name of a preset, or from a file whose name ends in ``.toml``.
+def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population:
+    """Population of a patient by its name, or from a file whose name ends in ``.toml``.
 
     Raises
     ------
@@ -104,11 +106,13 @@ def named_population(text: str) -> Population:
     """
     path = Path(text)
     if path.suffix != ".toml":
-        if text not in PRESETS:
+        known = populations_of(patient)
+        if text not in known:
+            whose = "" if patient == USUAL_PATIENT.name else f" of {patient}"
             raise ValueError(
-                f"unknown population {text!r}; {known_names(text, PRESETS)}, or give a file like people.toml"
+                f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
-        return preset(text)
+        return known[text]
     try:
         keys, _ = read_toml(_text(path), text)
     except OSError as error:
@@ -116,7 +120,7 @@ def named_population(text: str) -> Population:
     except UnicodeDecodeError:
         raise ValueError(f"{text} is not TOML: it is not text in UTF-8") from None
     try:
-        people = read_population(keys, path.stem)
+        people = read_population(keys, patient, path.stem)
     except ValueError as error:
         raise ValueError(f"{text}: {error}") from None
     if not people.variations:

@@ -11,15 +11,17 @@ from pydantic import BaseModel, Field
 from glucoloop.config.run import LARGEST_SEED, STRICT, Run, checked, read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.config.unusual import ALLOW_UNUSUAL
+from glucoloop.experiments.case import Case
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.settings import known_names
 from glucoloop.threefry import LARGEST_COUNTER
-from glucoloop.trials import catalogue
 from glucoloop.trials.robust import BOTH, FURTHER, OBJECTIVES, SPACE, Group, Search, Tuned, parse_range
-from glucoloop.trials.trial import TrialCase
 
 TUNED_CONTROLLER: Final = "meal-mpc"
 RANGES: Final = (*SPACE, *FURTHER)
 _SITUATION: Final = (
     "population",
+    "patient",
     "operating_point",
     "meals",
     "duration_min",
@@ -30,6 +32,7 @@ _SITUATION: Final = (
     "max_change_mU_min",
     "min_insulin_mU_min",
     "max_insulin_mU_min",
+    "site",
     "pump_resolution_mU_min",
     "faults",
     "sample_time_min",
@@ -92,7 +95,7 @@ class Robust:
             **{**tuning, **self.ranges},
         }
 
-    def run_of(self, case: TrialCase) -> Run:
+    def run_of(self, case: Case) -> Run:
         """A single run of the nominal patient, in the same situation, with a case."""
         keys = trial_keys(self.search.trial)
         shared = {key: keys[key] for key in _SITUATION if key != "population" and keys.get(key) is not None}
@@ -125,7 +128,7 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     known, called = robust_key_names(), {key: (names or {}).get(key, key) for key in keys}
     for key in keys:
         if key not in known:
-            raise ValueError(f"unknown key {key!r} of a search; {catalogue.known_names(key, known)}")
+            raise ValueError(f"unknown key {key!r} of a search; {known_names(key, known)}")
     own = checked(RobustKeys, {key: keys[key] for key in RobustKeys.model_fields if key in keys}, names)
     far = checked(HowFar, {key: keys[key] for key in HowFar.model_fields if key in keys}, names)
     if len(own.objectives) != 2:
@@ -184,7 +187,7 @@ def _bound(text: str, called: str) -> tuple[str, float | str]:
     if not equals or not most:
         raise ValueError(f"{called} is {text!r}; write it like total-variation=500, or total-variation=mpc-se")
     if name not in OBJECTIVES:
-        raise ValueError(f"{called} is {text!r}: unknown objective {name!r}; {catalogue.known_names(name, OBJECTIVES)}")
+        raise ValueError(f"{called} is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     try:
         number = float(most)
     except ValueError:

@@ -6,6 +6,7 @@ configuration that was read is complete.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal, Self, TypeVar
@@ -22,7 +23,11 @@ from glucoloop.config.unusual import (
     ask_about_pump,
     ask_about_settings,
 )
-from glucoloop.meals import Meal
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.situation import Situation
+from glucoloop.meals import Meal, Scenario
+from glucoloop.patients import patient
+from glucoloop.patients.capabilities import sites
 from glucoloop.plausible import (
     DEAD_TIME,
     DURATION,
@@ -36,10 +41,12 @@ from glucoloop.plausible import (
     SAMPLE_TIME,
     SETPOINT,
 )
-from glucoloop.trials import catalogue
-from glucoloop.trials.fault_text import fault_text, parse_fault
-from glucoloop.trials.faults import START
-from glucoloop.trials.guard_catalogue import GUARD, complete_guard
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.fault_text import fault_text, parse_fault
+from glucoloop.registry.faults import START
+from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.registry.settings import Value, known_names
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 LONGEST_RUN_MIN: Final = 366 * 1440.0
@@ -48,8 +55,8 @@ SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 """With it the paper's memory of three hours still has no more samples than a memory may have."""
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 PAPER_SAMPLE_TIME_MIN: Final = 5.0
-PAPER_MEMORY_MIN: Final = 180.0
-PAPER_POLE: Final = 0.84
+_OF_PATIENT: Final = ("operating_point", "max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
+"""Keys whose usual values are the patient's."""
 IDENTIFICATION_KEYS: Final = ("model_noise_variance", "memory", "laguerre_pole", "laguerre_functions")
 """How a model is identified for the run, in place of `model`, which names a file."""
 
@@ -71,12 +78,18 @@ Pole = Annotated[float, Field(gt=0.0, lt=1.0)]
 Functions = Annotated[int, Field(ge=0, le=50)]
 
 
-class Surroundings(BaseModel):
+def place_of(patient: str, operating_point: str) -> str:
+    """Where a patient rests, in a few words: the operating point, after the name of another patient than the usual."""
+    return operating_point if patient == USUAL_PATIENT.name else f"{patient}, {operating_point}"
+
+
+class SurroundingKeys(BaseModel):
     """Patient, meals, sensor and pump, whoever or whatever doses."""
 
     model_config = STRICT
 
-    operating_point: str = "setpoint-81"
+    patient: str = USUAL_PATIENT.name
+    operating_point: str = USUAL_PATIENT.usual_point
     setpoint_mg_dl: Setpoint | None = None
     """Target; None: the patient's own."""
     initial_glucose_mg_dl: Glucose | None = None
@@ -86,22 +99,52 @@ class Surroundings(BaseModel):
     sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
     noise_variance: Variance = 0.0
     dead_time_min: DeadTime = 0.0
-    max_change_mU_min: RateChange = 16.7
-    min_insulin_mU_min: LeastRate = 0.0
-    max_insulin_mU_min: LargestRate = 66.9
+    max_change_mU_min: RateChange = USUAL_PATIENT.max_change_mU_min
+    min_insulin_mU_min: LeastRate = USUAL_PATIENT.min_insulin_mU_min
+    max_insulin_mU_min: LargestRate = USUAL_PATIENT.max_insulin_mU_min
     allow_unusual: bool = False
     """Whether values that are hardly meant are taken as they are."""
+
+    @property
+    def place(self) -> str:
+        """The operating point, with the patient's name where it is another than the usual one."""
+        return place_of(self.patient, self.operating_point)
 
     def eaten(self) -> tuple[Meal, ...]:
         """The meals."""
         return tuple(parse_meal(text) for text in self.meals)
 
+    def scenario(self, *, announced: bool = False) -> Scenario:
+        """Meals, length, target and start.
 
-class Situation(Surroundings):
+        Raises
+        ------
+        ValueError
+            For meals or a length that are not possible.
+        """
+        return Scenario(
+            self.eaten(),
+            self.duration_min,
+            setpoint_mg_dl=self.setpoint_mg_dl,
+            initial_glucose_mg_dl=self.initial_glucose_mg_dl,
+            allow_unusual=self.allow_unusual,
+            announced=announced,
+        )
+
+    def surroundings(self) -> Situation:
+        """The patient, and the limits of the pump."""
+        own = ("patient", "operating_point", "setpoint_mg_dl", "noise_variance", "sample_time_min")
+        limits = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
+        return Situation(**{key: getattr(self, key) for key in (*own, *limits)})
+
+
+class SituationKeys(SurroundingKeys):
     """What all controllers of a comparison share."""
 
     announce_meals: bool = False
     noise_bound_mg_dl: NoiseBound = 5.0
+    site: str | None = None
+    """Where the sensor sits; None: where the glucose is that is controlled."""
     pump_resolution_mU_min: RateStep | None = None
     """Smallest step of the pump; None: any rate."""
     faults: tuple[str, ...] = ()
@@ -125,17 +168,36 @@ class Situation(Surroundings):
         """
         return whole_samples(self.dead_time_min, self.sample_time_min)
 
+    def situation(self) -> Situation:
+        """What an experiment is made of.
 
-class Case(BaseModel):
+        Raises
+        ------
+        ValueError
+            Unless the dead time is a whole number of samples.
+        """
+        return dataclasses.replace(
+            self.surroundings(),
+            announced=self.announce_meals,
+            noise_bound_mg_dl=self.noise_bound_mg_dl,
+            dead_time_samples=self.dead_time_samples,
+            site=self.site,
+            pump_resolution_mU_min=self.pump_resolution_mU_min,
+            faults=self.faults,
+            seed=self.seed,
+        )
+
+
+class CaseKeys(BaseModel):
     """A controller, its tuning, and the model it is designed on."""
 
     model_config = STRICT
 
     controller: str = "mpc"
-    tuning: Mapping[str, catalogue.Value] = Field(default_factory=dict)
+    tuning: Mapping[str, Value] = Field(default_factory=dict)
     known_dead_time: bool = False
     guard: bool = False
-    guard_limits: Mapping[str, catalogue.Value] = Field(default_factory=dict)
+    guard_limits: Mapping[str, Value] = Field(default_factory=dict)
     """Empty without a guard."""
     model: str | None = None
     """Path of a model file; None: a model is identified from the patient."""
@@ -146,13 +208,24 @@ class Case(BaseModel):
     laguerre_functions: Functions | None = None
     """0: the impulse response is left as it was estimated."""
 
+    def case(self, label: str | None = None) -> Case:
+        """What an experiment is made of; called as its controller if it has no other label."""
+        return Case(
+            label=self.controller if label is None else label,
+            controller=self.controller,
+            tuning=dict(self.tuning),
+            known_dead_time=self.known_dead_time,
+            guard=dict(self.guard_limits) if self.guard else None,
+            **{key: getattr(self, key) for key in IDENTIFICATION_KEYS},
+        )
+
 
 @dataclass(frozen=True)
 class Run:
     """A controller in its situation."""
 
-    situation: Situation
-    case: Case
+    situation: SituationKeys
+    case: CaseKeys
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same run is read."""
@@ -163,7 +236,7 @@ class Run:
         return type(self)(situation=self.situation, case=self.case.model_copy(update={"model": path}))
 
 
-def case_keys(case: Case) -> dict[str, Any]:
+def case_keys(case: CaseKeys) -> dict[str, Any]:
     """The flat keys of a case: its tuning stands among the others."""
     keys = case.model_dump(mode="json")
     limits = keys.pop("guard_limits")
@@ -185,10 +258,11 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
         For an unknown key, or a value of the wrong type or out of bounds.
     """
     refuse_unknown(keys)
-    situation = checked(Situation, _only(keys, Situation), names)
+    situation = checked(SituationKeys, _only(of_patient(keys), SituationKeys), names)
     if not situation.allow_unusual:
         ask_about_surroundings(situation, situation.eaten(), names)
         ask_about_clock(situation.meals, situation.duration_min)
+    refuse_unknown_site(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
@@ -196,7 +270,44 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     return Run(situation=situation, case=read_case(keys, situation, names))
 
 
-def ask_about_surroundings(situation: Surroundings, meals: Iterable[Meal], names: Names = None) -> None:
+def of_patient(keys: Mapping[str, object]) -> dict[str, object]:
+    """Flat keys with those that are usual for the patient, where they are not given.
+
+    Raises
+    ------
+    ValueError
+        For an unknown patient or operating point.
+    """
+    entry = patient_of(keys)
+    told = keys.get("operating_point")
+    if isinstance(told, str):
+        entry.operating_point(told)
+    usual = {key: getattr(entry, key) for key in _OF_PATIENT if key != "operating_point"}
+    return {"operating_point": entry.usual_point, **usual, **keys}
+
+
+def patient_of(keys: Mapping[str, object]) -> PatientEntry:
+    """The patient that flat keys tell of; one that is not a text is refused with the other keys."""
+    name = keys.get("patient", USUAL_PATIENT.name)
+    return patient_entry(name) if isinstance(name, str) else USUAL_PATIENT
+
+
+def refuse_unknown_site(situation: SituationKeys) -> None:
+    """Refuse a site at which glucose of the patient cannot be read.
+
+    Raises
+    ------
+    ValueError
+        For such a site.
+    """
+    known = sites(patient(situation.patient, situation.operating_point))
+    if situation.site is not None and situation.site not in known:
+        raise ValueError(
+            f"glucose of {situation.patient} cannot be read at the site {situation.site!r}; give {' or '.join(known)}"
+        )
+
+
+def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], names: Names = None) -> None:
     """Ask about what is hardly meant.
 
     Raises
@@ -205,7 +316,7 @@ def ask_about_surroundings(situation: Surroundings, meals: Iterable[Meal], names
         For the first value outside the range in which people mean it.
     """
     ask_about_pump(
-        situation.operating_point,
+        patient(situation.patient, situation.operating_point),
         situation.setpoint_mg_dl,
         min_insulin_mU_min=situation.min_insulin_mU_min,
         max_insulin_mU_min=situation.max_insulin_mU_min,
@@ -215,27 +326,24 @@ def ask_about_surroundings(situation: Surroundings, meals: Iterable[Meal], names
     ask_about_meals(meals)
 
 
-def read_case(keys: Mapping[str, object], situation: Situation, names: Mapping[str, str] | None = None) -> Case:
+def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
     """Case from flat keys, completed for its situation."""
-    own = _only(keys, Case)
+    own = _only(keys, CaseKeys)
     controller = own.get("controller", "mpc")
     settings = {key: value for key, value in keys.items() if key in catalogue.all_settings()}
-    tuning = catalogue.complete(
-        str(controller), settings, operating_point=situation.operating_point, noisy=situation.noisy
-    )
+    entry = patient_entry(situation.patient)
+    tuning = catalogue.complete(str(controller), settings, entry, situation.operating_point, noisy=situation.noisy)
     if catalogue.controller_entry(str(controller)).uses_model and own.get("model") is None:
         own = {**_identification(situation), **own}
     guard = _guard_limits(keys, bool(own.get("guard", False)), names)
-    case = checked(Case, {**own, "tuning": tuning, "guard_limits": guard}, names)
+    case = checked(CaseKeys, {**own, "tuning": tuning, "guard_limits": guard}, names)
     if not situation.allow_unusual:
         ask_about(case, names)
         ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
     return case
 
 
-def _guard_limits(
-    keys: Mapping[str, object], guarded: bool, names: Mapping[str, str] | None
-) -> dict[str, catalogue.Value]:
+def _guard_limits(keys: Mapping[str, object], guarded: bool, names: Mapping[str, str] | None) -> dict[str, Value]:
     refuse_limits_without_guard(keys, guarded=guarded, names=names)
     return complete_guard({key: value for key, value in keys.items() if key in GUARD}) if guarded else {}
 
@@ -278,25 +386,10 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
     return tuple(fault_text(told) for told in faults)
 
 
-def _identification(situation: Situation) -> dict[str, object]:
-    """The paper's identification, at the run's own sample time."""
-    sample_time_min = situation.sample_time_min
-    return {
-        "model_noise_variance": situation.noise_variance,
-        "memory": paper_memory(sample_time_min),
-        "laguerre_pole": paper_pole(sample_time_min),
-        "laguerre_functions": 2,
-    }
-
-
-def paper_memory(sample_time_min: float) -> int:
-    """Samples that cover the paper's memory of three hours."""
-    return max(2, round(PAPER_MEMORY_MIN / sample_time_min))
-
-
-def paper_pole(sample_time_min: float) -> float:
-    """Pole that decays with the paper's time constant at another sample time."""
-    return float(PAPER_POLE ** (sample_time_min / PAPER_SAMPLE_TIME_MIN))
+def _identification(situation: SituationKeys) -> dict[str, object]:
+    """The identification that is usual for the patient, from a record as noisy as the run."""
+    usual = patient_entry(situation.patient).identification(situation.sample_time_min)
+    return {"model_noise_variance": situation.noise_variance, **usual}
 
 
 def overlay(
@@ -330,9 +423,28 @@ def overlay(
         own = {setting.name for setting in entry.settings}
         foreign = catalogue.all_settings().keys() - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
+    if "patient" in upper and upper["patient"] != lower.get("patient", USUAL_PATIENT.name):
+        kept = _without_usual(kept)
     if upper.get("guard") is False:
         kept = {key: value for key, value in kept.items() if key not in GUARD}
     return {**kept, **upper}
+
+
+def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
+    """Keys less what was usual for their patient: another one has usual values of its own."""
+    entry = patient_of(lower)
+    usual: dict[str, object] = {key: getattr(entry, key) for key in _OF_PATIENT if key != "operating_point"}
+    sample_time = lower.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
+    if isinstance(sample_time, int | float) and sample_time > 0.0:
+        usual |= entry.identification(float(sample_time))
+    point, controller = lower.get("operating_point", entry.usual_point), lower.get("controller", "mpc")
+    noisy = bool(lower.get("noise_variance"))
+    usual |= catalogue.complete(str(controller), {}, entry, str(point), noisy=noisy)
+    return {
+        key: value
+        for key, value in lower.items()
+        if key not in ("patient", "operating_point") and not (key in usual and usual[key] == value)
+    }
 
 
 def refuse_unknown(keys: Mapping[str, object], more: tuple[str, ...] = ()) -> None:
@@ -340,17 +452,17 @@ def refuse_unknown(keys: Mapping[str, object], more: tuple[str, ...] = ()) -> No
     known = [*run_keys(), *more]
     for key in keys:
         if key not in known:
-            raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, known)}")
+            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
 
 
 def run_keys() -> list[str]:
     """All flat keys of a run."""
-    return [*Situation.model_fields, *case_key_names()]
+    return [*SituationKeys.model_fields, *case_key_names()]
 
 
 def case_key_names() -> list[str]:
     """The flat keys that a case of a comparison may set."""
-    own = [key for key in Case.model_fields if key not in ("tuning", "guard_limits")]
+    own = [key for key in CaseKeys.model_fields if key not in ("tuning", "guard_limits")]
     return [*own, *catalogue.all_settings(), *GUARD]
 
 

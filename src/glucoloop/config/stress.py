@@ -11,8 +11,8 @@ from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.run import faults_told
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
-from glucoloop.trials.catalogue import Value
-from glucoloop.trials.guard_catalogue import GUARD, complete_guard
+from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.settings import Value
 from glucoloop.trials.stress import STANDARD_FAULTS, Guards, Stress, stress_of
 from glucoloop.trials.trial import Trial
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
 
@@ -13,30 +14,33 @@ from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.population import named_population, population_keys, read_population
 from glucoloop.config.run import (
     STRICT,
-    Case,
     Duration,
-    Situation,
+    SituationKeys,
     ask_about_surroundings,
     case_key_names,
     checked,
     faults_told,
+    of_patient,
     overlay,
     read_case,
-    whole_samples,
+    refuse_unknown_site,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
+from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MOST_DAYS, MealPlan
-from glucoloop.patients.population import PRESETS, Population
+from glucoloop.patients.population import Population, populations_of
+from glucoloop.printable import is_printable
+from glucoloop.registry.patients import patient_entry
+from glucoloop.registry.settings import known_names
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.threefry import LARGEST_COUNTER
-from glucoloop.trials import catalogue
-from glucoloop.trials.printable import is_printable
-from glucoloop.trials.trial import MOST_PEOPLE, Trial, TrialCase, usual_shard_people
+from glucoloop.trials.trial import MOST_PEOPLE, Trial, usual_shard_people
 from glucoloop.units import MIN_PER_DAY
 
 USUAL_DAY: Final = ("45g@420min", "70g@720min", "60g@1080min")
 """Breakfast at 7 h, lunch at 12 h and dinner at 18 h."""
 SITUATION_KEYS: Final = (
+    "patient",
     "operating_point",
     "setpoint_mg_dl",
     "announce_meals",
@@ -47,6 +51,7 @@ SITUATION_KEYS: Final = (
     "max_change_mU_min",
     "min_insulin_mU_min",
     "max_insulin_mU_min",
+    "site",
     "pump_resolution_mU_min",
     "faults",
     "seed",
@@ -104,13 +109,13 @@ def read_trial(
     if all(key in keys for key in _LENGTHS):
         raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
     own = checked(TrialKeys, {key: keys[key] for key in TrialKeys.model_fields if key in keys}, names)
-    situation = checked(Situation, {key: keys[key] for key in SITUATION_KEYS if key in keys}, names)
-    samples = whole_samples(situation.dead_time_min, situation.sample_time_min)
+    situation = checked(SituationKeys, of_patient({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
         ask_about(own, names)
         ask_about_surroundings(situation, meals, names)
         ask_about_clock(own.meals, own.duration_min or (own.days or 1) * MIN_PER_DAY)
+    refuse_unknown_site(situation)
     if "meals" not in keys and own.duration_min is not None:
         meals = [meal for meal in meals if meal.t_min < own.duration_min]
     plan = MealPlan(
@@ -122,25 +127,15 @@ def read_trial(
     )
     sample_grid(plan.horizon_min, situation.sample_time_min)  # refuses a part of a sample
     traces = _traces(keys.get("traces", "none"), called.get("traces", "traces"))
+    faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
+    surroundings = dataclasses.replace(situation.situation(), faults=faults)
     return Trial(
-        population=_population(keys.get("population", "parker2000"), called.get("population", "population")),
+        **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
+        population=_population(keys.get("population"), called.get("population", "population"), situation.patient),
         people=own.people,
         first_person=own.first_person,
         plan=plan,
         cases=_cases(keys, cases, situation, names),
-        seed=situation.seed,
-        operating_point=situation.operating_point,
-        setpoint_mg_dl=situation.setpoint_mg_dl,
-        announced=situation.announce_meals,
-        noise_variance=situation.noise_variance,
-        noise_bound_mg_dl=situation.noise_bound_mg_dl,
-        dead_time_samples=samples,
-        max_change_mU_min=situation.max_change_mU_min,
-        min_insulin_mU_min=situation.min_insulin_mU_min,
-        max_insulin_mU_min=situation.max_insulin_mU_min,
-        pump_resolution_mU_min=situation.pump_resolution_mU_min,
-        faults=faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual),
-        sample_time_min=situation.sample_time_min,
         precision=own.precision,
         design=own.design,
         traces=traces,
@@ -157,6 +152,8 @@ def overlay_trial(
     excluded: set[str] = set()
     if any(key in upper for key in _LENGTHS):
         excluded.update(_LENGTHS)
+    if "patient" in upper and upper["patient"] != lower.get("patient"):
+        excluded.add("population")
     if {"people", "traces", *_LENGTHS} & upper.keys():
         # How many go into a shard follows from these.
         excluded.add("shard_people")
@@ -165,14 +162,15 @@ def overlay_trial(
 
 def trial_keys(trial: Trial) -> dict[str, Any]:
     """The flat keys from which the same trial is read."""
-    plan, preset = trial.plan, PRESETS.get(trial.population.name)
+    plan, preset = trial.plan, populations_of(trial.patient).get(trial.population.name)
     whole_days = plan.horizon_min == plan.days * MIN_PER_DAY
     return {
         "population": trial.population.name if trial.population == preset else population_keys(trial.population),
         "people": trial.people,
         "first_person": trial.first_person,
         "seed": trial.seed,
-        "operating_point": trial.operating_point,
+        "patient": trial.patient,
+        "operating_point": trial.whom[1],
         "setpoint_mg_dl": trial.setpoint_mg_dl,
         "meals": [meal_text(meal) for meal in plan.meals],
         **({"days": plan.days} if whole_days else {"duration_min": plan.horizon_min}),
@@ -185,6 +183,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         "max_change_mU_min": trial.max_change_mU_min,
         "min_insulin_mU_min": trial.min_insulin_mU_min,
         "max_insulin_mU_min": trial.max_insulin_mU_min,
+        "site": trial.site,
         "pump_resolution_mU_min": trial.pump_resolution_mU_min,
         "faults": list(trial.faults),
         "sample_time_min": trial.sample_time_min,
@@ -197,7 +196,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
     }
 
 
-def _case_keys(case: TrialCase) -> dict[str, Any]:
+def _case_keys(case: Case) -> dict[str, Any]:
     keys = {
         "label": case.label,
         "controller": case.controller,
@@ -223,15 +222,17 @@ def _refuse_unknown(keys: Mapping[str, object]) -> None:
     known = [*trial_key_names(), *(key for key in _own_case_keys() if key != "controller")]
     for key in keys:
         if key not in known:
-            raise ValueError(f"unknown key {key!r} of a trial; {catalogue.known_names(key, known)}")
+            raise ValueError(f"unknown key {key!r} of a trial; {known_names(key, known)}")
 
 
-def _population(told: object, name: str) -> Population:
+def _population(told: object, name: str, patient: str) -> Population:
+    if told is None:
+        return named_population(patient_entry(patient).usual_population, patient)
     if isinstance(told, Mapping):
-        return read_population(told)
+        return read_population(told, patient)
     if isinstance(told, str):
-        return named_population(told)
-    raise ValueError(f"{name} is {told!r}; give {', '.join(PRESETS)}, or a file like people.toml")
+        return named_population(told, patient)
+    raise ValueError(f"{name} is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
 
 
 def _traces(told: object, name: str) -> Literal["none", "all"] | int:
@@ -246,9 +247,9 @@ def _traces(told: object, name: str) -> Literal["none", "all"] | int:
 def _cases(
     keys: Mapping[str, object],
     cases: Sequence[Mapping[str, object]],
-    situation: Situation,
+    situation: SituationKeys,
     names: Mapping[str, str] | None,
-) -> tuple[TrialCase, ...]:
+) -> tuple[Case, ...]:
     named = keys.get(CONTROLLERS_KEY, [])
     if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
         raise ValueError(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
@@ -262,7 +263,7 @@ def _cases(
     return tuple(read)
 
 
-def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situation: Situation) -> TrialCase:
+def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situation: SituationKeys) -> Case:
     label = table.get("label")
     if not isinstance(label, str) or not label.strip():
         raise ValueError(f"the case {dict(table)!r} has no label; give it one, like label = 'careful'")
@@ -274,22 +275,8 @@ def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situat
             if key in trial_key_names():
                 raise ValueError(f"{key} belongs to the trial, which all cases share; give it outside the cases")
             if key not in _own_case_keys():
-                raise ValueError(f"unknown key {key!r}; {catalogue.known_names(key, _own_case_keys())}")
+                raise ValueError(f"unknown key {key!r}; {known_names(key, _own_case_keys())}")
         case = read_case(under_shared(shared, own), situation)
     except ValueError as error:
         raise ValueError(f"case {label!r}: {error}") from None
-    return _trial_case(label, case)
-
-
-def _trial_case(label: str, case: Case) -> TrialCase:
-    return TrialCase(
-        label=label,
-        controller=case.controller,
-        tuning=dict(case.tuning),
-        known_dead_time=case.known_dead_time,
-        model_noise_variance=case.model_noise_variance,
-        memory=case.memory,
-        laguerre_pole=case.laguerre_pole,
-        laguerre_functions=case.laguerre_functions,
-        guard=dict(case.guard_limits) if case.guard else None,
-    )
+    return case.case(label)

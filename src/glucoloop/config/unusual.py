@@ -6,7 +6,6 @@ fault stands in the catalogue. `allow_unusual` in a file, or the option, confirm
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Mapping
 from typing import Final
 
@@ -15,9 +14,9 @@ from pydantic import BaseModel
 from glucoloop.config.meal_text import names_unit, parse_meal
 from glucoloop.config.sentences import quantity_of
 from glucoloop.meals import Meal
-from glucoloop.patients import patient
+from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
-from glucoloop.trials.catalogue import Setting
+from glucoloop.registry.settings import Setting
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 Names = Mapping[str, str] | None
@@ -69,7 +68,7 @@ def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
 
 
 def ask_about_pump(
-    operating_point: str,
+    person: Patient,
     setpoint_mg_dl: float | None,
     *,
     min_insulin_mU_min: float,
@@ -80,7 +79,7 @@ def ask_about_pump(
 
     A target above the patient's own needs less insulin than that, so that a smaller pump will do for it.
     """
-    basal, resting = _at_rest(operating_point)
+    basal, resting = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
     if setpoint_mg_dl is not None and setpoint_mg_dl > resting:
         return
     rest = f"{basal:.1f} mU/min to rest at {resting:.1f} mg/dl"
@@ -90,12 +89,6 @@ def ask_about_pump(
     if basal < min_insulin_mU_min < max_insulin_mU_min:
         least = LEAST_RATE.within(most=basal, reason=f"the patient needs only {rest}")
         _ask(min_insulin_mU_min, least, "min_insulin_mU_min", names)
-
-
-@functools.cache
-def _at_rest(operating_point: str) -> tuple[float, float]:
-    person = patient(operating_point)
-    return float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
 
 
 def _ask(value: float, quantity: Quantity, key: str, names: Names) -> None:

@@ -10,9 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
 from glucoloop.control.tuning import NOISE_FREE, NOISY, MPCTuning, StateTuning
 
 MEASUREMENT_VARIANCE: Final = 1.45
@@ -20,8 +17,6 @@ IMC_FILTER_MIN: Final = 1.0
 IMC_DELAY_MIN: Final = 5.0
 IMC_STEP_MU_MIN: Final = 11.165
 """Half the nominal rate: the step on which the first-order model is fitted."""
-
-_STATES_OF_EACH_KIND: Final = (8, 9, 2)
 
 
 @dataclass(frozen=True)
@@ -32,15 +27,16 @@ class PaperTuning:
     mpc_se: StateTuning
     nlqdmc_se: StateTuning
     glucose_noise: float
-    """Process noise of each of the 8 glucose states, (mg/dl)^2 per sample."""
+    """Process noise of each glucose state, (mg/dl)^2 per sample."""
     other_noise: float
-    """Of the 7 insulin states and the 2 slow insulin effects."""
+    """Of the insulin states and the slow insulin effects."""
     glucagon_noise: float
     """Of glucagon and its slow effect."""
 
-    def process_noise(self) -> npt.NDArray[np.float64]:
-        """Diagonal of Q, (19,)."""
-        return np.repeat([self.glucose_noise, self.other_noise, self.glucagon_noise], _STATES_OF_EACH_KIND)
+    @property
+    def noise(self) -> tuple[float, float, float]:
+        """The three variances, as `patients.capabilities.process_noise` takes them."""
+        return self.glucose_noise, self.other_noise, self.glucagon_noise
 
 
 def _tuning(reference_start: int, noisy: bool, noise: tuple[float, float, float]) -> PaperTuning:

@@ -1,24 +1,25 @@
 """Virtual patients."""
 
-from glucoloop.patients.operating_point import OPERATING_POINTS, SorensenPatient, at_basal, at_setpoint, patient
+from glucoloop.patients.model import PatientModel, patient
 from glucoloop.patients.population import (
-    PRESETS,
     Draw,
     Population,
     VirtualPeople,
     draw,
     population,
+    populations_of,
     virtual_people,
 )
 from glucoloop.patients.protocol import Inputs, Patient, SemilinearPatient
+from glucoloop.patients.sorensen.patient import OPERATING_POINTS, SorensenPatient, at_basal, at_setpoint
 from glucoloop.patients.variation import Variation
 
 __all__ = [
     "OPERATING_POINTS",
-    "PRESETS",
     "Draw",
     "Inputs",
     "Patient",
+    "PatientModel",
     "Population",
     "SemilinearPatient",
     "SorensenPatient",
@@ -29,5 +30,6 @@ __all__ = [
     "draw",
     "patient",
     "population",
+    "populations_of",
     "virtual_people",
 ]

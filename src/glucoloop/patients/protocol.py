@@ -23,7 +23,10 @@ class Inputs:
 
 @runtime_checkable
 class Patient(Protocol):
-    """A virtual person: pure functions of a state vector, state axis first, people trailing."""
+    """A virtual person: pure functions of a state vector, state axis first, people trailing.
+
+    This is what every patient has. What else one may tell of itself is in `patients.capabilities`.
+    """
 
     @property
     def basal_insulin_mU_min(self) -> jax.Array:
@@ -50,16 +53,6 @@ class Patient(Protocol):
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose concentration that is to be controlled."""
         ...
-
-
-def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
-    """Glucose below which a patient's model says no more than that glucose is very low.
-
-    A patient tells its own limit by an attribute of this name, `()` or `(people,)`. One that has none is taken to be
-    valid down to 0 mg/dl, below which there is no concentration.
-    """
-    limit: jax.Array | float = getattr(patient, "lowest_valid_glucose_mg_dl", 0.0)
-    return limit
 
 
 @runtime_checkable

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from glucoloop.trials.catalogue import Value
-from glucoloop.trials.fault_text import parse_fault
-from glucoloop.trials.faults import DURATION, LATEST, PER_DAY, START, Fault
+from glucoloop.registry.fault_text import parse_fault
+from glucoloop.registry.faults import DURATION, LATEST, PER_DAY, START, Fault
+from glucoloop.registry.settings import Value
 
 # The longest first: what a name ends in.
 _UNITS: Final = {"mg_dl_h": "mg/dl/h", "mU_min": "mU/min", "mg_dl": "mg/dl", "min": "min"}

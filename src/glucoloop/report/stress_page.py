@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from typing import Final
 
+from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import _page
 from glucoloop.report._stress_cells import QUANTITIES, Shade, grouped, legend_shades, shade_of, short_pct
 from glucoloop.report._stress_faults import settings_in_words, when_in_words
@@ -12,7 +13,6 @@ from glucoloop.report._stress_grid import GUARDS, Grid, grid_of, people_of
 from glucoloop.report._stress_style import STYLE
 from glucoloop.report._stress_words import failing, numbers_told, verdict, worse_told
 from glucoloop.report.trial_page import count
-from glucoloop.trials.fault_text import parse_fault
 from glucoloop.trials.stress import MOST_MORE_PCT, StressResult, StressRow
 
 _LONG: Final = ' class="long"'

@@ -5,13 +5,16 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
 from glucoloop.sensors.protocol import Reading
 
 
 @pytree
 class IdealSensor:
-    """Reads the patient's glucose without noise or delay."""
+    """Reads glucose without noise or delay."""
+
+    site: str | None = static(default=None)
+    """Where it sits, one of the patient's `capabilities.sites`; None: where the glucose is that is controlled."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
         """There is no state."""

@@ -28,3 +28,12 @@ class Sensor(Protocol):
     def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, Reading]:
         """Read once per sample, with a key of its own."""
         ...
+
+
+def site_of(sensor: Sensor) -> str | None:
+    """Where a sensor sits: as the innermost of nested sensors tells; None: where glucose is controlled."""
+    inner: Any = sensor
+    while hasattr(inner, "inner"):
+        inner = inner.inner
+    site: str | None = getattr(inner, "site", None)
+    return site

@@ -14,7 +14,8 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.control.protocol import Controller, Observation, Status
 from glucoloop.meals.scenario import Scenario
-from glucoloop.patients.protocol import Patient, SemilinearPatient, lowest_valid_glucose_mg_dl
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive

@@ -24,14 +24,16 @@ from glucoloop.identification import (
 )
 from glucoloop.meals.lehmann_deutsch import Emptying
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.patients.capabilities import seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
 
-NOMINAL_INSULIN_MU_MIN: Final = 22.33
-"""The paper's amplitude: the nominal rate, the largest that may be taken away from it."""
+LARGEST_PULSE_MU_MIN: Final = 22.33
+"""The paper's amplitude: its nominal rate."""
 
 
 @jax.jit
@@ -41,10 +43,13 @@ def _excite(
     """Readings at the start and after each sample."""
     patient = plant.patient
     sensor_key, reading_key = jax.random.split(key)
-    in_sensor = sensor.init(patient.glucose_mg_dl(x), sensor_key)
+    site = site_of(sensor)
+    in_sensor = sensor.init(seen_mg_dl(patient, x, site), sensor_key)
 
     def read(in_sensor: Any, x: jax.Array, index: jax.Array) -> tuple[Any, jax.Array]:
-        in_sensor, reading = sensor.read(in_sensor, patient.glucose_mg_dl(x), jax.random.fold_in(reading_key, index))
+        in_sensor, reading = sensor.read(
+            in_sensor, seen_mg_dl(patient, x, site), jax.random.fold_in(reading_key, index)
+        )
         return in_sensor, jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
 
     def sample(carry: Any, entry: Any) -> Any:
@@ -117,7 +122,7 @@ def identify(
     key: jax.Array | int = 0,
     *,
     memory: int = 36,
-    amplitude_mU_min: float = NOMINAL_INSULIN_MU_MIN,
+    amplitude_mU_min: float | None = None,
     samples: int | None = None,
     laguerre_pole: float = 0.84,
     laguerre_functions: int | None = 2,
@@ -133,8 +138,9 @@ def identify(
     key : JAX key or int
     memory : int
         Samples M after which the response has died out.
-    amplitude_mU_min : float
-        Height of the pulses, at most the basal rate.
+    amplitude_mU_min : float, optional
+        Height of the pulses, at most the basal rate; by default the paper's 22.33 mU/min, or the basal rate where that
+        is less.
     samples : int, optional
         Length of the record; the shortest, ``2 M``, by default.
     laguerre_pole : float
@@ -153,6 +159,8 @@ def identify(
         For an amplitude above the basal rate, a record that is too short, or a setting out of bounds.
     """
     basal = float(patient.basal_insulin_mU_min)
+    if amplitude_mU_min is None:
+        amplitude_mU_min = min(LARGEST_PULSE_MU_MIN, basal)
     if not amplitude_mU_min <= basal:
         raise ValueError(
             f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
@@ -208,7 +216,7 @@ def validate_on(
 def fit_step(
     patient: Patient,
     *,
-    step_mU_min: float = NOMINAL_INSULIN_MU_MIN / 2.0,
+    step_mU_min: float | None = None,
     horizon_min: float = 600.0,
     delay_min: float | None = 5.0,
     sample_time_min: float = 5.0,
@@ -218,8 +226,9 @@ def fit_step(
     Parameters
     ----------
     patient : Patient
-    step_mU_min : float
-        Above the basal rate; half the nominal rate by default.
+    step_mU_min : float, optional
+        Above the basal rate; by default half the paper's nominal rate, 11.165 mU/min, or half the basal rate where that
+        is less.
     horizon_min : float
     delay_min : float or None
         Dead time of the model; None fits it too.
@@ -233,6 +242,8 @@ def fit_step(
     check_sample_time(sample_time_min)
     samples = round(horizon_min / sample_time_min)
     basal = float(patient.basal_insulin_mU_min)
+    if step_mU_min is None:
+        step_mU_min = min(LARGEST_PULSE_MU_MIN, basal) / 2.0
     record = excite(patient, np.full(samples, basal + step_mU_min), sample_time_min=sample_time_min)
     response = np.asarray(record.glucose_mg_dl - patient.setpoint_mg_dl)
     return fit_first_order(sample_time_min * np.arange(samples + 1), response, step_mU_min, delay_min)

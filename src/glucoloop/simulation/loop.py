@@ -14,9 +14,10 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Controller, Decision, Observation, Status
-from glucoloop.patients.protocol import lowest_valid_glucose_mg_dl
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, seen_mg_dl
 from glucoloop.pumps import Delivery, Pump
 from glucoloop.sensors import Reading, Sensor
+from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.plant import Plant
 
 # Far from the numbers of samples, by which readings get their keys, so that the pump's chance is not the sensor's.
@@ -68,8 +69,8 @@ def look(
     loop: Loop, state: LoopState, announced_g: jax.Array, reading_key: jax.Array, index: jax.Array
 ) -> tuple[Any, Reading, Observation]:
     """State of the sensor after it read at the sample with a number, its reading, and what the controller sees."""
-    glucose = loop.plant.patient.glucose_mg_dl(state.x)
-    in_sensor, reading = loop.sensor.read(state.in_sensor, glucose, jax.random.fold_in(reading_key, index))
+    seen = _seen(loop, state.x)
+    in_sensor, reading = loop.sensor.read(state.in_sensor, seen, jax.random.fold_in(reading_key, index))
     return in_sensor, reading, _observe(loop, reading, state.reported_mU_min, announced_g)
 
 
@@ -83,6 +84,11 @@ def _observe(loop: Loop, reading: Reading, reported: jax.Array, announced_g: jax
     )
 
 
+def _seen(loop: Loop, x: jax.Array) -> jax.Array:
+    """Glucose where the sensor sits."""
+    return seen_mg_dl(loop.plant.patient, x, site_of(loop.sensor))
+
+
 def _for_pump(reading_key: jax.Array) -> jax.Array:
     key: jax.Array = jax.random.fold_in(reading_key, _PUMP)
     return key
@@ -93,10 +99,10 @@ def begin(
 ) -> tuple[LoopState, jax.Array]:
     """The loop before its first sample, with the patient in the state x under an infusion, and the key for `sample`."""
     sensor_key, reading_key = jax.random.split(key)
-    glucose = loop.plant.patient.glucose_mg_dl(x)
-    in_sensor = loop.sensor.init(glucose, sensor_key)
+    seen = _seen(loop, x)
+    in_sensor = loop.sensor.init(seen, sensor_key)
     # The controller wakes at what the first sample will show it.
-    _, first = loop.sensor.read(in_sensor, glucose, jax.random.fold_in(reading_key, 0))
+    _, first = loop.sensor.read(in_sensor, seen, jax.random.fold_in(reading_key, 0))
     state = LoopState(
         x=x,
         reported_mU_min=insulin_mU_min,

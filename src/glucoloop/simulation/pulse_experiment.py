@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.patients.capabilities import seen_mg_dl
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.sensors import Sensor
+from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.engines import make_engine
 from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
@@ -57,13 +59,13 @@ class PulseExperiment:
 
     def _begin(self, x: jax.Array, key: jax.Array) -> tuple[Any, jax.Array]:
         sensor_key, reading_key = jax.random.split(key)
-        glucose = self._plants.single.patient.glucose_mg_dl(x)
+        glucose = seen_mg_dl(self._plants.single.patient, x, site_of(self._sensor))
         return (x, self._sensor.init(glucose, sensor_key)), reading_key
 
     def _step(self, own: Any, carry: Any, insulin: Any, shared: Any, chance: Any) -> tuple[Any, jax.Array]:
         del shared
         plant, (x, in_sensor), (key, index) = self._plants.of(own), carry, chance
-        glucose = plant.patient.glucose_mg_dl(x)
+        glucose = seen_mg_dl(plant.patient, x, site_of(self._sensor))
         in_sensor, reading = self._sensor.read(in_sensor, glucose, jax.random.fold_in(key, index))
         x, _ = plant.advance(x, insulin, self._fasting)
         return (x, in_sensor), jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)

@@ -13,23 +13,22 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, Guard
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
+from glucoloop.experiments.individual import individual_design
+from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
-from glucoloop.patients.operating_point import SorensenPatient, patient
 from glucoloop.patients.population import VirtualPeople, virtual_people
-from glucoloop.pumps import DoseLimits, dose_limits
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.trials.bins import count, glucose_edges, insulin_edges
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.designs import controller_of, told_of_basal, with_guard
-from glucoloop.trials.individual import individual_design
-from glucoloop.trials.situation import keys_of_people
-from glucoloop.trials.surroundings import Surroundings, shared_surroundings
-from glucoloop.trials.trial import Trial, TrialCase, fingerprint
+from glucoloop.trials.trial import Trial, fingerprint
 
 Array = npt.NDArray[Any]
 
@@ -61,7 +60,7 @@ class PeopleResult:
 class PreparedCase:
     """A controller of a trial with its loop, compiled."""
 
-    case: TrialCase
+    case: Case
     controller: Controller
     """For the nominal patient."""
     own: Callable[[VirtualPeople], Controller] | None
@@ -116,51 +115,41 @@ def prepare(trial: Trial) -> PreparedTrial:
 
 
 def _prepare(trial: Trial) -> PreparedTrial:
-    nominal = patient(trial.operating_point)
-    grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
-    limits = dose_limits(
-        max_change_mU_min=trial.max_change_mU_min,
-        min_mU_min=trial.min_insulin_mU_min,
-        max_mU_min=trial.max_insulin_mU_min,
-    )
-    setpoint = float(nominal.setpoint_mg_dl) if trial.setpoint_mg_dl is None else trial.setpoint_mg_dl
-    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
+    grid, setpoint = sample_grid(trial.plan.horizon_min, trial.sample_time_min), trial.target_mg_dl
+    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=trial.limits, inside_min=tuple(grid.inside_min.tolist()))
     example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
     prepared: dict[str, PreparedCase] = {}
-    for around in shared_surroundings(trial, limits):
-        prepared |= _prepare_cases(trial, around, nominal, example, grid, limits, fold, setpoint)
+    for around in shared_surroundings(trial, trial.cases):
+        prepared |= _prepare_cases(trial, around, example, grid, fold)
     return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
 
 
 def _prepare_cases(
     trial: Trial,
     around: Mapping[str, Surroundings],
-    nominal: SorensenPatient,
     example: VirtualPeople,
     grid: SampleGrid,
-    limits: DoseLimits,
     fold: RunningMetrics,
-    setpoint: float,
 ) -> dict[str, PreparedCase]:
     """Cases that share a loop: they differ in their label and in what is around it."""
     cases = [case for case in trial.cases if case.label in around]
     case, own_around = cases[0], around[cases[0].label]
-    controller = controller_of(trial, case, nominal, limits)
-    own = _own_controllers(trial, case, controller, nominal, example, limits)
+    controller = controller_of(trial, case)
+    own = _own_controllers(trial, case, controller, example)
     meals = None
     if not trial.plan.varies:
         eaten = trial.plan.nominal()
         meals = np.array([meal.t_min for meal in eaten]), np.array([meal.carbs_g for meal in eaten])
     of_one = own_around.of_people(around.values(), 1)
     cohort = Cohort(
-        nominal,
+        trial.nominal,
         example.patient,
         controller,
         own_around.sensor,
         own_around.pump,
         grid,
         fold,
-        setpoint_mg_dl=setpoint,
+        setpoint_mg_dl=trial.target_mg_dl,
         meals=meals,
         announced=trial.announced,
         varied_controller=None if own is None else own(example),
@@ -188,27 +177,22 @@ def _prepare_cases(
 
 
 def _own_controllers(
-    trial: Trial,
-    case: TrialCase,
-    controller: Controller,
-    nominal: SorensenPatient,
-    example: VirtualPeople,
-    limits: DoseLimits,
+    trial: Trial, case: Case, controller: Controller, example: VirtualPeople
 ) -> Callable[[VirtualPeople], Controller] | None:
     """How people get controllers of their own, if they do; otherwise they share one, told of each one's basal rate."""
     if trial.design == "individual":
-        own = individual_design(trial, dataclasses.replace(case, guard=None), nominal, example, limits)
+        own = individual_design(trial, dataclasses.replace(case, guard=None), example)
         if own is None or case.guard is None:
             return own
 
         def with_own_guard(people: VirtualPeople) -> Controller:
             # the guard alone is told: what is inside was designed for each person already
-            controller = with_guard(own(people), case.guard, limits)
+            controller = with_guard(own(people), case.guard, trial.limits)
             basal = jnp.asarray(people.basal_insulin_mU_min)
             return dataclasses.replace(controller, basal_mU_min=basal) if isinstance(controller, Guard) else controller
 
         return with_own_guard
-    return lambda people: told_of_basal(controller, people.basal_insulin_mU_min)
+    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
 
 
 def run_people(

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from glucoloop.arguments import checked, on_host
 from glucoloop.control import Controller
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import with_individual_basal
 from glucoloop.meals import Scenario
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
@@ -23,8 +25,6 @@ from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, CohortRun, People
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.designs import told_of_basal
-from glucoloop.trials.situation import keys_of_people
 
 Array = npt.NDArray[Any]
 
@@ -107,7 +107,7 @@ def simulate_people(
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
     meals = np.array([meal.t_min for meal in scenario.meals]), np.array([meal.carbs_g for meal in scenario.meals])
     cohort = Cohort(
-        patient(),
+        patient(people.name),
         people.patient,
         controller,
         IdealSensor() if sensor is None else sensor,
@@ -117,7 +117,7 @@ def simulate_people(
         setpoint_mg_dl=setpoint,
         meals=meals,
         announced=scenario.announced,
-        varied_controller=told_of_basal(controller, people.basal_insulin_mU_min),
+        varied_controller=with_individual_basal(controller, people.basal_insulin_mU_min),
         engine=engine,
         precision=precision,
     )
@@ -130,7 +130,7 @@ def simulate_people(
                 x=people.rest[:, place],
                 insulin_mU_min=people.basal_insulin_mU_min[place],
                 key=keys_of_people(seed, people.draw.person[place]),
-                controller=told_of_basal(controller, people.basal_insulin_mU_min[place]),
+                controller=with_individual_basal(controller, people.basal_insulin_mU_min[place]),
             )
         )
 

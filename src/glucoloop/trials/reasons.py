@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.control import Status
+from glucoloop.experiments.chance import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Trace, simulate
 from glucoloop.simulation.people_plant import varying
 from glucoloop.trials.engine import PreparedTrial
-from glucoloop.trials.situation import keys_of_people
 from glucoloop.trials.stress import Reason, StressRow
 
 LOW_MG_DL: Final = 60.0

@@ -14,9 +14,10 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.trials.catalogue import Value
+from glucoloop.experiments.case import Case
+from glucoloop.registry.settings import Value
 from glucoloop.trials.people import Shard
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.trials.trial import Trial
 
 Guards = Literal["both", "with", "without"]
 NO_FAULT: Final = ""
@@ -107,7 +108,7 @@ def stress_of(base: Trial, faults: Sequence[str], guards: Guards, limits: Mappin
     for fault in faults:
         if list(faults).count(fault) > 1:
             raise ValueError(f"the fault {fault!r} is given twice; leave one out")
-    cases: list[TrialCase] = []
+    cases: list[Case] = []
     tried: list[Tried] = []
     for case in base.cases:
         for guarded in {"both": (False, True), "with": (True,), "without": (False,)}[guards]:

@@ -6,20 +6,20 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.situation import Situation
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population
 from glucoloop.threefry import LARGEST_COUNTER
-from glucoloop.trials.catalogue import Value
 from glucoloop.units import MIN_PER_DAY
 
-FORMAT: Final = 3
+FORMAT: Final = 4
 """Of the files of a trial; another one is not continued."""
 MOST_PEOPLE: Final = 1_000_000_000
 SHARD_PATIENT_DAYS: Final = 16_384
@@ -32,28 +32,10 @@ _LEAST_TRACED: Final = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialCase:
-    """A controller with its tuning, and how its model is identified."""
+class Trial(Situation):
+    """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
-    label: str
-    controller: str
-    tuning: Mapping[str, Value]
-    """Every setting of the controller."""
-    known_dead_time: bool = False
-    model_noise_variance: float | None = None
-    """Of the record that the model is identified from; None, like the next three, for a controller without a model."""
-    memory: int | None = None
-    laguerre_pole: float | None = None
-    laguerre_functions: int | None = None
-    guard: Mapping[str, Value] | None = None
-    """Every limit of its guard; None: it has none."""
-    faults: tuple[str, ...] = ()
-    """Of its own, around those of the trial; see `fault_text`."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """Everything that the results of a trial depend on.
+    Every person starts at rest at the target.
 
     Person i of a seed is the same, and meets the same meals and noise, under every controller and in every trial of
     the same population, meals and sensor; how people are dealt into shards changes nothing about them.
@@ -69,24 +51,8 @@ class Trial:
     people: int
     plan: MealPlan
     """Meals and the length of the run."""
-    cases: tuple[TrialCase, ...]
-    seed: int = 0
+    cases: tuple[Case, ...]
     first_person: int = 0
-    operating_point: str = "setpoint-81"
-    """Of the nominal patient, for whom controllers are designed."""
-    setpoint_mg_dl: float | None = None
-    """Where every person starts at rest, and the target; None: the operating point's own."""
-    announced: bool = False
-    noise_variance: float = 0.0
-    noise_bound_mg_dl: float = 5.0
-    dead_time_samples: int = 0
-    max_change_mU_min: float = 16.7
-    min_insulin_mU_min: float = 0.0
-    max_insulin_mU_min: float = 66.9
-    pump_resolution_mU_min: float | None = None
-    faults: tuple[str, ...] = ()
-    """Of everybody's sensor and pump, the first innermost; see `fault_text`."""
-    sample_time_min: float = 5.0
     precision: Literal["float32", "float64"] = "float64"
     design: Literal["nominal", "individual"] = "nominal"
     """Whether a controller is designed once, for the nominal patient, or for each person."""
@@ -103,6 +69,11 @@ class Trial:
         if not 0 <= self.first_person <= last:
             raise ValueError(
                 f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}"
+            )
+        if self.population.patient != self.patient:
+            raise ValueError(
+                f"the population {self.population.name} is one of {self.population.patient}, but the patient is "
+                f"{self.patient}; give a population of {self.patient}"
             )
         if self.shard_people < 1:
             raise ValueError(f"a shard of {self.shard_people} people is not possible; give 1 or more")

@@ -17,21 +17,22 @@ from glucoloop.bounds import OptimalDoses, bound_of_situation
 from glucoloop.config import Run, read_run
 from glucoloop.config.trial import read_trial
 from glucoloop.control import Controller, Observation
+from glucoloop.experiments.chance import record_key
+from glucoloop.experiments.designs import DesignCase
+from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked, Situation
-from glucoloop.patients import SorensenPatient, patient
+from glucoloop.patients import SemilinearPatient, patient
 from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.registry.controllers import controller_entry
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace, identify, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.trials import engine
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.catalogue import controller_entry
-from glucoloop.trials.designs import DesignCase
-from glucoloop.trials.situation import pump_of, record_key, sensor_of
 from glucoloop.trials.tuning.oscillation import Oscillation, crossings, oscillation
 
 Floats = npt.NDArray[np.float64]
@@ -168,7 +169,7 @@ class _Models:
     def __init__(self) -> None:
         self._found: dict[tuple[int, float], StepResponseModel] = {}
 
-    def of(self, run: Run, person: SorensenPatient) -> StepResponseModel:
+    def of(self, run: Run, person: SemilinearPatient) -> StepResponseModel:
         case, situation = run.case, run.situation
         key = situation.seed, case.model_noise_variance or 0.0
         if key not in self._found:
@@ -188,7 +189,7 @@ class _Models:
 class _Setting:
     """What is around a controller, of one person."""
 
-    person: SorensenPatient
+    person: SemilinearPatient
     scenario: Scenario
     limits: DoseLimits
     bound_mg_dl: float
@@ -199,7 +200,7 @@ class _Setting:
     def of(cls, run: Run) -> _Setting:
         situation = run.situation
         return cls(
-            person=patient(situation.operating_point),
+            person=patient(operating_point=situation.operating_point),
             scenario=Scenario(situation.eaten(), situation.duration_min, announced=situation.announce_meals),
             limits=_limits(run),
             bound_mg_dl=situation.noise_bound_mg_dl,
@@ -221,7 +222,7 @@ def _limits(run: Run) -> DoseLimits:
     )
 
 
-def _controller(run: Run, person: SorensenPatient, models: _Models) -> Controller:
+def _controller(run: Run, person: SemilinearPatient, models: _Models) -> Controller:
     """The controller that ``glucoloop run`` designs."""
     entry = controller_entry(run.case.controller)
     known = run.situation.dead_time_samples if run.case.known_dead_time else 0
@@ -368,7 +369,7 @@ def _bounds(situations: Sequence[Situation]) -> dict[str, OptimalDoses]:
 def _time_of_step_ms(name: str, seed: int, models: _Models) -> float:
     """Median time of one sample of one patient on this machine, compiled, with noise."""
     run = read_run(next(situation for situation in SITUATIONS if situation.name == "noise").of(name, seed))
-    person = patient(run.situation.operating_point)
+    person = patient(operating_point=run.situation.operating_point)
     controller = _controller(run, person, models)
     observation = Observation(
         glucose_mg_dl=person.setpoint_mg_dl + 3.0,

@@ -18,7 +18,8 @@ from glucoloop.control.parker1999 import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP
 from glucoloop.identification import FirstOrderModel, Identification, Record, Validation, best_pole, laguerre_functions
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients import SorensenPatient, patient
+from glucoloop.patients import SemilinearPatient, patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import Sensor, dead_time, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, simulate, validate_on
 from glucoloop.trials.tuning import TuningSurface, paper_tuning_surface
@@ -115,7 +116,7 @@ class Study:
     """Everything measured at one operating point; what was not carried out is empty."""
 
     operating_point: str
-    patient: SorensenPatient
+    patient: SemilinearPatient
     seeds: int
     model: ModelStudy | None
     without_noise: dict[str, Loops]
@@ -153,7 +154,7 @@ def _stack(controllers: Sequence[Controller]) -> Controller:
 
 
 def _noisy_loops(
-    person: SorensenPatient, controllers: Controller | Sequence[Controller], dead_time_min: int, keys: jax.Array
+    person: SemilinearPatient, controllers: Controller | Sequence[Controller], dead_time_min: int, keys: jax.Array
 ) -> Loops:
     """One run a key, each with its own controller if there are several."""
     sensor = _sensor(dead_time_min)
@@ -169,7 +170,9 @@ def _noisy_loops(
     return Loops(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
 
 
-def _study_model(person: SorensenPatient, noise_free: Identification, records: Sequence[Identification]) -> ModelStudy:
+def _study_model(
+    person: SemilinearPatient, noise_free: Identification, records: Sequence[Identification]
+) -> ModelStudy:
     search = best_pole(noise_free.impulse_response, 2)
     smooth = noise_free.laguerre_coefficients @ laguerre_functions(noise_free.laguerre_pole, 2, 1000)
     memory = noise_free.model.memory
@@ -194,13 +197,13 @@ def _study_model(person: SorensenPatient, noise_free: Identification, records: S
     )
 
 
-def _without_noise(person: SorensenPatient, operating_point: str, noise_free: Identification) -> dict[str, Loops]:
+def _without_noise(person: SemilinearPatient, operating_point: str, noise_free: Identification) -> dict[str, Loops]:
     tuning = PARKER_1999[operating_point, False]
     first_order: FirstOrderModel = fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN)
     controllers: dict[str, Controller] = {
         "mpc": design_linear_mpc(noise_free.model, tuning.mpc),
-        "mpc-se": design_mpc_se(linear_model(person), tuning.process_noise(), tuning.mpc_se),
-        "nlqdmc-se": design_nlqdmc_se(nonlinear_model(person), tuning.process_noise(), tuning.nlqdmc_se),
+        "mpc-se": design_mpc_se(linear_model(person), process_noise(person, *tuning.noise), tuning.mpc_se),
+        "nlqdmc-se": design_nlqdmc_se(nonlinear_model(person), process_noise(person, *tuning.noise), tuning.nlqdmc_se),
         "imc": design_imc(first_order.gain, first_order.tau_min, first_order.delay_min, filter_min=IMC_FILTER_MIN),
     }
     loops = {}
@@ -211,7 +214,7 @@ def _without_noise(person: SorensenPatient, operating_point: str, noise_free: Id
 
 
 def _searches(
-    person: SorensenPatient, operating_point: str, noise_free: Identification, progress: Progress
+    person: SemilinearPatient, operating_point: str, noise_free: Identification, progress: Progress
 ) -> dict[str, TuningSurface]:
     surfaces = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se"):
@@ -243,7 +246,7 @@ def study(
         Told what has just been done.
     """
     wanted = Experiments.of_paper() if experiments is None else experiments
-    person = patient(operating_point)
+    person = patient(operating_point=operating_point)
     keys = _Keys.of(seed, seeds)
 
     def records(dead_time_min: int) -> list[Identification]:
@@ -267,7 +270,7 @@ def study(
         progress(f"{operating_point}: Table I")
 
     tuning = PARKER_1999[operating_point, True]
-    linear, Q = linear_model(person), tuning.process_noise()
+    linear, Q = linear_model(person), process_noise(person, *tuning.noise)
     with_noise: dict[Run, Loops] = {}
     identified_anew: dict[str, Loops] = {}
     for minutes in sorted({_dead_time_min(run) for run in wanted.with_noise}):

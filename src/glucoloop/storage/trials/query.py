@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop._extras import needed_for
+from glucoloop.printable import is_printable
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards, final_files
 from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, left_behind
-from glucoloop.trials.printable import is_printable
 
 with needed_for("a question in SQL"):
     import duckdb

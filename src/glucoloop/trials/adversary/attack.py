@@ -14,18 +14,16 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Controller
-from glucoloop.patients.operating_point import patient
-from glucoloop.patients.population import PRESETS, VirtualPeople, virtual_people
-from glucoloop.pumps import dose_limits
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import with_individual_basal
+from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, CohortRun, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.trials.adversary.space import ErrorSpace
-from glucoloop.trials.designs import told_of_basal
-from glucoloop.trials.situation import keys_of_people
-from glucoloop.trials.surroundings import surroundings_of
 from glucoloop.trials.trial import Trial
 
 Array = npt.NDArray[Any]
@@ -128,15 +126,10 @@ class Attack:
         if space.samples != trial.samples:
             raise ValueError(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
         self.lanes, self._trial, self._controller, self._space = lanes, trial, controller, space
-        self._nominal = patient(trial.operating_point)
+        self._nominal = trial.nominal
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
-        self._setpoint = float(self._nominal.setpoint_mg_dl) if trial.setpoint_mg_dl is None else trial.setpoint_mg_dl
-        limits = dose_limits(
-            max_change_mU_min=trial.max_change_mU_min,
-            min_mU_min=trial.min_insulin_mU_min,
-            max_mU_min=trial.max_insulin_mU_min,
-        )
-        around = surroundings_of(trial, trial.cases[0], limits)
+        self._setpoint = trial.target_mg_dl
+        around = surroundings_of(trial, trial.cases[0].faults)
         example = self._drawn(np.array([trial.first_person]))
         self._varied = example.patient
         nowhere = np.full(space.stretches, float(space.samples))
@@ -153,7 +146,7 @@ class Attack:
             setpoint_mg_dl=self._setpoint,
             meals=(np.array([meal.t_min for meal in meals]), np.array([meal.carbs_g for meal in meals])),
             announced=trial.announced,
-            varied_controller=told_of_basal(controller, example.basal_insulin_mU_min),
+            varied_controller=with_individual_basal(controller, example.basal_insulin_mU_min),
             varied_sensor=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
             precision=trial.precision,
             tell_decisions=True,
@@ -173,7 +166,9 @@ class Attack:
             If no basal rate holds the person at the setpoint.
         """
         if person is None:
-            drawn = virtual_people(PRESETS["nominal"], self._trial.seed, [0], setpoint_mg_dl=self._setpoint)
+            drawn = virtual_people(
+                population("nominal", patient=self._trial.patient), self._trial.seed, [0], setpoint_mg_dl=self._setpoint
+            )
         else:
             drawn = self._drawn(np.array([person]))
         if not drawn.able.all():
@@ -247,7 +242,7 @@ class Attack:
                 x=who.rest[:, place],
                 insulin_mU_min=who.basal_insulin_mU_min[place],
                 key=keys_of_people(self._trial.seed, who.draw.person[place]),
-                controller=told_of_basal(self._controller, who.basal_insulin_mU_min[place]),
+                controller=with_individual_basal(self._controller, who.basal_insulin_mU_min[place]),
                 sensor=self._erring(errors[:, sequence], stuck_from[:, sequence]),
             )
         return self._cohort.run(people, threads=os.cpu_count() or 1)

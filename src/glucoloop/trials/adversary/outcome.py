@@ -10,15 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller
-from glucoloop.patients.operating_point import patient
-from glucoloop.pumps import dose_limits
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.designs import controller_of
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.trials.adversary.attack import Attack
 from glucoloop.trials.adversary.random_errors import RandomErrors, random_errors
 from glucoloop.trials.adversary.search import Effort, Generation, Worst, generations, judge_of, worst_of
 from glucoloop.trials.adversary.space import ErrorSpace
-from glucoloop.trials.designs import controller_of
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.trials.trial import Trial
 
 Array = npt.NDArray[Any]
 
@@ -27,7 +26,7 @@ Array = npt.NDArray[Any]
 class Cell:
     """One search: a controller, guarded or not, the largest error, and how hard is searched."""
 
-    case: TrialCase
+    case: Case
     space: ErrorSpace
     effort: Effort
 
@@ -117,9 +116,4 @@ def search_all(
 
 
 def _designed(trial: Trial) -> Controller:
-    limits = dose_limits(
-        max_change_mU_min=trial.max_change_mU_min,
-        min_mU_min=trial.min_insulin_mU_min,
-        max_mU_min=trial.max_insulin_mU_min,
-    )
-    return controller_of(trial, trial.cases[0], patient(trial.operating_point), limits)
+    return controller_of(trial, trial.cases[0])

@@ -1,8 +1,8 @@
 """The long campaign: random people, meals, noise and faults under every controller, and every promise checked.
 
-Person i of a seed is of one of two populations by turns. Under a controller he meets the same meals, noise and faults
-with a guard and without; which fault is around which differs from controller to controller. So a loop has a name, by
-which it is closed again to the bit.
+Person i of a seed is of one of the patient's populations by turns. Under a controller that person meets the same meals,
+noise and faults with a guard and without; which fault is around which differs from controller to controller. So a loop
+has a name, by which it is closed again to the bit.
 """
 
 from __future__ import annotations
@@ -15,20 +15,18 @@ from typing import Final
 import numpy as np
 
 from glucoloop.control import Controller
-from glucoloop.meals.plan import MealPlan
-from glucoloop.patients import patient
-from glucoloop.patients.population import PRESETS
-from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.designs import controller_of, with_guard
+from glucoloop.experiments.situation import usual_situation
+from glucoloop.registry.controllers import CONTROLLERS, controller_entry
+from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.threefry import checked_counter
 from glucoloop.trials.campaign.invariants import PROMISES
-from glucoloop.trials.campaign.loops import OPERATING_POINT, Array, Closed, Loops, Numbers, Progress
-from glucoloop.trials.campaign.people import POPULATIONS, able_people, draw_people, draw_random_meals
+from glucoloop.trials.campaign.loops import Array, Closed, Loops, Numbers, Progress
+from glucoloop.trials.campaign.people import able_people, draw_people, draw_random_meals, population_of
 from glucoloop.trials.campaign.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.trials.campaign.result import Arm, Broken, CampaignResult, Guarding
-from glucoloop.trials.catalogue import CONTROLLERS, complete, controller_entry
-from glucoloop.trials.designs import controller_of, with_guard
-from glucoloop.trials.trial import Trial, TrialCase
 
 MOST_LOOPS: Final = 1_000_000_000
 HORIZON_MIN: Final = 1440.0
@@ -56,11 +54,14 @@ class Campaign:
     controllers: tuple[str, ...] = tuple(CONTROLLERS)
     person: int | None = None
     """This one alone; None: as many as it takes."""
+    patient: str = USUAL_PATIENT.name
+    """Around whom people are drawn, and for whom controllers are designed."""
 
     def __post_init__(self) -> None:
         if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:
             raise ValueError(f"loops is {self.loops!r}; give a whole number from 1 to {MOST_LOOPS}")
         checked_counter("seed", self.seed)
+        patient_entry(self.patient)
         if self.person is not None:
             checked_counter("person", self.person)
         for name in self.controllers:
@@ -86,27 +87,16 @@ def horizon_min(controller: str) -> float:
     return SLOW.get(controller, (HORIZON_MIN, 1.0))[0]
 
 
-def catalogue_controller(name: str) -> Controller:
-    """A controller as the catalogue has it, for the nominal patient and readings without noise.
+def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
+    """A controller as the catalogue has it, for a nominal patient and readings without noise.
 
     Raises
     ------
     ValueError
-        For an unknown controller.
+        For an unknown controller or patient.
     """
-    uses_model = controller_entry(name).uses_model
-    case = TrialCase(
-        label=name,
-        controller=name,
-        tuning=complete(name, {}, operating_point=OPERATING_POINT, noisy=False),
-        model_noise_variance=0.0 if uses_model else None,
-        memory=36 if uses_model else None,
-        laguerre_pole=0.84 if uses_model else None,
-        laguerre_functions=2 if uses_model else None,
-    )
-    plan = MealPlan((), horizon_min=horizon_min(name))
-    trial = Trial(population=PRESETS["nominal"], people=1, plan=plan, cases=(case,))
-    return controller_of(trial, case, patient(OPERATING_POINT), PARKER_1999_LIMITS)
+    situation = usual_situation(patient)
+    return controller_of(situation, usual_case(name, situation))
 
 
 @dataclass(frozen=True)
@@ -123,15 +113,15 @@ class Met:
     """As `glucoloop run --fault` takes them."""
 
 
-def met(controller: str, seed: int, person: int) -> Met:
+def met(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.name) -> Met:
     """What somebody meets under a controller."""
     horizon = horizon_min(controller)
     faults = random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
     t_min, carbs_g = draw_random_meals(seed, [person], horizon)
     eaten = sorted((float(t), float(g)) for t, g in zip(t_min[:, 0], carbs_g[:, 0], strict=True) if g > 0.0)
     return Met(
-        population=POPULATIONS[person % 2],
-        basal_insulin_mU_min=float(draw_people(seed, [person]).basal_insulin_mU_min[0]),
+        population=population_of(person, patient).name,
+        basal_insulin_mU_min=float(draw_people(seed, [person], patient).basal_insulin_mU_min[0]),
         meals=tuple(eaten),
         noise_variance=float(faults.noise_variance[0]),
         noise_bound_mg_dl=float(faults.noise_bound_mg_dl[0]),
@@ -168,35 +158,42 @@ def run_campaign(campaign: Campaign, progress: Progress | None = None) -> Campai
                 guarding.append(figure)
     except KeyboardInterrupt:
         interrupted = True
-    return CampaignResult(seed=campaign.seed, arms=tuple(arms), guarding=tuple(guarding), interrupted=interrupted)
+    return CampaignResult(
+        patient=campaign.patient,
+        seed=campaign.seed,
+        arms=tuple(arms),
+        guarding=tuple(guarding),
+        interrupted=interrupted,
+    )
 
 
 def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, Guarding | None]]:
     pairs = campaign.pairs()
     if campaign.person is None:
-        people = able_people(campaign.seed, max(pairs.values()))
+        people = able_people(campaign.seed, max(pairs.values()), campaign.patient)
     else:
         people = np.array([campaign.person])
-        if not draw_people(campaign.seed, people).able.all():
+        if not draw_people(campaign.seed, people, campaign.patient).able.all():
             raise ValueError(
                 f"no basal rate holds person {campaign.person} of seed {campaign.seed} at the setpoint; "
                 "give another person"
             )
+    situation = usual_situation(campaign.patient)
     for name in campaign.controllers:
         person = people[: pairs[name]]
-        bare = catalogue_controller(name)
+        bare = catalogue_controller(name, campaign.patient)
         order = _order(campaign.seed, name)
         below: list[Array] = []
         for guard in (False, True):
-            controller = with_guard(bare, {} if guard else None, PARKER_1999_LIMITS)
-            loops = Loops(campaign.seed, controller, order, horizon_min(name))
+            controller = with_guard(bare, {} if guard else None, situation.limits)
+            loops = Loops(campaign.seed, controller, order, horizon_min(name), situation)
             closed = loops.close(person, progress)
             below.append(closed.below_60_pct)
-            arm = _arm(name, guard, campaign.seed, loops, person, closed)
+            arm = _arm(campaign, name, guard, loops, person, closed)
             yield arm, _guarding(name, person, below[0], below[1]) if guard else None
 
 
-def _arm(name: str, guard: bool, seed: int, loops: Loops, person: Numbers, closed: Closed) -> Arm:
+def _arm(campaign: Campaign, name: str, guard: bool, loops: Loops, person: Numbers, closed: Closed) -> Arm:
     again = np.arange(person.size)[::REPEATED][::-1]
     if again.size == person.size:  # nobody would stand elsewhere than before
         again = again[:0]
@@ -211,7 +208,7 @@ def _arm(name: str, guard: bool, seed: int, loops: Loops, person: Numbers, close
                     person=number,
                     samples=int(closed.broken[place, i]),
                     first_min=float(closed.first_min[place, i]),
-                    faults=met(name, seed, number).faults,
+                    faults=met(name, campaign.seed, number, campaign.patient).faults,
                 )
             )
     return Arm(

@@ -1,13 +1,4 @@
-"""What every loop promises at every sample, whatever fails in it, and the count of broken promises.
-
-Concentrations of insulin and glucagon never fall below zero. Glucose can, in the equations of the patient: brain, gut
-and red cells take up the same amount however little there is, so hours of too much insulin take even arterial glucose
-below zero. What can be promised follows from the balances. Transport of glucose only ever mixes: if arterial glucose
-has never been below m, the blood of the brain has never been below ``m - u_B / q_B``, its tissue not below ``m - u_B /
-q_B - u_B T_B / v_BI``, and the gut not below ``m - u_G / q_G``: what each takes up at rest. Elsewhere uptake ends with
-glucose, which stays at zero or above as long as m is above what the gut takes up. Rates of uptake do not scale with
-body weight while flows and volumes do, so these distances are largest for the lightest person.
-"""
+"""What every loop promises at every sample, whatever fails in it, and the count of broken promises."""
 
 from __future__ import annotations
 
@@ -18,11 +9,9 @@ from typing import Final, cast
 import jax
 import jax.numpy as jnp
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
 from glucoloop.control.protocol import Status
-from glucoloop.patients.body_weight import REFERENCE_WEIGHT_KG
-from glucoloop.patients.sorensen import INSULIN, STATE_NAMES
-from glucoloop.patients.varying import NOMINAL
+from glucoloop.patients.model import Sound
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.loop import Sampled
 from glucoloop.trials.campaign.caps import Caps, Counted
@@ -47,9 +36,6 @@ PROMISES: Final = (
 
 LOW_MG_DL: Final = 60.0
 _ROUNDING_MU_MIN: Final = 1e-9
-_ROUNDING: Final = 1e-9
-_INTEGRATION_MG_DL: Final = 0.1
-"""Error of two exponential steps a sample, on the way down to these bounds."""
 
 
 @pytree
@@ -76,8 +62,8 @@ class Promises:
     """
 
     limits: DoseLimits = PARKER_1999_LIMITS
-    lightest_kg: float = REFERENCE_WEIGHT_KG
-    """Nobody weighs less."""
+    sound: Sound = static()
+    """What the patient promises of its states; see `PatientModel`."""
     caps: Caps | None = None
     """Of the guard; None without one, for which that promise is kept."""
 
@@ -130,6 +116,7 @@ class Promises:
         command, word = decision.insulin_mU_min, decision.told_mU_min
         meant = (word >= limits.min_mU_min) & (word <= limits.max_mU_min)
         slow = jnp.abs(command - word) <= limits.max_change_mU_min + _ROUNDING_MU_MIN
+        insulin_there, glucose_there = self.sound(x, lowest_mg_dl)
         return {
             DOSE: self._in_range(delivery.insulin_mU_min),
             COMMAND: self._in_range(command),
@@ -140,25 +127,9 @@ class Promises:
             PUMP: delivery.sound,
             FAULTS: delivery.clocks & reading.clocks,
             PATIENT: jnp.all(jnp.isfinite(x), axis=0),
-            INSULIN_THERE: jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING),
-            GLUCOSE_THERE: self._explained(x, lowest_mg_dl),
+            INSULIN_THERE: insulin_there,
+            GLUCOSE_THERE: glucose_there,
         }
 
     def _in_range(self, rate: jax.Array) -> jax.Array:
         return jnp.isfinite(rate) & (rate >= self.limits.min_mU_min) & (rate <= self.limits.max_mU_min)
-
-    def _explained(self, x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
-        """Whether glucose in every organ is no lower than the lowest arterial glucose and uptake make it."""
-        n, heavier = NOMINAL, REFERENCE_WEIGHT_KG / self.lightest_kg
-        brain = heavier * n["brain_uptake"] / n["q_B"]
-        tissue = brain + heavier * n["brain_uptake"] * n["T_B"] / n["v_BI"]
-        gut = heavier * n["gut_uptake"] / n["q_G"]
-        least = lowest_mg_dl - _INTEGRATION_MG_DL
-        holds = (x[0] >= least - brain) & (x[1] >= least - tissue) & (x[3] >= least - gut)
-        for organ in _UPTAKE_ENDS:
-            holds = holds & (x[organ] >= jnp.minimum(least - gut, 0.0))
-        return holds
-
-
-_GLUCAGON: Final = STATE_NAMES.index("N")
-_UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "G_PV", "G_PI"))

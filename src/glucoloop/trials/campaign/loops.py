@@ -12,26 +12,25 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, Guard
-from glucoloop.patients import patient
-from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import with_individual_basal
+from glucoloop.experiments.situation import Situation, usual_situation
+from glucoloop.patients.model import patient_model
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.trials.campaign.caps import Caps
 from glucoloop.trials.campaign.invariants import Promises
-from glucoloop.trials.campaign.people import LIGHTEST_KG, draw_people, draw_random_meals
+from glucoloop.trials.campaign.people import draw_people, draw_random_meals
 from glucoloop.trials.campaign.random_faults import SAMPLE_MIN, Order, random_faults
 from glucoloop.trials.campaign.watched import WatchedController, WatchedPump, WatchedSensor
-from glucoloop.trials.designs import told_of_basal
-from glucoloop.trials.situation import keys_of_people
 
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
 Progress = Callable[[int], None]
 """Told of each number of loops that were closed."""
 
-OPERATING_POINT: Final = "setpoint-81"
 _CHUNK: Final = 4
 """Blocks between two looks at whether to go on."""
 
@@ -53,24 +52,26 @@ class Closed:
 class Loops:
     """The loops of one controller, with a guard or without."""
 
-    def __init__(self, seed: int, controller: Controller, order: Order, horizon: float) -> None:
-        nominal, self._grid = patient(OPERATING_POINT), sample_grid(horizon, SAMPLE_MIN)
+    def __init__(
+        self, seed: int, controller: Controller, order: Order, horizon: float, situation: Situation | None = None
+    ) -> None:
+        self._situation = situation = usual_situation() if situation is None else situation
         self._seed, self._order, self._controller = seed, order, controller
-        self._horizon, limits = horizon, PARKER_1999_LIMITS
+        self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
         caps = Caps(settings=controller.settings, limits=limits) if isinstance(controller, Guard) else None
-        example = draw_people(seed, np.arange(2))
+        example = draw_people(seed, np.arange(2), situation.patient)
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
         self._cohort = Cohort(
-            nominal,
+            situation.nominal,
             example.patient,
             WatchedController(inner=controller),
             WatchedSensor(inner=faults.sensor(person=0)),
             WatchedPump(inner=faults.pump(limits, person=0)),
             self._grid,
-            Promises(limits=limits, lightest_kg=LIGHTEST_KG, caps=caps),
-            setpoint_mg_dl=float(nominal.setpoint_mg_dl),
+            Promises(limits=limits, sound=patient_model(situation.patient).sound, caps=caps),
+            setpoint_mg_dl=situation.target_mg_dl,
             meals=None,
-            varied_controller=WatchedController(inner=told_of_basal(controller, example.basal_insulin_mU_min)),
+            varied_controller=WatchedController(inner=with_individual_basal(controller, example.basal_insulin_mU_min)),
             varied_sensor=WatchedSensor(inner=faults.sensor()),
             varied_pump=WatchedPump(inner=faults.pump(limits)),
         )
@@ -101,7 +102,7 @@ class Loops:
         seed = self._seed
         faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = draw_people(seed, person)
+            drawn = draw_people(seed, person, self._situation.patient)
             meal_t_min, carbs_g = draw_random_meals(seed, person, self._horizon)
             basal = drawn.basal_insulin_mU_min
             people = People(
@@ -109,9 +110,9 @@ class Loops:
                 x=drawn.rest,
                 insulin_mU_min=basal,
                 key=keys_of_people(seed, person),
-                controller=WatchedController(inner=told_of_basal(self._controller, basal)),
+                controller=WatchedController(inner=with_individual_basal(self._controller, basal)),
                 sensor=WatchedSensor(inner=faults.sensor()),
-                pump=WatchedPump(inner=faults.pump(PARKER_1999_LIMITS)),
+                pump=WatchedPump(inner=faults.pump(self._situation.limits)),
                 meal_t_min=meal_t_min,
                 carbs_g=carbs_g,
             )

@@ -21,18 +21,17 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.control import Controller, Decision, Guard, Observation, Status
-from glucoloop.patients import patient
+from glucoloop.experiments.designs import with_guard
+from glucoloop.experiments.situation import usual_situation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.threefry import checked_counter, uniforms
 from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.trials.campaign.campaign import SLOW, catalogue_controller
 from glucoloop.trials.campaign.caps import Caps, Counted
 from glucoloop.trials.campaign.invariants import CAPS, COMMAND, CONTROLLER, RATE, STATUS
-from glucoloop.trials.campaign.loops import OPERATING_POINT
 from glucoloop.trials.campaign.watched import all_finite
-from glucoloop.trials.catalogue import CONTROLLERS, controller_entry
-from glucoloop.trials.designs import with_guard
 
 Array = npt.NDArray[Any]
 Progress = Callable[[int], None]
@@ -169,7 +168,7 @@ class _Loops:
         if not isinstance(guard, Guard):
             raise TypeError(f"a guard was asked for around {name}, and {type(guard).__name__} was made")
         self._guard, self._caps = guard, Caps(settings=guard.settings, limits=limits)
-        self._setpoint = float(patient(OPERATING_POINT).setpoint_mg_dl)
+        self._setpoint = usual_situation().target_mg_dl
         self.words = sum(np.size(leaf) for leaf in jax.tree.leaves(self._begin(jnp.asarray(20.0)).guard))
         told = self._told(np.zeros(1, np.int64))
         example = {key: jnp.asarray(values[0, 0]) for key, values in told.items()}

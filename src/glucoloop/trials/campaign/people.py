@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Final
 
 import jax
@@ -9,41 +10,53 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.patients.operating_point import SorensenPatient
-from glucoloop.patients.population import PRESETS, VirtualPeople, virtual_people
+from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
+from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.threefry import LARGEST_COUNTER, uniforms
 
-POPULATIONS: Final = ("parker2000", "lognormal")
-"""Of which people are, by turns."""
-LIGHTEST_KG: Final = PRESETS["lognormal"].distributions()["weight_kg"].lower
-"""Nobody of either weighs less."""
 MOST_MEALS: Final = 4
 _CHUNK: Final = 1024
 
 Array = npt.NDArray[Any]
 
 
-def draw_people(seed: int, person: npt.ArrayLike) -> VirtualPeople:
-    """People of the two populations by turns, by their numbers; what was drawn is that of the second."""
+def _populations(patient: str) -> list[Population]:
+    """Of which people are, by turns; the nominal one where the patient has no other."""
+    nominal, *others = populations_of(patient).values()
+    return others or [nominal]
+
+
+def population_of(person: int, patient: str = USUAL_PATIENT.name) -> Population:
+    """Of which population somebody is."""
+    populations = _populations(patient)
+    return populations[person % len(populations)]
+
+
+def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.name) -> VirtualPeople:
+    """People of a patient's populations by turns, by their numbers; what was drawn is that of the last population."""
     number = np.asarray(person, np.int64)
-    first, second = (virtual_people(PRESETS[name], seed, number) for name in POPULATIONS)
-    turn = number % 2 == 0
+    each = [virtual_people(population, seed, number) for population in _populations(patient)]
+    turn = number % len(each)
 
-    def choose(one: Any, other: Any) -> Any:
-        return jnp.where(turn, one, other) if jnp.ndim(one) or jnp.ndim(other) else one
+    def choose(*of_each: Any) -> Any:
+        if not any(jnp.ndim(one) for one in of_each):
+            return of_each[0]
+        return jnp.select([turn == i for i in range(len(of_each))], [jnp.asarray(one) for one in of_each])
 
-    chosen: SorensenPatient = jax.tree.map(choose, first.patient, second.patient)
-    return VirtualPeople(
-        draw=second.draw,
-        patient=chosen,
-        basal_insulin_mU_min=np.where(turn, first.basal_insulin_mU_min, second.basal_insulin_mU_min),
-        rest=np.where(turn, first.rest, second.rest),
-        able=np.where(turn, first.able, second.able),
+    def choose_values(*of_each: Array) -> Array:
+        return np.asarray(np.select([turn == i for i in range(len(of_each))], of_each))
+
+    return dataclasses.replace(
+        each[-1],
+        patient=jax.tree.map(choose, *(one.patient for one in each)),
+        basal_insulin_mU_min=choose_values(*(one.basal_insulin_mU_min for one in each)),
+        rest=choose_values(*(one.rest for one in each)),
+        able=choose_values(*(one.able for one in each)),
     )
 
 
-def able_people(seed: int, wanted: int) -> npt.NDArray[np.int64]:
+def able_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> npt.NDArray[np.int64]:
     """Numbers of the first people who have a basal rate.
 
     Raises
@@ -56,7 +69,7 @@ def able_people(seed: int, wanted: int) -> npt.NDArray[np.int64]:
         if sum(map(len, found)) >= wanted:
             return np.concatenate(found)[:wanted]
         with one_at_a_time:
-            able = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER))).able
+            able = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).able
         found.append(start + np.flatnonzero(able))
     raise ValueError(f"seed {seed} has fewer than {wanted} people; give fewer loops")
 

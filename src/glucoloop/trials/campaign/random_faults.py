@@ -18,11 +18,11 @@ import numpy.typing as npt
 from glucoloop.episodes import Episodes
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump, Resolution
 from glucoloop.pumps.faults import BatteryGap, Occlusion
+from glucoloop.registry.fault_text import fault_text
+from glucoloop.registry.faults import DURATION, FAULTS, KEY, PER_DAY, START, fault
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
 from glucoloop.sensors import faults as of_sensor
 from glucoloop.threefry import uniforms
-from glucoloop.trials.fault_text import fault_text
-from glucoloop.trials.faults import DURATION, FAULTS, KEY, PER_DAY, START, fault
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 Floats = npt.NDArray[np.float64]

@@ -67,6 +67,8 @@ class Guarding:
 class CampaignResult:
     """What a campaign found, by controller."""
 
+    patient: str
+    """Around whom people were drawn."""
     seed: int
     arms: tuple[Arm, ...]
     guarding: tuple[Guarding, ...]

@@ -14,22 +14,20 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Controller, MealMPC
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals.plan import draw_meals
-from glucoloop.patients.operating_point import SorensenPatient, patient
 from glucoloop.patients.population import VirtualPeople, virtual_people
-from glucoloop.pumps import dose_limits
+from glucoloop.registry.controllers import complete
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.trials.catalogue import complete
-from glucoloop.trials.designs import controller_of, told_of_basal
 from glucoloop.trials.detection.detection import ESTIMATING, Detection
 from glucoloop.trials.detection.scores import Meals, in_order
-from glucoloop.trials.situation import keys_of_people
-from glucoloop.trials.surroundings import surroundings_of
-from glucoloop.trials.trial import TrialCase
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
@@ -94,20 +92,14 @@ class Loop:
     def __init__(self, detection: Detection, label: str) -> None:
         trial = detection.trial
         case = next(case for case in trial.cases if case.label == label)
-        nominal = patient(trial.operating_point)
-        limits = dose_limits(
-            max_change_mU_min=trial.max_change_mU_min,
-            min_mU_min=trial.min_insulin_mU_min,
-            max_mU_min=trial.max_insulin_mU_min,
-        )
         self.grid = day_grid(detection)
         self._detection = detection
-        self._setpoint = setpoint_of(detection, nominal)
-        self._controller = controller_of(trial, case, nominal, limits)
-        around = surroundings_of(trial, case, limits)
+        self._setpoint = trial.target_mg_dl
+        self._controller = controller_of(trial, case)
+        around = surroundings_of(trial, case.faults)
         example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=self._setpoint)
         self._cohort = Cohort(
-            nominal,
+            trial.nominal,
             example.patient,
             self._controller,
             around.sensor,
@@ -121,7 +113,7 @@ class Loop:
         )
 
     def _own(self, people: VirtualPeople) -> Controller:
-        return told_of_basal(self._controller, people.basal_insulin_mU_min)
+        return with_individual_basal(self._controller, people.basal_insulin_mU_min)
 
     def run(self, person: npt.NDArray[np.int64], day: npt.NDArray[np.int64], *, fasting: bool, size: int) -> Days:
         """Carry people through a day each.
@@ -177,18 +169,11 @@ def day_grid(detection: Detection) -> SampleGrid:
     return sample_grid(detection.trial.plan.horizon_min, detection.trial.sample_time_min)
 
 
-def setpoint_of(detection: Detection, nominal: SorensenPatient) -> float:
-    """Where everybody rests."""
-    asked = detection.trial.setpoint_mg_dl
-    return float(nominal.setpoint_mg_dl) if asked is None else asked
-
-
 def who_and_when(detection: Detection) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], int]:
     """Person and day of every run, of those whom a basal rate holds at the setpoint, and how many it does not hold."""
     trial = detection.trial
     person = trial.first_person + np.arange(trial.people, dtype=np.int64)
-    setpoint = setpoint_of(detection, patient(trial.operating_point))
-    able = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=setpoint).able
+    able = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl).able
     held = person[able]
     day = np.arange(detection.days, dtype=np.int64)
     return np.repeat(held, day.size), np.tile(day, held.size), int((~able).sum())
@@ -218,8 +203,8 @@ class Estimator:
         trial, grid = detection.trial, day_grid(detection)
         tuning = {**_usual_tuning(detection), **detection.settings, "estimator": name}
         known = trial.cases[0].known_dead_time
-        case = TrialCase(label=name, controller=ESTIMATING, tuning=tuning, known_dead_time=known)
-        controller = controller_of(trial, case, patient(trial.operating_point), dose_limits())
+        case = Case(label=name, controller=ESTIMATING, tuning=tuning, known_dead_time=known)
+        controller = controller_of(trial, case)
         if not isinstance(controller, MealMPC):
             raise TypeError(f"{ESTIMATING} of the catalogue holds no estimator of meals")
         self._controller = controller
@@ -269,6 +254,6 @@ def _usual_tuning(detection: Detection) -> dict[str, Any]:
     return complete(
         ESTIMATING,
         {},
-        operating_point=detection.trial.operating_point,
+        *detection.trial.whom,
         noisy=detection.trial.noise_variance > 0.0,
     )

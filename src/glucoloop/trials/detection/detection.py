@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from glucoloop.meals.plan import MealPlan
-from glucoloop.trials.catalogue import Value, controller_entry, known_names
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.settings import Value, known_names
 from glucoloop.trials.trial import Trial
 
 ESTIMATING: Final = "meal-mpc"

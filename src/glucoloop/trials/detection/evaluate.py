@@ -11,14 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.meals import emptying, emptying_mg_min
-from glucoloop.patients.operating_point import patient
 from glucoloop.trials.detection.days import (
     Days,
     Estimator,
     Loop,
     day_grid,
     in_even_blocks,
-    setpoint_of,
     who_and_when,
 )
 from glucoloop.trials.detection.detection import Detection
@@ -78,7 +76,7 @@ def evaluate(detection: Detection, progress: Progress | None = None) -> Detectio
     tell = progress or (lambda what: None)
     person, day, unable = who_and_when(detection)
     if not person.size:
-        setpoint = setpoint_of(detection, patient(detection.trial.operating_point))
+        setpoint = detection.trial.target_mg_dl
         raise ValueError(
             f"no basal rate holds any of the {detection.trial.people} people at {setpoint:g} mg/dl; "
             "give more people or another setpoint"

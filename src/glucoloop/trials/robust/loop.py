@@ -16,19 +16,18 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.metrics.running import RunningMetrics
-from glucoloop.patients import SorensenPatient, patient
-from glucoloop.pumps import dose_limits
+from glucoloop.registry.settings import Value
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.trials.blocks import block_size
-from glucoloop.trials.catalogue import Value
-from glucoloop.trials.designs import controller_of, told_of_basal
 from glucoloop.trials.robust.objectives import METRICS
 from glucoloop.trials.robust.space import Tuned
 from glucoloop.trials.robust.subjects import Subjects
-from glucoloop.trials.surroundings import surroundings_of
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.trials.trial import Trial
 
 Array = npt.NDArray[Any]
 Tuning = Mapping[str, float]
@@ -45,7 +44,7 @@ class TuningLoop:
     ----------
     trial : Trial
         The situation. Everybody eats its meals, on their own days.
-    case : TrialCase
+    case : Case
     space : sequence of Tuned
         What may be tuned; none for a controller as it is.
     example : Subjects
@@ -57,18 +56,12 @@ class TuningLoop:
         For a design that is not possible.
     """
 
-    def __init__(self, trial: Trial, case: TrialCase, space: Sequence[Tuned], example: Subjects) -> None:
+    def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
         self._trial, self._case = trial, case
-        self._limits = dose_limits(
-            max_change_mU_min=trial.max_change_mU_min,
-            min_mU_min=trial.min_insulin_mU_min,
-            max_mU_min=trial.max_insulin_mU_min,
-        )
-        self._nominal: SorensenPatient = patient(trial.operating_point)
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
-        setpoint = float(self._nominal.setpoint_mg_dl) if trial.setpoint_mg_dl is None else trial.setpoint_mg_dl
+        setpoint = trial.target_mg_dl
         self._fold = RunningMetrics(
-            setpoint_mg_dl=setpoint, limits=self._limits, inside_min=tuple(self._grid.inside_min.tolist())
+            setpoint_mg_dl=setpoint, limits=trial.limits, inside_min=tuple(self._grid.inside_min.tolist())
         )
         self._controller = self._design({})
         probes = [self._design({of.name: of.at(share) for of in space}) for share in _PROBES] if space else []
@@ -77,9 +70,9 @@ class TuningLoop:
             for leaf, *others in zip(*map(jax.tree.leaves, [self._controller, *probes]), strict=True)
         ]
         meals = trial.plan.nominal()
-        around = surroundings_of(trial, case, self._limits)
+        around = surroundings_of(trial, case.faults)
         self._cohort = Cohort(
-            self._nominal,
+            trial.nominal,
             example.patient,
             self._controller,
             around.sensor,
@@ -168,7 +161,7 @@ class TuningLoop:
 
     def _of(self, controllers: Sequence[Controller], which: Array, basal_mU_min: Array) -> Controller:
         """Controllers of subjects: the tuning of each, and his basal rate."""
-        leaves, tree = jax.tree.flatten(told_of_basal(self._controller, basal_mU_min))
+        leaves, tree = jax.tree.flatten(with_individual_basal(self._controller, basal_mU_min))
         many = [jax.tree.leaves(controller) for controller in controllers]
         joined: Controller = jax.tree.unflatten(
             tree,
@@ -190,7 +183,7 @@ class TuningLoop:
     def _design(self, tuning: Tuning) -> Controller:
         settings: dict[str, Value] = {**self._case.tuning, **tuning}
         case = dataclasses.replace(self._case, tuning=settings)
-        return controller_of(self._trial, case, self._nominal, self._limits)
+        return controller_of(self._trial, case)
 
 
 def _length(parts: Sequence[Mapping[str, Array]]) -> int:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.trials.catalogue import known_names
+from glucoloop.registry.settings import known_names
 
 Floats = npt.NDArray[np.float64]
 

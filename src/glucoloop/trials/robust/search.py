@@ -10,15 +10,15 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.patients import patient
-from glucoloop.trials.catalogue import Value
+from glucoloop.experiments.case import Case
+from glucoloop.registry.settings import Value
 from glucoloop.trials.robust.front import BOTH, Bound, choose, keeps, pareto
 from glucoloop.trials.robust.loop import TuningLoop
 from glucoloop.trials.robust.objectives import OBJECTIVES, objective, scores
 from glucoloop.trials.robust.samplers import Told, make_sampler
 from glucoloop.trials.robust.space import Tuned
 from glucoloop.trials.robust.subjects import Subjects, draw_subjects
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.trials.trial import Trial
 
 CHOSEN: Final = "chosen"
 AS_IT_WAS: Final = "as it was"
@@ -86,7 +86,7 @@ class Search:
             )
 
     @property
-    def case(self) -> TrialCase:
+    def case(self) -> Case:
         """The controller that is tuned."""
         return self.trial.cases[0]
 
@@ -95,7 +95,7 @@ class Search:
         """Its tuning as it was, of what is tuned."""
         return {of.name: float(self.case.tuning[of.name]) for of in self.space}
 
-    def tuned(self, tuning: Mapping[str, float]) -> TrialCase:
+    def tuned(self, tuning: Mapping[str, float]) -> Case:
         """The case with a tuning."""
         settings: dict[str, Value] = {**self.case.tuning, **tuning}
         return dataclasses.replace(self.case, tuning=settings)
@@ -214,7 +214,7 @@ class SearchEngine:
         told |= {case.label: next(self._loop(case).run(subjects)) for case in search.trial.cases[1:]}
         return [_checked(label, metrics, subjects.people) for label, metrics in told.items() if metrics is not None]
 
-    def _loop(self, case: TrialCase) -> TuningLoop:
+    def _loop(self, case: Case) -> TuningLoop:
         if case.label not in self._loops:
             space = self.search.space if case is self.search.case else ()
             self._loops[case.label] = TuningLoop(self.search.trial, case, space, self.subjects)
@@ -222,7 +222,7 @@ class SearchEngine:
 
     def _subjects(self, group: Group) -> Subjects:
         trial = self.search.trial
-        nominal = patient(trial.operating_point)
+        nominal = trial.nominal
         return draw_subjects(
             nominal,
             trial.population,

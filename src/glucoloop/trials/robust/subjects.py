@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.patients import SorensenPatient
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.population import Population, virtual_people
 from glucoloop.simulation.people_plant import varying
-from glucoloop.trials.situation import keys_of_people
 
 
 @dataclass(frozen=True)
 class Subjects:
     """Subjects at the start of a run, who trail: people first, then the nominal patient."""
 
-    patient: SorensenPatient
+    patient: SemilinearPatient
     x: npt.NDArray[np.float64]
     """(states, subjects) at rest."""
     insulin_mU_min: npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ class Subjects:
 
 
 def draw_subjects(
-    nominal: SorensenPatient,
+    nominal: SemilinearPatient,
     population: Population,
     *,
     people: int,
@@ -51,7 +51,7 @@ def draw_subjects(
 
     Parameters
     ----------
-    nominal : SorensenPatient
+    nominal : SemilinearPatient
         One person.
     population : Population
     people, people_seed : int

@@ -8,6 +8,7 @@ from glucoloop.trials.tuning.paper import (
     paper_tuning_rank,
     paper_tuning_surface,
     printed_tuning,
+    usual_tuning,
 )
 from glucoloop.trials.tuning.search import search
 from glucoloop.trials.tuning.surface import TuningRank, TuningSurface, tuning_text
@@ -30,4 +31,5 @@ __all__ = [
     "tuning_grid",
     "tuning_text",
     "uses_reference_filter",
+    "usual_tuning",
 ]

@@ -22,6 +22,7 @@ from glucoloop.control import (
 from glucoloop.control.parker1999 import MEASUREMENT_VARIANCE, PARKER_1999
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
+from glucoloop.patients.capabilities import process_noise as noise_of_states
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation import identify, linear_model, nonlinear_model
 
@@ -88,7 +89,7 @@ def designer(
 
         return linear
     if process_noise is None:
-        process_noise = PARKER_1999["setpoint-81", False].process_noise()
+        process_noise = noise_of_states(patient, *PARKER_1999["setpoint-81", False].noise)
     if controller == "nlqdmc-se":
         nonlinear = nonlinear_model(patient, sample_time_min=sample_time_min)
 

@@ -6,12 +6,17 @@ In these loops the sum keeps falling with more moves and a faster reference, up 
 
 from __future__ import annotations
 
-from typing import Final
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Final
 
-from glucoloop.control import MPCTuning
+from glucoloop.control import MPCTuning, StateTuning
 from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.trials.tuning.designers import designer, uses_reference_filter
 from glucoloop.trials.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.trials.tuning.search import Progress, search
@@ -37,6 +42,19 @@ def printed_tuning(operating_point: str, controller: str, *, noisy: bool = False
         raise ValueError(f"the paper's tunings are not known at {operating_point!r}; the known ones are: {known}")
     paper = PARKER_1999[operating_point, noisy]
     return {"mpc": paper.mpc, "mpc-se": paper.mpc_se, "nlqdmc-se": paper.nlqdmc_se}[controller]
+
+
+def usual_tuning(situation: Situation, controller: str) -> MPCTuning:
+    """The tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one.
+
+    Raises
+    ------
+    ValueError
+        For a controller that cannot be tuned.
+    """
+    kind = StateTuning if uses_reference_filter(controller) else MPCTuning
+    settings: Mapping[str, Any] = usual_case(controller, situation).tuning
+    return kind(**{field.name: settings[field.name] for field in dataclasses.fields(kind)})
 
 
 def paper_tuning_surface(
@@ -69,9 +87,8 @@ def paper_tuning_surface(
         reference_filters=filters,
         reference_start=getattr(printed, "reference_start", 1),
     )
-    design = designer(
-        controller, patient, model=model, process_noise=PARKER_1999[operating_point, False].process_noise()
-    )
+    noise = process_noise(patient, *PARKER_1999[operating_point, False].noise)
+    design = designer(controller, patient, model=model, process_noise=noise)
     points = grid if printed in grid else [*grid, printed]
     return search(patient, design, points, name=controller, progress=progress)
 

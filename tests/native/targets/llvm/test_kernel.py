@@ -12,7 +12,8 @@ from glucoloop.native import divisions
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import chunks, emit, kernel
 from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes
-from glucoloop.patients import Inputs, sorensen
+from glucoloop.patients import Inputs
+from glucoloop.patients.sorensen import equations as sorensen
 
 PRECISIONS = ["float64", "float32"]
 SAMPLES, PEOPLE = 7, 61

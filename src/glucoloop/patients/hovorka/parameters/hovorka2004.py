@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.patients.hovorka.equations import HovorkaParameters
-from glucoloop.patients.parameters.provenance import Constant
+from glucoloop.patients.provenance import Constant
 
 HOVORKA: Final = "Hovorka et al. 2004, Physiol. Meas. 25(4)"
 BOIROUX: Final = "Boiroux et al. 2017, Control Eng. Pract. 58"

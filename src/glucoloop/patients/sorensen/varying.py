@@ -7,17 +7,18 @@ weight. Blood is conserved: the flow through the liver is what its artery and th
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from glucoloop.patients.body_weight import REFERENCE_WEIGHT_KG, scaled_to_weight
-from glucoloop.patients.parameters.parker1999 import CONSTANTS, PARKER_1999
-from glucoloop.patients.sorensen import Sigmoid, SorensenParameters
-from glucoloop.patients.variation import Distribution
+from glucoloop.patients.sorensen.body_weight import REFERENCE_WEIGHT_KG, scaled_to_weight
+from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
+from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
+from glucoloop.patients.variation import Distribution, Variation
 
 WEIGHT: Final = "weight_kg"
+ADULTS: Final = Variation(parameter=WEIGHT, distribution="lognormal", spread_pct=15.0)
+"""How weight varies where a population varies it."""
 STRENGTH: Final = "strength"
 
 _EFFECTS: Final = tuple(
@@ -25,30 +26,16 @@ _EFFECTS: Final = tuple(
     for field in dataclasses.fields(PARKER_1999)
     if field.name.startswith("M_") and isinstance(getattr(PARKER_1999, field.name), Sigmoid)
 )
-_FOLLOWS: Final = {"q_L": ("q_A", "q_G"), "Q_L": ("Q_A", "Q_G")}
+FOLLOWS: Final = {"q_L": ("q_A", "q_G"), "Q_L": ("Q_A", "Q_G")}
 _FRACTIONS: Final = ("F_LC", "F_KC", "F_PC")
 _FREE_PARTS: Final = ("offset", "scale", "inflection")
 
 NOMINAL: Final[dict[str, float]] = {
-    **{constant.name: constant.value for constant in CONSTANTS if constant.name not in _FOLLOWS},
+    **{constant.name: constant.value for constant in CONSTANTS if constant.name not in FOLLOWS},
     **{f"{effect}.{STRENGTH}": 1.0 for effect in _EFFECTS},
     WEIGHT: REFERENCE_WEIGHT_KG,
 }
 """Everything that can vary, with the value of the nominal patient."""
-
-
-def refuse_unknown(parameter: str) -> None:
-    """Refuse a name that nothing has which can vary."""
-    if parameter in NOMINAL:
-        return
-    if parameter in _FOLLOWS:
-        raise ValueError(f"{parameter} follows from {' and '.join(_FOLLOWS[parameter])}; vary these instead")
-    close = difflib.get_close_matches(parameter, NOMINAL, n=1)
-    meant = f"did you mean {close[0]!r}? " if close else ""
-    raise ValueError(
-        f"unknown parameter {parameter!r}; {meant}the known ones are the constants of the patient, such as F_LC or "
-        f"M_IHGP.inflection, the strength of an effect, such as M_IHGP.{STRENGTH}, and {WEIGHT}"
-    )
 
 
 def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
@@ -141,7 +128,7 @@ def with_values(values: Mapping[str, Any]) -> SorensenParameters:
             constants[effect] = dataclasses.replace(
                 effective, offset=effective.offset * strength, scale=effective.scale * strength
             )
-    for flow, inflows in _FOLLOWS.items():
+    for flow, inflows in FOLLOWS.items():
         if any(inflow in values for inflow in inflows):
             artery, gut = (values.get(inflow, NOMINAL[inflow]) for inflow in inflows)
             constants[flow] = artery + gut

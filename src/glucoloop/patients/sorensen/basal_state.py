@@ -21,7 +21,7 @@ import dataclasses
 
 import jax
 
-from glucoloop.patients.sorensen import SorensenParameters
+from glucoloop.patients.sorensen.equations import SorensenParameters
 
 
 def basal_glucose(p: SorensenParameters, arterial_mg_dl: jax.Array | float) -> tuple[jax.Array | float, ...]:

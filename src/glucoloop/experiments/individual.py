@@ -18,18 +18,18 @@ from glucoloop.control import Controller, MPCTuning, StateTuning
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.estimation import filter_gain, steady_state_covariance
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.chance import keys_of_records
+from glucoloop.experiments.designs import controller_of, process_noise_of
+from glucoloop.experiments.individual_meal_mpc import individual_meal_mpc
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
-from glucoloop.patients import SorensenPatient
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.pumps import DoseLimits
-from glucoloop.simulation.experiment import NOMINAL_INSULIN_MU_MIN
+from glucoloop.registry.patients import patient_entry
 from glucoloop.simulation.internal_model import linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
-from glucoloop.trials.designs import controller_of, process_noise
-from glucoloop.trials.individual_meal_mpc import individual_meal_mpc
-from glucoloop.trials.situation import keys_of_records, sensor_of
-from glucoloop.trials.trial import Trial, TrialCase
 
 Design = Callable[[VirtualPeople], Controller]
 
@@ -37,19 +37,15 @@ _BY_FILTER: Final = ("held-innovation", "none")
 """What removes an offset in MPC/SE without a further state."""
 
 
-def individual_design(
-    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
-) -> Design | None:
+def individual_design(situation: Situation, case: Case, example: VirtualPeople) -> Design | None:
     """How people get controllers of their own.
 
     Parameters
     ----------
-    trial : Trial
-    case : TrialCase
-    nominal : SorensenPatient
+    situation : Situation
+    case : Case
     example : VirtualPeople
         Some of them, to show what varies.
-    limits : DoseLimits
 
     Returns
     -------
@@ -59,32 +55,30 @@ def individual_design(
     if case.controller == "basal":
         return None
     if case.controller == "mpc":
-        return _linear_mpc(trial, case, nominal, example, limits)
+        return _linear_mpc(situation, case, example)
     if case.controller == "mpc-se" and case.tuning["offset_free"] in _BY_FILTER:
-        return _mpc_se(trial, case, nominal, example, limits)
+        return _mpc_se(situation, case, example)
     if case.controller == "meal-mpc":
-        return individual_meal_mpc(trial, case, nominal, example, limits)
-    return _one_by_one(trial, case, limits)
+        return individual_meal_mpc(situation, case, example)
+    return _one_by_one(situation, case)
 
 
-def _linear_mpc(
-    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
-) -> Design:
+def _linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     memory, functions = case.memory or 0, case.laguerre_functions
     pulses = np.asarray(design_csrs(memory, 1.0))
     experiment = PulseExperiment(
-        nominal,
+        situation.nominal,
         example.patient,
-        sensor_of(case.model_noise_variance or 0.0, trial.noise_bound_mg_dl, 0),
-        sample_time_min=trial.sample_time_min,
+        sensor_of(case.model_noise_variance or 0.0, situation.noise_bound_mg_dl, 0, situation.site),
+        sample_time_min=situation.sample_time_min,
     )
-    late = trial.dead_time_samples if case.known_dead_time else 0
+    late = situation.dead_time_samples if case.known_dead_time else 0
     tuning = _tuning(MPCTuning, case, late)
 
     def design(people: VirtualPeople) -> Controller:
         basal = people.basal_insulin_mU_min
-        amplitude = np.minimum(NOMINAL_INSULIN_MU_MIN, basal)  # insulin cannot be taken back
-        keys = keys_of_records(trial.seed, people.draw.person)
+        amplitude = np.minimum(patient_entry(situation.patient).pulse_mU_min, basal)  # insulin cannot be taken back
+        keys = keys_of_records(situation.seed, people.draw.person)
         glucose = experiment.run(people.patient, people.rest, basal + amplitude * pulses[:, None], keys)
         # somebody without a basal rate has no record; the others' must not wait for him
         known = np.isfinite(glucose).all(axis=0)
@@ -95,8 +89,8 @@ def _linear_mpc(
         return linear_mpc_of_people(
             np.concatenate([np.zeros((late, S.shape[1])), S]),
             tuning,
-            limits,
-            sample_time_min=trial.sample_time_min,
+            situation.limits,
+            sample_time_min=situation.sample_time_min,
             constraints=str(case.tuning["constraints"]),
             glucose_floor_mg_dl=float(case.tuning["glucose_floor_mg_dl"]),
             floor_weight=float(case.tuning["floor_weight"]),
@@ -105,16 +99,15 @@ def _linear_mpc(
     return design
 
 
-def _mpc_se(
-    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
-) -> Design:
+def _mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    nominal = situation.nominal
     varies = varying(example.patient, nominal)
-    noise = process_noise(case.tuning)
+    noise = process_noise_of(nominal, case.tuning)
     variance = float(case.tuning["measurement_variance"])
     tuning = _tuning(StateTuning, case, 0)
 
     def of_person(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        model = linear_model_at(replaced(nominal, varies, own), x, insulin, trial.sample_time_min)
+        model = linear_model_at(replaced(nominal, varies, own), x, insulin, situation.sample_time_min)
         return model.Phi, model.Gamma, model.C
 
     @jax.jit
@@ -132,12 +125,12 @@ def _mpc_se(
         return mpc_se_of_people(
             FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=gain, rest=rest),
             tuning,
-            limits,
+            situation.limits,
             basal_mU_min=basal,
             basal_glucose_mg_dl=people.patient.setpoint_mg_dl,
-            sample_time_min=trial.sample_time_min,
+            sample_time_min=situation.sample_time_min,
             hold_innovation=case.tuning["offset_free"] == "held-innovation",
-            dead_time_samples=trial.dead_time_samples if case.known_dead_time else 0,
+            dead_time_samples=situation.dead_time_samples if case.known_dead_time else 0,
             constraints=str(case.tuning["constraints"]),
             glucose_floor_mg_dl=float(case.tuning["glucose_floor_mg_dl"]),
             floor_weight=float(case.tuning["floor_weight"]),
@@ -150,23 +143,23 @@ _DOUBLINGS: Final = 12
 """Exact to rounding for filters that forget within two days."""
 
 
-def _tuning(kind: Any, case: TrialCase, late: int) -> Any:
+def _tuning(kind: Any, case: Case, late: int) -> Any:
     """The tuning record of a case, its horizon longer by a known dead time."""
     own = {name: case.tuning[name] for name in kind.__dataclass_fields__}
     return kind(**{**own, "prediction_horizon": int(case.tuning["prediction_horizon"]) + late})
 
 
-def _one_by_one(trial: Trial, case: TrialCase, limits: DoseLimits) -> Design:
+def _one_by_one(situation: Situation, case: Case) -> Design:
     def design(people: VirtualPeople) -> Controller:
         # a block is filled up by repetition, and nobody is designed for twice
         numbers, first, place = np.unique(people.draw.person, return_index=True, return_inverse=True)
         designed: list[Any] = [None] * numbers.size
         for which in np.flatnonzero(people.able[first]):
             person = jax.tree.map(lambda a, i=first[which]: a[i] if jnp.ndim(a) else a, people.patient)
-            designed[which] = controller_of(trial, case, person, limits)
+            designed[which] = controller_of(situation, case, person)
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:
-            sound = controller_of(trial, case, _nominal(trial), limits)
+            sound = controller_of(situation, case)
         designed = [sound if controller is None else controller for controller in designed]
         stacked: Controller = jax.tree.map(
             lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves], axis=-1)[..., place], *designed
@@ -174,9 +167,3 @@ def _one_by_one(trial: Trial, case: TrialCase, limits: DoseLimits) -> Design:
         return stacked
 
     return design
-
-
-def _nominal(trial: Trial) -> SorensenPatient:
-    from glucoloop.patients import patient
-
-    return patient(trial.operating_point)

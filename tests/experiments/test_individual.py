@@ -7,22 +7,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.individual import individual_design
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
-from glucoloop.patients import patient, population, virtual_people
-from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.trials import catalogue
-from glucoloop.trials.designs import controller_of
-from glucoloop.trials.individual import individual_design
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.patients import population, virtual_people
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.trials.trial import Trial
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)
 
 
 def case(name, **more):
-    tuning = catalogue.complete(name, {}, operating_point="setpoint-81", noisy=False)
-    return TrialCase(
+    tuning = catalogue.complete(name, {}, USUAL_PATIENT, "setpoint-81", noisy=False)
+    return Case(
         label=name,
         controller=name,
         tuning=tuning,
@@ -71,11 +72,11 @@ def people():
 )
 def test_a_design_for_many_is_that_for_each(people, one, error):
     trial = trial_of(one)
-    design = individual_design(trial, one, patient(), people, PARKER_1999_LIMITS)
+    design = individual_design(trial, one, people)
     together = design(people)
     for place in range(len(PERSONS)):
         person = jax.tree.map(lambda a, i=place: a[i] if jnp.ndim(a) else a, people.patient)
-        alone = controller_of(trial, one, person, PARKER_1999_LIMITS)
+        alone = controller_of(trial, one, person)
         for many, single in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
             own = np.asarray(many)[..., place] if np.ndim(many) > np.ndim(single) else many
             scale = max(1.0, float(np.abs(single).max()))
@@ -84,7 +85,7 @@ def test_a_design_for_many_is_that_for_each(people, one, error):
 
 def test_no_design_where_there_is_nothing_to_design(people):
     one = case("basal")
-    assert individual_design(trial_of(one), one, patient(), people, PARKER_1999_LIMITS) is None
+    assert individual_design(trial_of(one), one, people) is None
 
 
 def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
@@ -92,6 +93,6 @@ def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
     found = virtual_people(population("parker2000"), 0, persons, setpoint_mg_dl=120.0)
     assert found.able.tolist() == [False, True]
     one = case("mpc")
-    together = individual_design(trial_of(one), one, patient(), found, PARKER_1999_LIMITS)(found)
+    together = individual_design(trial_of(one), one, found)(found)
     assert np.isnan(np.asarray(together.step_response)[:, 0]).all()
     assert np.isfinite(np.asarray(together.step_response)[:, 1]).all()

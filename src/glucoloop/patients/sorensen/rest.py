@@ -13,7 +13,7 @@ from typing import Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop.patients.sorensen import (
+from glucoloop.patients.sorensen.equations import (
     SorensenParameters,
     hepatic_balance,
     insulin_effects,

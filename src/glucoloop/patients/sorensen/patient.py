@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, checked, is_traced
-from glucoloop.patients import sorensen
-from glucoloop.patients.basal_state import with_fasting_glucose
-from glucoloop.patients.parameters.parker1999 import PARKER_1999
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.rest import infusion_for, insulin_at_rest, rest_under
-from glucoloop.patients.sorensen import SorensenParameters
+from glucoloop.patients.sorensen import equations as sorensen
+from glucoloop.patients.sorensen.basal_state import with_fasting_glucose
+from glucoloop.patients.sorensen.equations import SorensenParameters
+from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.rest import infusion_for, insulin_at_rest, rest_at, rest_under
 
 _WORKING_INSULIN: Final = 1.35
 """Times the basal rate: between rest and what a loop delivers while a meal is absorbed."""
@@ -30,6 +30,8 @@ class SorensenPatient:
     parameters: SorensenParameters
     basal_insulin_mU_min: jax.Array
     setpoint_mg_dl: jax.Array
+    sites: ClassVar[tuple[str, ...]] = ("arterial", "interstitial")
+    insulin_route: ClassVar[str] = "intravenous"
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
@@ -64,6 +66,15 @@ class SorensenPatient:
         """
         return _holding(self.parameters, glucose_mg_dl)
 
+    def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Infusion `(...)` that holds a glucose, and the state `(19, ...)` there.
+
+        Both are NaN where none from 0 to 1000 mU/min does with glucose above zero in every organ.
+        """
+        infusion, state = rest_at(self.parameters, glucose_mg_dl)
+        possible = jnp.all(state[sorensen.GLUCOSE] > 0.0, axis=0)
+        return jnp.where(possible, infusion, jnp.nan), jnp.where(possible, state, jnp.nan)
+
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side; the patient's constants do not change with time."""
         del t_min
@@ -72,6 +83,14 @@ class SorensenPatient:
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Arterial glucose G_H."""
         return x[sorensen.ARTERIAL_GLUCOSE]
+
+    def seen_mg_dl(self, x: jax.Array, site: str) -> jax.Array:
+        """Glucose at a site: arterial, or interstitial in the periphery (G_PI)."""
+        return x[sorensen.STATE_NAMES.index({"arterial": "G_H", "interstitial": "G_PI"}[site])]
+
+    def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
+        """Diagonal of Q `(19,)`: of the 8 glucose states, the insulin states and slow insulin effects, and glucagon."""
+        return np.repeat([glucose, other, glucagon], [8, 9, 2])
 
     def split(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         """State to glucose and regulation `(12, ...)`, and insulin `(7, ...)`."""
@@ -202,26 +221,3 @@ OPERATING_POINTS: Final[dict[str, Callable[[], SorensenPatient]]] = {
     "nominal-22": lambda: at_basal(PARKER_1999, 22.33),
     "fasting-81": lambda: at_basal(with_fasting_glucose(PARKER_1999, 81.0), 22.33),
 }
-
-
-@checked
-def patient(operating_point: str = "setpoint-81") -> SorensenPatient:
-    """Diabetic patient of Parker, Doyle and Peppas (1999) at a named operating point.
-
-    Parameters
-    ----------
-    operating_point : str
-        ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min; ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl;
-        ``"fasting-81"``: 22.33 mU/min, holding 81.153 mg/dl in a person whose effects are normalised at a fasting
-        glucose of 81 mg/dl.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-    """
-    try:
-        return OPERATING_POINTS[operating_point]()
-    except KeyError:
-        known = ", ".join(OPERATING_POINTS)
-        raise ValueError(f"unknown operating point {operating_point!r}; the known ones are: {known}") from None

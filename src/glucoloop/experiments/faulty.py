@@ -9,9 +9,9 @@ from typing import Any, Final
 from glucoloop.episodes import Episodes, always, once, recurring
 from glucoloop.pumps import DoseLimits, Pump, with_resolution
 from glucoloop.pumps import faults as of_pump
+from glucoloop.registry.faults import DURATION, KEY, LATEST, PER_DAY, START, Fault
 from glucoloop.sensors import Sensor
 from glucoloop.sensors import faults as of_sensor
-from glucoloop.trials.faults import DURATION, KEY, LATEST, PER_DAY, START, Fault
 from glucoloop.units import MIN_PER_DAY
 
 _HAIR: Final = 1e-9

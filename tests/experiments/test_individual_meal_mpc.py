@@ -8,27 +8,29 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MealMPC
+from glucoloop.experiments import individual_meal_mpc
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.individual import individual_design
+from glucoloop.experiments.individual_meal_mpc import by_record, impulse_response, pulses
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
 from glucoloop.models.individual import individual_model
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
-from glucoloop.trials import catalogue, individual_meal_mpc
-from glucoloop.trials.individual import individual_design
-from glucoloop.trials.individual_meal_mpc import by_record, impulse_response, pulses
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.trials.trial import Trial
 
 PEOPLE = 24
 
 
 def trial_of(by="record"):
-    tuning = {**catalogue.complete("meal-mpc", {}, operating_point="setpoint-81", noisy=True), "individual_by": by}
+    tuning = {**catalogue.complete("meal-mpc", {}, USUAL_PATIENT, "setpoint-81", noisy=True), "individual_by": by}
     return Trial(
         population=population("parker2000"),
         people=PEOPLE,
         plan=MealPlan([Meal(50.0, 50.0)], horizon_min=600.0),
-        cases=(TrialCase(label="meal-mpc", controller="meal-mpc", tuning=tuning),),
+        cases=(Case(label="meal-mpc", controller="meal-mpc", tuning=tuning),),
         seed=3,
         noise_variance=1.45,
         design="individual",
@@ -43,7 +45,7 @@ def people():
 @pytest.fixture(scope="module")
 def known(people):
     """What records with noise tell of people."""
-    return by_record(trial_of(), patient(), people)
+    return by_record(trial_of(), people)
 
 
 def gain_of(model):
@@ -88,7 +90,7 @@ def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
     monkeypatch.setattr(individual_meal_mpc, "controller_of", lambda *_: MealMPC(**{**blank, "model": own}))
     monkeypatch.setattr(individual_meal_mpc, "by_record", lambda *_: known)
     trial = trial_of(by)
-    found = individual_design(trial, trial.cases[0], one, people, PARKER_1999_LIMITS)(people).model
+    found = individual_design(trial, trial.cases[0], people)(people).model
     np.testing.assert_array_equal(found.insulin_mU_min, people.basal_insulin_mU_min)
     error = np.sqrt(np.mean(np.log(np.asarray(found.gain) / true_gain) ** 2))
     assert found.gain.shape == found.lag.shape == (PEOPLE,)

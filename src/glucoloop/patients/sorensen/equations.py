@@ -55,7 +55,7 @@ class SorensenParameters:
     """The constants of the model; scalars for one person, arrays `(people,)` for a cohort.
 
     Units: glucose volumes dl, flows dl/min, rates mg/min; insulin volumes l, flows l/min; times min.
-    `glucoloop.patients.parameters` holds published sets with the provenance of every value.
+    `glucoloop.patients.sorensen.parameters` holds published sets with the provenance of every value.
     """
 
     # glucose transport

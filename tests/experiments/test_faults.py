@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glucoloop.experiments.faulty import episodes_of, faulty_pump, faulty_sensor
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
+from glucoloop.registry.fault_text import fault_text, parse_fault
+from glucoloop.registry.faults import FAULTS, fault
 from glucoloop.sensors import IdealSensor
-from glucoloop.trials.fault_text import fault_text, parse_fault
-from glucoloop.trials.faults import FAULTS, fault
-from glucoloop.trials.faulty import episodes_of, faulty_pump, faulty_sensor
 from glucoloop.trials.stress import STANDARD_FAULTS
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from glucoloop.trials.faults import Fault, fault
-from glucoloop.trials.keyed_values import keyed_values
+from glucoloop.registry.faults import Fault, fault
+from glucoloop.registry.keyed_values import keyed_values
 
 
 def parse_fault(text: str) -> Fault:

@@ -15,17 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, MealMPC
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.chance import keys_of_records
+from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import design_csrs
 from glucoloop.identification.gain_and_lag import identify_gain_and_lag
 from glucoloop.models.state_space import LinearModel
-from glucoloop.patients import SorensenPatient
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.pumps import DoseLimits
 from glucoloop.simulation.internal_model import linear_model
 from glucoloop.simulation.pulse_experiment import PulseExperiment
-from glucoloop.trials.designs import controller_of
-from glucoloop.trials.situation import keys_of_records, sensor_of
-from glucoloop.trials.trial import Trial, TrialCase
 
 Floats = npt.NDArray[np.float64]
 Known = Callable[[VirtualPeople], tuple[Floats, Floats]]
@@ -41,20 +41,20 @@ _LEAST_VARIANCE: Final = 0.01
 
 
 def individual_meal_mpc(
-    trial: Trial, case: TrialCase, nominal: SorensenPatient, example: VirtualPeople, limits: DoseLimits
+    situation: Situation, case: Case, example: VirtualPeople
 ) -> Callable[[VirtualPeople], Controller]:
     """How people get controllers of their own; see `individual.individual_design`.
 
     The setting ``individual_by`` tells what gain and lag rest on. ``"record"``: the person's own record.
     ``"basal"``: his basal rate, see `MealMPC.with_basal`. ``"none"``: both are nominal, whatever his basal rate.
     """
-    controller = controller_of(trial, case, nominal, limits)
+    controller = controller_of(situation, case)
     if not isinstance(controller, MealMPC):
         raise TypeError(f"{type(controller).__name__} is no meal-aware controller")
     by = case.tuning["individual_by"]
     if by == "basal":
         return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
-    known = by_record(trial, nominal, example) if by == "record" else _by_none
+    known = by_record(situation, example) if by == "record" else _by_none
 
     def design(people: VirtualPeople) -> Controller:
         gain, lag = known(people)
@@ -70,29 +70,29 @@ def pulses(sample_time_min: float) -> Floats:
     return np.convolve(starts, np.ones(held))[: starts.size]
 
 
-def by_record(trial: Trial, nominal: SorensenPatient, example: VirtualPeople) -> Known:
+def by_record(situation: Situation, example: VirtualPeople) -> Known:
     """What is believed of people after their records."""
-    shape = pulses(trial.sample_time_min)
+    shape = pulses(situation.sample_time_min)
     experiment = PulseExperiment(
-        nominal,
+        situation.nominal,
         example.patient,
-        sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, 0),
-        sample_time_min=trial.sample_time_min,
+        sensor_of(situation.noise_variance, situation.noise_bound_mg_dl, 0, situation.site),
+        sample_time_min=situation.sample_time_min,
     )
-    response = impulse_response(linear_model(nominal, sample_time_min=trial.sample_time_min), shape.size)
+    response = impulse_response(linear_model(situation.nominal, sample_time_min=situation.sample_time_min), shape.size)
 
     def known(people: VirtualPeople) -> tuple[Floats, Floats]:
         basal = people.basal_insulin_mU_min
         away = SHARE_OF_BASAL * basal * shape[:, None]
-        keys = keys_of_records(trial.seed, people.draw.person)
+        keys = keys_of_records(situation.seed, people.draw.person)
         glucose = experiment.run(people.patient, people.rest, basal + away, keys)
         # somebody without a basal rate has no record, and is taken for the nominal person
         found = identify_gain_and_lag(
             np.where(people.able, away, 0.0),
             glucose - np.asarray(people.patient.setpoint_mg_dl),
             response,
-            sample_time_min=trial.sample_time_min,
-            noise_variance=max(trial.noise_variance, _LEAST_VARIANCE),
+            sample_time_min=situation.sample_time_min,
+            noise_variance=max(situation.noise_variance, _LEAST_VARIANCE),
         )
         return np.asarray(found.gain), np.asarray(found.lag)
 

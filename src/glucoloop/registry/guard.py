@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from glucoloop.plausible import GLUCOSE_BOUND, Quantity
-from glucoloop.trials.catalogue import Default, Setting, Value, known_names
+from glucoloop.registry.settings import Default, Setting, Value, known_names
 
 PREFIX: Final = "guard_"
 

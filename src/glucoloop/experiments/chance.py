@@ -1,4 +1,4 @@
-"""What surrounds a controller, made of plain numbers: sensor, pump, and the keys of chance."""
+"""Keys of random numbers: each record, and each person's loop, has its own."""
 
 from __future__ import annotations
 
@@ -6,26 +6,9 @@ from typing import Final
 
 import jax
 
-from glucoloop.pumps import DoseLimits, LimitedPump, Pump, with_resolution
-from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
-
 # Far from the small numbers by which the loop splits its key, so that the record's noise is not the loop's.
 _RECORD: Final = 0x4D4F444C
 _PEOPLE: Final = 0x50454F50
-
-
-def sensor_of(noise_variance: float, bound_mg_dl: float, dead_time_samples: int) -> Sensor:
-    """Sensor with noise, dead time, both or neither."""
-    inner: Sensor = IdealSensor()
-    if noise_variance > 0.0:
-        inner = white_noise(noise_variance, bound_mg_dl, inner)
-    return dead_time(dead_time_samples, inner) if dead_time_samples else inner
-
-
-def pump_of(limits: DoseLimits, resolution_mU_min: float | None) -> Pump:
-    """Pump with limits, and with a smallest step of its rate if one is given."""
-    pump = LimitedPump(limits=limits)
-    return pump if resolution_mU_min is None else with_resolution(resolution_mU_min, pump)
 
 
 def record_key(seed: int | jax.Array) -> jax.Array:

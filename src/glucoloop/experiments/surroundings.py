@@ -1,4 +1,4 @@
-"""Sensors and pumps of the cases of a trial, shared as far as they can be.
+"""Sensors and pumps of a situation and of the cases in it, shared as far as they can be.
 
 Compiling a loop costs seconds, so cases that differ in nothing but one fault each share a loop: the faults of all of
 them are around its sensor and pump, and each case has numbers of its own, by which only its own fault ever begins.
@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.pumps import DoseLimits, Pump
-from glucoloop.sensors import Sensor
-from glucoloop.trials.fault_text import parse_fault
-from glucoloop.trials.faulty import faulty_pump, faulty_sensor
-from glucoloop.trials.situation import pump_of, sensor_of
-from glucoloop.trials.trial import Trial, TrialCase
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
+from glucoloop.experiments.situation import Situation
+from glucoloop.pumps import DoseLimits, LimitedPump, Pump, with_resolution
+from glucoloop.registry.fault_text import parse_fault
+from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
 
 
 @dataclass(frozen=True)
@@ -41,45 +41,61 @@ class Surroundings:
         return Surroundings(sensor=sensor, pump=pump)
 
 
-def surroundings_of(trial: Trial, case: TrialCase, limits: DoseLimits) -> Surroundings:
-    """Sensor and pump of a case.
+def sensor_of(noise_variance: float, bound_mg_dl: float, dead_time_samples: int, site: str | None = None) -> Sensor:
+    """Sensor at a site with noise, dead time, both or neither; None: where the glucose is that is controlled."""
+    inner: Sensor = IdealSensor(site=site)
+    if noise_variance > 0.0:
+        inner = white_noise(noise_variance, bound_mg_dl, inner)
+    return dead_time(dead_time_samples, inner) if dead_time_samples else inner
+
+
+def pump_of(limits: DoseLimits, resolution_mU_min: float | None) -> Pump:
+    """Pump with limits, and with a smallest step of its rate if one is given."""
+    pump = LimitedPump(limits=limits)
+    return pump if resolution_mU_min is None else with_resolution(resolution_mU_min, pump)
+
+
+def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroundings:
+    """Sensor and pump of a situation, and around them faults of a case's own.
 
     Raises
     ------
     ValueError
         For a fault that is not possible.
     """
-    faults = [parse_fault(text) for text in (*trial.faults, *case.faults)]
-    sensor = sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, trial.dead_time_samples)
-    pump = pump_of(limits, trial.pump_resolution_mU_min)
+    limits, every = situation.limits, [parse_fault(text) for text in (*situation.faults, *faults)]
+    sensor = sensor_of(
+        situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples, situation.site
+    )
+    pump = pump_of(limits, situation.pump_resolution_mU_min)
     return Surroundings(
-        sensor=faulty_sensor(sensor, faults, trial.sample_time_min),
-        pump=faulty_pump(pump, faults, trial.sample_time_min, limits),
+        sensor=faulty_sensor(sensor, every, situation.sample_time_min),
+        pump=faulty_pump(pump, every, situation.sample_time_min, limits),
     )
 
 
-def shared_surroundings(trial: Trial, limits: DoseLimits) -> list[Mapping[str, Surroundings]]:
-    """The cases of a trial by label, those together that can share a loop; these are of one structure.
+def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Mapping[str, Surroundings]]:
+    """Cases by label, those together that can share a loop; these are of one structure.
 
     Raises
     ------
     ValueError
         For a fault that is not possible.
     """
-    alike: dict[str, list[TrialCase]] = {}
-    for case in trial.cases:
+    alike: dict[str, list[Case]] = {}
+    for case in cases:
         own = [parse_fault(text) for text in case.faults]
         shareable = len(own) <= 1 and all(fault.entry.comes_and_goes for fault in own)
         same = repr(dataclasses.replace(case, label="" if shareable else case.label, faults=()))
         alike.setdefault(same, []).append(case)
-    return [_together(trial, cases, limits) for cases in alike.values()]
+    return [_together(situation, cases) for cases in alike.values()]
 
 
-def _together(trial: Trial, cases: list[TrialCase], limits: DoseLimits) -> dict[str, Surroundings]:
-    each = {case.label: surroundings_of(trial, case, limits) for case in cases}
+def _together(situation: Situation, cases: list[Case]) -> dict[str, Surroundings]:
+    each = {case.label: surroundings_of(situation, case.faults) for case in cases}
     if len(cases) == 1:
         return each
-    bare = surroundings_of(trial, dataclasses.replace(cases[0], faults=()), limits)
+    bare = surroundings_of(situation)
     sensors = _around(bare.sensor, {label: of.sensor for label, of in each.items()})
     pumps = _around(bare.pump, {label: of.pump for label, of in each.items()})
     return {label: Surroundings(sensor=sensors[label], pump=pumps[label]) for label in each}

@@ -6,85 +6,14 @@ settings become options. Nothing here imports a numerical library, so that help 
 
 from __future__ import annotations
 
-import contextlib
-import difflib
 import importlib
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
-from glucoloop.plausible import GLUCOSE_BOUND, Quantity
-
-Value = int | float | str
-
-MOST_NAMES_TOLD: Final = 12
-
-
-@dataclass(frozen=True)
-class Default:
-    """Value of a setting that was not given; it may depend on whether readings are noisy, and on the patient."""
-
-    noise_free: Value
-    noisy: Value | None = None
-    """None: as without noise."""
-    at: Mapping[str, tuple[Value, Value]] = field(default_factory=dict)
-    """Operating point -> (without noise, with noise), where it has values of its own."""
-
-    def value(self, operating_point: str, *, noisy: bool) -> Value:
-        """The value for a run."""
-        quiet, loud = self.at.get(operating_point, (self.noise_free, self.noisy))
-        return loud if noisy and loud is not None else quiet
-
-    @property
-    def text(self) -> str:
-        """For help: ``8`` or ``8, with noise 10``."""
-        noisy = "" if self.noisy in (None, self.noise_free) else f", with noise {_told(self.noisy)}"
-        return f"{_told(self.noise_free)}{noisy}"
-
-
-def _told(value: Value | None) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One thing that can be set about a controller.
-
-    The same name may stand in several entries, each with its default, but always with one type.
-    """
-
-    name: str
-    """As in a configuration file; the option is the same with dashes."""
-    type: type[int] | type[float] | type[str] | type[bool]
-    summary: str
-    """With the paper's symbol, if it has one."""
-    default: Default
-    choices: tuple[str, ...] = ()
-    quantity: Quantity | None = None
-    """The range in which people mean it; None: any value that its type allows."""
-
-    def check(self, value: object) -> Value:
-        """The value in the setting's type; its bounds are the design's to check.
-
-        Raises
-        ------
-        ValueError
-            For a value of another type, or one that is not among the choices.
-        """
-        if self.choices and value not in self.choices:
-            raise ValueError(f"{self.name} is {value!r}; the known ones are: {', '.join(self.choices)}")
-        if isinstance(value, bool):
-            if self.type is bool:
-                return value
-        elif self.type is float and isinstance(value, int | float):
-            with contextlib.suppress(OverflowError):  # of a whole number beyond all floats
-                return float(value)
-        elif isinstance(value, self.type):
-            return value
-        kinds: dict[type, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-        raise ValueError(f"{self.name} is {value!r}; give {kinds[self.type]}")
+from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.registry.patients import PatientEntry
+from glucoloop.registry.settings import Default, Setting, Value, known_names
 
 
 @dataclass(frozen=True)
@@ -119,18 +48,6 @@ class Entry:
         return designer
 
 
-def known_names(unknown: str, known: Iterable[str]) -> str:
-    """What to say after an unknown name: the one that was probably meant, and the others unless they are many."""
-    names = list(known)
-    if not names:
-        return "there are none"
-    close = difflib.get_close_matches(unknown, names, n=1)
-    if close and len(names) > MOST_NAMES_TOLD:
-        return f"did you mean {close[0]!r}?"
-    meant = f"did you mean {close[0]!r}? " if close else ""
-    return f"{meant}the known ones are: {', '.join(names)}"
-
-
 def move_horizon(default: Default) -> Setting:
     """The move horizon m of a predictive controller."""
     return Setting("move_horizon", int, "Moves that are planned, m.", default)
@@ -162,7 +79,10 @@ def constraints(default: Default) -> Setting:
     )
 
 
-def soft_floor(floor: Default = Default(0.0)) -> tuple[Setting, ...]:
+_NO_FLOOR: Final = Default(0.0)
+
+
+def soft_floor(floor: Default = _NO_FLOOR) -> tuple[Setting, ...]:
     """The constraint (19) on predicted glucose, with slack."""
     return (
         Setting(
@@ -177,33 +97,23 @@ def soft_floor(floor: Default = Default(0.0)) -> tuple[Setting, ...]:
 
 
 def estimation(reference_filter: float) -> tuple[Setting, ...]:
-    """Settings of a controller that estimates the state of a model with 19 states."""
+    """Settings of a controller that estimates the state of a model."""
     return (
         Setting("reference_filter", float, "How slowly the reference approaches, φ_r.", Default(reference_filter)),
         Setting(
             "reference_start",
             int,
             "1: the reference starts to move at the next sample; 0: at this one.",
-            Default(1, at={"nominal-22": (0, 0), "fasting-81": (0, 0)}),
+            Default(1),
         ),
-        Setting(
-            "glucose_process_noise",
-            float,
-            "Process noise of each glucose state, in Q.",
-            Default(30.0, noisy=0.9, at={"nominal-22": (10.0, 0.9), "fasting-81": (10.0, 0.3)}),
-        ),
+        Setting("glucose_process_noise", float, "Process noise of each glucose state, in Q.", Default(30.0, noisy=0.9)),
         Setting(
             "other_process_noise",
             float,
             "Of each insulin state and slow insulin effect.",
-            Default(0.1, noisy=0.01, at={"nominal-22": (0.01, 0.01), "fasting-81": (0.01, 0.1)}),
+            Default(0.1, noisy=0.01),
         ),
-        Setting(
-            "glucagon_process_noise",
-            float,
-            "Of glucagon and its slow effect.",
-            Default(10.0, noisy=0.005, at={"nominal-22": (0.1, 0.003), "fasting-81": (0.1, 0.03)}),
-        ),
+        Setting("glucagon_process_noise", float, "Of glucagon and its slow effect.", Default(10.0, noisy=0.005)),
         Setting("measurement_variance", float, "Variance of a reading as the filter takes it, R.", Default(1.45)),
     )
 
@@ -255,7 +165,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="mpc",
             summary="linear model predictive control on the identified step response",
-            design="glucoloop.trials.designs:linear_mpc",
+            design="glucoloop.experiments.designs:linear_mpc",
             settings=(
                 move_horizon(Default(2)),
                 prediction_horizon(Default(8, noisy=10)),
@@ -268,7 +178,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="mpc-se",
             summary="linear MPC with a Kalman filter on the linearised patient",
-            design="glucoloop.trials.designs:mpc_se",
+            design="glucoloop.experiments.designs:mpc_se",
             settings=(
                 move_horizon(Default(2)),
                 prediction_horizon(Default(7, noisy=8)),
@@ -290,7 +200,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="nlqdmc-se",
             summary="predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter",
-            design="glucoloop.trials.designs:nlqdmc_se",
+            design="glucoloop.experiments.designs:nlqdmc_se",
             settings=(
                 move_horizon(Default(2)),
                 prediction_horizon(Default(5, noisy=6)),
@@ -304,7 +214,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="meal-mpc",
             summary="predictive control on the nonlinear patient that estimates meals nobody announced",
-            design="glucoloop.trials.designs:meal_mpc",
+            design="glucoloop.experiments.designs:meal_mpc",
             settings=(
                 move_horizon(Default(2)),
                 prediction_horizon(Default(12)),
@@ -318,7 +228,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="imc",
             summary="internal model control with a filter, on a first-order model with dead time",
-            design="glucoloop.trials.designs:imc",
+            design="glucoloop.experiments.designs:imc",
             settings=(
                 Setting("filter_min", float, "Time constant of the filter, λ, in minutes.", Default(1.0)),
                 Setting("delay_min", float, "Dead time of the first-order model, in minutes.", Default(5.0)),
@@ -328,7 +238,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="pid",
             summary="PID in velocity form, tuned on a first-order model with dead time",
-            design="glucoloop.trials.designs:pid",
+            design="glucoloop.experiments.designs:pid",
             settings=(
                 Setting("closed_loop_min", float, "Time constant wanted of the loop, in minutes.", Default(30.0)),
                 Setting("gain", float, "K_c, mU/min per mg/dl; 0: from the model.", Default(0.0)),
@@ -340,7 +250,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
         Entry(
             name="basal",
             summary="no controller: the rate at which the loop starts",
-            design="glucoloop.trials.designs:basal",
+            design="glucoloop.experiments.designs:basal",
             uses_model=False,
         ),
     )
@@ -369,17 +279,20 @@ def all_settings() -> dict[str, dict[str, Setting]]:
     return settings
 
 
-def complete(controller: str, given: Mapping[str, object], *, operating_point: str, noisy: bool) -> dict[str, Value]:
-    """All settings of a controller: the given ones, and defaults for the others.
+def complete(
+    controller: str, given: Mapping[str, object], patient: PatientEntry, operating_point: str, *, noisy: bool
+) -> dict[str, Value]:
+    """All settings of a controller: the given ones, and for the others those usual for the patient.
 
     Raises
     ------
     ValueError
-        For an unknown controller or setting, or a value of the wrong type.
+        For an unknown controller, setting or operating point, or a value of the wrong type.
     """
     entry = controller_entry(controller)
     checked = {name: entry.setting(name).check(value) for name, value in given.items()}
+    usual = patient.usual_settings(controller, operating_point)
     return {
-        setting.name: checked.get(setting.name, setting.default.value(operating_point, noisy=noisy))
+        setting.name: checked.get(setting.name, usual.get(setting.name, setting.default).value(noisy=noisy))
         for setting in entry.settings
     }

@@ -19,7 +19,7 @@ from typing import Final
 
 import jax
 
-from glucoloop.patients.sorensen import SorensenParameters
+from glucoloop.patients.sorensen.equations import SorensenParameters
 
 REFERENCE_WEIGHT_KG: Final = 70.0
 """Weight of the man whose volumes and flows are printed."""

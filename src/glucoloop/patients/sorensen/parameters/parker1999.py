@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from glucoloop.patients.parameters.provenance import Constant
-from glucoloop.patients.sorensen import Sigmoid, SorensenParameters
+from glucoloop.patients.provenance import Constant
+from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
 
 SORENSEN: Final = "Sorensen 1985, Sc.D. thesis, MIT"
 PARKER_2000: Final = "Sorensen 1985; printed in this form in Parker, Doyle, Ward, Peppas 2000, AIChE J. 46(12)"

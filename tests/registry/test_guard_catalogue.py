@@ -5,9 +5,9 @@ import dataclasses
 import pytest
 
 from glucoloop.control import Guard, GuardSettings, design_open_loop
+from glucoloop.experiments.designs import with_guard
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.trials.designs import with_guard
-from glucoloop.trials.guard_catalogue import GUARD, complete_guard
+from glucoloop.registry.guard import GUARD, complete_guard
 
 
 def test_every_limit_can_be_set_and_has_the_guards_default():

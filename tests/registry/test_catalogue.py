@@ -4,18 +4,12 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT
+from glucoloop.experiments.designs import DesignCase
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.trials.catalogue import (
-    CONTROLLERS,
-    Default,
-    Setting,
-    all_settings,
-    complete,
-    controller_entry,
-    known_names,
-)
-from glucoloop.trials.designs import DesignCase
+from glucoloop.registry.controllers import CONTROLLERS, all_settings, complete, controller_entry
+from glucoloop.registry.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
+from glucoloop.registry.settings import Default, Setting, known_names
 
 
 @pytest.mark.parametrize("operating_point", ["setpoint-81", "nominal-22"])
@@ -23,14 +17,14 @@ from glucoloop.trials.designs import DesignCase
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_point):
     case = DesignCase(
-        patient=gl.patient(operating_point),
+        patient=gl.patient(operating_point=operating_point),
         model=StepResponseModel.from_impulse_response([-0.1, -0.3, -0.2, -0.1, -0.05] + [0.0] * 10, 5.0),
         limits=PARKER_1999_LIMITS,
         sample_time_min=5.0,
         noise_variance=1.45 if noisy else 0.0,
         dead_time_samples=0,
     )
-    settings = complete(name, {}, operating_point=operating_point, noisy=noisy)
+    settings = complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy)
     assert controller_entry(name).designer()(case, **settings).sample_time_min == 5.0
 
 
@@ -45,7 +39,7 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
         dead_time_samples=0,
     )
     for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
-        settings = complete(name, given, operating_point="setpoint-81", noisy=False)
+        settings = complete(name, given, USUAL_PATIENT, "setpoint-81", noisy=False)
         controller = controller_entry(name).designer()(case, **settings)
         floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
         if given:
@@ -59,12 +53,26 @@ def test_a_name_has_one_type_in_all_controllers():
         assert len({(setting.type, setting.choices) for setting in owners.values()}) == 1
 
 
-def test_defaults_follow_noise_and_operating_point():
-    default = Default(1, noisy=2, at={"there": (3, 4)})
-    assert [default.value("here", noisy=noisy) for noisy in (False, True)] == [1, 2]
-    assert [default.value("there", noisy=noisy) for noisy in (False, True)] == [3, 4]
-    assert Default(1).value("here", noisy=True) == 1
+def test_a_default_follows_noise():
+    default = Default(1, noisy=2)
+    assert [default.value(noisy=noisy) for noisy in (False, True)] == [1, 2]
+    assert Default(1).value(noisy=True) == 1
     assert default.text == "1, with noise 2"
+
+
+def test_usual_settings_are_those_of_the_operating_point_before_those_of_the_patient():
+    here = OperatingPoint("here", "", {"pid": {"gain": Default(3.0)}})
+    points = (here, OperatingPoint("there", ""))
+    tunings = {"pid": {"gain": Default(2.0), "closed_loop_min": Default(9.0)}}
+    entry = PatientEntry(
+        name="somebody", summary="", model="", operating_points=points, pulse_mU_min=1.0, tunings=tunings
+    )
+    assert complete("pid", {}, entry, "here", noisy=False)["gain"] == 3.0
+    assert complete("pid", {}, entry, "there", noisy=False)["gain"] == 2.0
+    assert complete("pid", {}, entry, "here", noisy=False)["closed_loop_min"] == 9.0
+    assert complete("pid", {"gain": 1.0}, entry, "here", noisy=False)["gain"] == 1.0
+    with pytest.raises(ValueError, match=r"unknown operating point 'her' of somebody; did you mean 'here'\?"):
+        complete("pid", {}, entry, "her", noisy=False)
 
 
 def test_unknown_names_are_answered():

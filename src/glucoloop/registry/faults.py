@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
-from glucoloop.trials.catalogue import Default, Setting, Value, known_names
+from glucoloop.registry.settings import Default, Setting, Value, known_names
 
 START: Final = "start_min"
 LATEST: Final = "latest_min"

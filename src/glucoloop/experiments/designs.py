@@ -11,12 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import (
-    MPCSE,
-    NLQDMC,
     Controller,
-    Guard,
     GuardSettings,
-    MealMPC,
     MealTuning,
     MPCTuning,
     PIDTuning,
@@ -32,14 +28,20 @@ from glucoloop.control import (
     internal_model_tuning,
 )
 from glucoloop.estimation.unknown_meal import MealHabits
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.chance import record_key
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import sensor_of
+from glucoloop.identification import Identification
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients import Patient, SorensenPatient
+from glucoloop.patients import Patient
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import DoseLimits
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.guard import PREFIX
+from glucoloop.registry.patients import patient_entry
+from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
-from glucoloop.trials.catalogue import Value, controller_entry
-from glucoloop.trials.guard_catalogue import PREFIX
-from glucoloop.trials.situation import record_key, sensor_of
-from glucoloop.trials.trial import Trial, TrialCase
 
 
 @dataclass(frozen=True)
@@ -65,37 +67,71 @@ class DesignCase:
         return self.model
 
 
-def controller_of(trial: Trial, case: TrialCase, nominal: SorensenPatient, limits: DoseLimits) -> Controller:
-    """The controller of a trial's case, designed for the nominal patient.
+def controller_of(
+    situation: Situation,
+    case: Case,
+    patient: Patient | None = None,
+    model: StepResponseModel | None = None,
+    *,
+    model_is_late: bool = False,
+) -> Controller:
+    """The controller of a case.
+
+    Parameters
+    ----------
+    situation : Situation
+    case : Case
+    patient : Patient, optional
+        For whom it is designed; the nominal patient by default.
+    model : StepResponseModel, optional
+        On which it is designed, if it uses one; by default one is identified from the patient.
+    model_is_late : bool
+        Whether that model holds the dead time already.
 
     Raises
     ------
     ValueError
         For a design that is not possible.
     """
+    patient = situation.nominal if patient is None else patient
     entry = controller_entry(case.controller)
-    known_samples = trial.dead_time_samples if case.known_dead_time else 0
-    model = None
-    if entry.uses_model:
-        identified = identify(
-            nominal,
-            sensor_of(case.model_noise_variance or 0.0, trial.noise_bound_mg_dl, 0),
-            record_key(trial.seed),
-            memory=case.memory or 0,
-            laguerre_pole=case.laguerre_pole or 0.0,
-            laguerre_functions=case.laguerre_functions or None,
-            sample_time_min=trial.sample_time_min,
-        )
-        model = identified.model.delayed(known_samples)
+    known_samples = situation.dead_time_samples if case.known_dead_time else 0
+    if entry.uses_model and model is None:
+        model = identified_model(situation, case, patient).model
     design = DesignCase(
-        patient=nominal,
-        model=model,
-        limits=limits,
-        sample_time_min=trial.sample_time_min,
-        noise_variance=trial.noise_variance,
+        patient=patient,
+        model=model if model is None or model_is_late else model.delayed(known_samples),
+        limits=situation.limits,
+        sample_time_min=situation.sample_time_min,
+        noise_variance=situation.noise_variance,
         dead_time_samples=known_samples,
     )
-    return with_guard(entry.designer()(design, **case.tuning), case.guard, limits)
+    return with_guard(entry.designer()(design, **case.tuning), case.guard, situation.limits)
+
+
+def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
+    """The model of a case, identified from the pulse experiment on a patient.
+
+    Raises
+    ------
+    ValueError
+        For an experiment that is not possible.
+    """
+    return identify(
+        patient,
+        sensor_of(case.model_noise_variance or 0.0, situation.noise_bound_mg_dl, 0, situation.site),
+        record_key(situation.seed),
+        memory=case.memory or 0,
+        amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
+        laguerre_pole=case.laguerre_pole or 0.0,
+        laguerre_functions=case.laguerre_functions or None,
+        sample_time_min=situation.sample_time_min,
+    )
+
+
+def pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
+    """Height of the pulses of the experiment: what is usual for the patient, and at most the basal rate."""
+    return min(patient_entry(situation.patient).pulse_mU_min, basal_insulin_mU_min)
 
 
 def with_guard(controller: Controller, guard: Mapping[str, Value] | None, limits: DoseLimits) -> Controller:
@@ -112,15 +148,17 @@ def with_guard(controller: Controller, guard: Mapping[str, Value] | None, limits
     return guarded(controller, GuardSettings(**given), limits)
 
 
-def told_of_basal(controller: Controller, basal_insulin_mU_min: npt.NDArray[np.float64]) -> Controller:
+def with_individual_basal(controller: Controller, basal_insulin_mU_min: npt.ArrayLike) -> Controller:
     """A controller for people whose basal rates are the ones given.
 
-    Those that hold the basal rate of the patient they were designed for are given each person's own; the others take
-    it from the pump when they wake, and are handed back as they are.
+    A controller that holds the basal rate of the patient it was designed for has a method ``with_basal``, which gives
+    it each person's own; the others take the rate from the pump when they start, and are handed back as they are.
     """
-    if isinstance(controller, MPCSE | NLQDMC | MealMPC | Guard):
-        return controller.with_basal(jnp.asarray(basal_insulin_mU_min))
-    return controller
+    own = getattr(controller, "with_basal", None)
+    if own is None:
+        return controller
+    individual: Controller = own(jnp.asarray(basal_insulin_mU_min))
+    return individual
 
 
 def linear_mpc(
@@ -151,13 +189,12 @@ def linear_mpc(
     )
 
 
-def process_noise(tuning: Mapping[str, Value]) -> npt.NDArray[np.float64]:
-    """Diagonal of Q for the 8 glucose, 9 other and 2 glucagon states, of the settings of a controller."""
-    return _process_noise(*(float(tuning[f"{kind}_process_noise"]) for kind in ("glucose", "other", "glucagon")))
+def process_noise_of(patient: Patient, tuning: Mapping[str, Value]) -> npt.NDArray[np.float64]:
+    """Diagonal of Q ``(states,)`` of a filter on a patient, of the settings of a controller."""
+    return process_noise(patient, *(float(tuning[f"{kind}_process_noise"]) for kind in _KINDS))
 
 
-def _process_noise(glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
-    return np.repeat([glucose, other, glucagon], [8, 9, 2])
+_KINDS: Final = ("glucose", "other", "glucagon")
 
 
 def mpc_se(
@@ -181,7 +218,7 @@ def mpc_se(
     """MPC with state estimation, on the patient linearised at his operating point."""
     return design_mpc_se(
         linear_model(case.patient, sample_time_min=case.sample_time_min),
-        _process_noise(glucose_process_noise, other_process_noise, glucagon_process_noise),
+        process_noise(case.patient, glucose_process_noise, other_process_noise, glucagon_process_noise),
         StateTuning(move_horizon, prediction_horizon, output_weight, move_weight, reference_filter, reference_start),
         case.limits,
         measurement_variance=measurement_variance,
@@ -212,7 +249,7 @@ def nlqdmc_se(
     """NLQDMC with state estimation, on the patient's own equations."""
     return design_nlqdmc_se(
         nonlinear_model(case.patient, sample_time_min=case.sample_time_min),
-        _process_noise(glucose_process_noise, other_process_noise, glucagon_process_noise),
+        process_noise(case.patient, glucose_process_noise, other_process_noise, glucagon_process_noise),
         StateTuning(move_horizon, prediction_horizon, output_weight, move_weight, reference_filter, reference_start),
         case.limits,
         measurement_variance=measurement_variance,

@@ -1,0 +1,48 @@
+"""A controller with its tuning, and how its model is identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from glucoloop.experiments.situation import Situation
+from glucoloop.registry.controllers import complete, controller_entry
+from glucoloop.registry.settings import Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A controller with its tuning, and how its model is identified."""
+
+    label: str
+    controller: str
+    tuning: Mapping[str, Value]
+    """Every setting of the controller."""
+    known_dead_time: bool = False
+    model_noise_variance: float | None = None
+    """Of the record that the model is identified from; None, like the next three, for a controller without a model."""
+    memory: int | None = None
+    laguerre_pole: float | None = None
+    laguerre_functions: int | None = None
+    guard: Mapping[str, Value] | None = None
+    """Every limit of its guard; None: it has none."""
+    faults: tuple[str, ...] = ()
+    """Of its own, around those of the situation; see `registry.fault_text`."""
+
+
+def usual_case(controller: str, situation: Situation) -> Case:
+    """A controller with the settings that are usual in a situation, on a model identified from an equally noisy record.
+
+    Raises
+    ------
+    ValueError
+        For an unknown controller.
+    """
+    entry, point = situation.whom
+    noisy = situation.noise_variance > 0.0
+    identification = {}
+    if controller_entry(controller).uses_model:
+        identification = entry.identification(situation.sample_time_min)
+        identification["model_noise_variance"] = situation.noise_variance
+    tuning = complete(controller, {}, entry, point, noisy=noisy)
+    return Case(label=controller, controller=controller, tuning=tuning, **identification)

@@ -1,0 +1,97 @@
+"""The situation that a controller is put in: the patient, what the sensor and the pump are like, and what fails."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+from glucoloop.patients import SemilinearPatient
+from glucoloop.patients import patient as named_patient
+from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
+
+
+@functools.cache
+def _nominal(name: str, operating_point: str | None) -> SemilinearPatient:
+    return named_patient(name, operating_point)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Situation:
+    """Everything about a loop but its meals and its controller."""
+
+    patient: str = USUAL_PATIENT.name
+    """Name of the nominal patient, for whom controllers are designed."""
+    operating_point: str | None = None
+    """Of the nominal patient; None: the usual one."""
+    setpoint_mg_dl: float | None = None
+    """The target; None: glucose at the operating point."""
+    announced: bool = False
+    """Whether the controller is told of meals when they begin."""
+    noise_variance: float = 0.0
+    noise_bound_mg_dl: float = 5.0
+    dead_time_samples: int = 0
+    site: str | None = None
+    """Where the sensor sits; None: where the glucose is that is controlled."""
+    max_change_mU_min: float = USUAL_PATIENT.max_change_mU_min
+    min_insulin_mU_min: float = USUAL_PATIENT.min_insulin_mU_min
+    max_insulin_mU_min: float = USUAL_PATIENT.max_insulin_mU_min
+    pump_resolution_mU_min: float | None = None
+    faults: tuple[str, ...] = ()
+    """Of sensor and pump, the first innermost; see `registry.fault_text`."""
+    sample_time_min: float = 5.0
+    seed: int = 0
+
+    @property
+    def whom(self) -> tuple[PatientEntry, str]:
+        """The patient's entry, and the name of the operating point."""
+        entry = patient_entry(self.patient)
+        return entry, entry.usual_point if self.operating_point is None else self.operating_point
+
+    @property
+    def nominal(self) -> SemilinearPatient:
+        """The nominal patient at the operating point.
+
+        Raises
+        ------
+        ValueError
+            For an unknown patient or operating point.
+        """
+        return _nominal(self.patient, self.operating_point)
+
+    @property
+    def target_mg_dl(self) -> float:
+        """The setpoint, or glucose at the operating point."""
+        return float(self.nominal.setpoint_mg_dl) if self.setpoint_mg_dl is None else self.setpoint_mg_dl
+
+    @property
+    def limits(self) -> DoseLimits:
+        """What the pump may do.
+
+        Raises
+        ------
+        ValueError
+            For bounds that are not possible.
+        """
+        return dose_limits(
+            max_change_mU_min=self.max_change_mU_min,
+            min_mU_min=self.min_insulin_mU_min,
+            max_mU_min=self.max_insulin_mU_min,
+        )
+
+
+def usual_situation(patient: str = USUAL_PATIENT.name) -> Situation:
+    """A patient at the usual operating point with the usual pump; readings are free of noise.
+
+    Raises
+    ------
+    ValueError
+        For an unknown patient.
+    """
+    entry = patient_entry(patient)
+    return Situation(
+        patient=patient,
+        max_change_mU_min=entry.max_change_mU_min,
+        min_insulin_mU_min=entry.min_insulin_mU_min,
+        max_insulin_mU_min=entry.max_insulin_mU_min,
+    )

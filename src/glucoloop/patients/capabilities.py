@@ -1,0 +1,63 @@
+"""What a patient may tell of itself besides the protocol, and what is taken where it does not.
+
+Each function asks the patient for an attribute of the function's name.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.patients.protocol import Patient
+
+USUAL_SITE: Final = "plasma"
+
+
+def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
+    """Glucose `()` or `(people,)` below which a patient's model says no more than that glucose is very low.
+
+    A patient that does not tell is taken to be valid down to 0 mg/dl, below which there is no concentration.
+    """
+    limit: jax.Array | float = getattr(patient, "lowest_valid_glucose_mg_dl", 0.0)
+    return limit
+
+
+def sites(patient: Patient) -> tuple[str, ...]:
+    """Where glucose can be read, the site of the glucose that is controlled first; one alone if nothing is told."""
+    told: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
+    return told
+
+
+def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:
+    """Glucose of a state where a sensor sits; None: the glucose that is controlled."""
+    if site is None or site == sites(patient)[0]:
+        return patient.glucose_mg_dl(x)
+    seen: jax.Array = patient.seen_mg_dl(x, site)  # type: ignore[attr-defined]  # who has another site has it
+    return seen
+
+
+def process_noise(patient: Patient, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
+    """Diagonal of Q `(states,)` of a filter, from variances per sample of three kinds of states.
+
+    A patient that does not tell which of its states are which has the variance of glucose in all of them.
+    """
+    own = getattr(patient, "process_noise", None)
+    if own is not None:
+        diagonal: npt.NDArray[np.float64] = own(glucose, other, glucagon)
+        return diagonal
+    states = np.shape(patient.steady_state(patient.basal_insulin_mU_min))[0]
+    return np.full(states, glucose)
+
+
+def rest_at(patient: Patient, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Rate that holds a glucose, and the state there; NaN for people whom no rate holds. JAX traces it."""
+    own = getattr(patient, "rest_at", None)
+    if own is not None:
+        found: tuple[jax.Array, jax.Array] = own(glucose_mg_dl)
+        return found
+    rate = jnp.asarray(patient.insulin_for(glucose_mg_dl))
+    return rate, patient.steady_state(rate)

@@ -1,0 +1,120 @@
+"""A patient model as a value: how people of a kind are made, and what may vary among them."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop.arguments import checked
+from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.variation import Distribution
+from glucoloop.registry.patients import PatientEntry, patient_entry
+
+Values = Mapping[str, Any]
+"""Parameter -> number, or array ``(people,)``."""
+Sound = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+
+
+def _anything(varied: Mapping[str, Distribution]) -> None:
+    """Refuse nothing."""
+
+
+def _finite(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Promise no more of a state than that it is finite."""
+    del lowest_mg_dl
+    finite = jnp.all(jnp.isfinite(x), axis=0)
+    return finite, finite
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatientModel:
+    """How people of a kind are made.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(values, basal_insulin_mU_min, setpoint_mg_dl)``: the patient, or the people, who have these values and
+        are nominal otherwise. JAX traces it.
+    operating_points : mapping
+        Name -> function that makes the nominal patient there, for each operating point of the entry.
+    nominal : mapping
+        Everything that can vary, with the nominal patient's value.
+    populations : callable
+        The populations by name, besides the nominal one.
+    refuse : callable
+        Raises ValueError for distributions that can make a person who cannot be.
+    hint : str
+        What the known parameters are, for the error about an unknown one.
+    sound : callable
+        ``sound(x, lowest_mg_dl)``: whether insulin and glucose of states ``(states, ...)`` can be, if the glucose that
+        is controlled has never been below ``lowest_mg_dl``; checked at every sample of a campaign.
+    """
+
+    build: Callable[[Values, Any, Any], SemilinearPatient]
+    operating_points: Mapping[str, Callable[[], SemilinearPatient]]
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    populations: Callable[[], Mapping[str, Any]] = dict
+    refuse: Callable[[Mapping[str, Distribution]], None] = _anything
+    follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Parameters that follow from others, and from which."""
+    hint: str = ""
+    sound: Sound = _finite
+
+    def refuse_unknown(self, parameter: str) -> None:
+        """Refuse a name that nothing has which can vary.
+
+        Raises
+        ------
+        ValueError
+            For such a name, with the one that was probably meant.
+        """
+        if parameter in self.nominal:
+            return
+        if parameter in self.follows:
+            raise ValueError(f"{parameter} follows from {' and '.join(self.follows[parameter])}; vary these instead")
+        close = difflib.get_close_matches(parameter, self.nominal, n=1)
+        meant = f"did you mean {close[0]!r}? " if close else ""
+        known = self.hint or f"the known ones are: {', '.join(self.nominal) or 'none, since nothing can vary'}"
+        raise ValueError(f"unknown parameter {parameter!r}; {meant}{known}")
+
+
+@functools.cache
+def patient_model(name: str) -> PatientModel:
+    """Model of a patient by name.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name.
+    """
+    model: PatientModel = patient_entry(name).load()
+    return model
+
+
+@checked
+def patient(name: str = "parker-1999", operating_point: str | None = None) -> SemilinearPatient:
+    """A nominal patient at an operating point.
+
+    Parameters
+    ----------
+    name : str
+        ``"parker-1999"`` or another of ``glucoloop patients``; or ``"module:attribute"`` of a `PatientEntry`.
+    operating_point : str, optional
+        The usual one by default. Of ``"parker-1999"``: ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min;
+        ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl; ``"fasting-81"``: 22.33 mU/min, holding 81.153 mg/dl in
+        a person whose effects are normalised at a fasting glucose of 81 mg/dl.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name.
+    """
+    entry: PatientEntry = patient_entry(name)
+    point = entry.usual_point if operating_point is None else entry.operating_point(operating_point).name
+    return patient_model(name).operating_points[point]()

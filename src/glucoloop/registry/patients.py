@@ -1,0 +1,187 @@
+"""Patients by name: what each is, where it is made, and what is usual for it.
+
+A patient joins the command line, the configuration files and the trials by one entry in `PATIENTS`, or by the entry
+point of another package in the group ``glucoloop.patients``.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from glucoloop.registry.plugins import added, added_names
+from glucoloop.registry.settings import Default, Tunings, known_names
+
+_PRINTED_SAMPLE_TIME_MIN: Final = 5.0
+NOMINAL: Final = "nominal"
+"""The population of which everybody is the nominal patient; every patient has it."""
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """Where a patient rests."""
+
+    name: str
+    summary: str
+    """Which rate holds which glucose, for help."""
+    tunings: Tunings = field(default_factory=dict)
+    """Settings of controllers that are usual at this point alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatientEntry:
+    """A patient, as far as it can be told without its equations."""
+
+    name: str
+    summary: str
+    model: str
+    """``module:attribute`` of its `patients.model.PatientModel`."""
+    operating_points: tuple[OperatingPoint, ...]
+    """The first is the usual one."""
+    populations: Mapping[str, str] = field(default_factory=dict)
+    """Name -> summary of each population besides the nominal one; the first is the usual one."""
+    max_change_mU_min: float = 16.7
+    """Of a usual pump, from one sample to the next."""
+    min_insulin_mU_min: float = 0.0
+    max_insulin_mU_min: float = 66.9
+    pulse_mU_min: float
+    """Height of the pulses from which a model is identified; at most the basal rate."""
+    memory_min: float = 180.0
+    """After which a dose has died out."""
+    laguerre_pole: float = 0.84
+    """At 5-min samples."""
+    laguerre_functions: int = 2
+    tunings: Tunings = field(default_factory=dict)
+    """Settings of controllers that are usual for this patient."""
+
+    def operating_point(self, name: str) -> OperatingPoint:
+        """An operating point by name.
+
+        Raises
+        ------
+        ValueError
+            If the patient has none of that name.
+        """
+        points = {point.name: point for point in self.operating_points}
+        if name not in points:
+            raise ValueError(f"unknown operating point {name!r} of {self.name}; {known_names(name, points)}")
+        return points[name]
+
+    @property
+    def usual_point(self) -> str:
+        """Name of the usual operating point."""
+        return self.operating_points[0].name
+
+    @property
+    def usual_population(self) -> str:
+        """Name of the usual population."""
+        return next(iter(self.populations), NOMINAL)
+
+    def usual_settings(self, controller: str, operating_point: str) -> Mapping[str, Default]:
+        """Settings of a controller that are usual here, where they are others than the controller's own.
+
+        Raises
+        ------
+        ValueError
+            For an unknown operating point.
+        """
+        own = self.operating_point(operating_point).tunings.get(controller, {})
+        return {**self.tunings.get(controller, {}), **own}
+
+    def identification(self, sample_time_min: float) -> dict[str, Any]:
+        """How a model is usually identified at a sample time: memory in samples, and the Laguerre functions."""
+        return {
+            "memory": max(2, round(self.memory_min / sample_time_min)),
+            "laguerre_pole": float(self.laguerre_pole ** (sample_time_min / _PRINTED_SAMPLE_TIME_MIN)),
+            "laguerre_functions": self.laguerre_functions,
+        }
+
+    def load(self) -> Any:
+        """The model; importing it imports JAX."""
+        module, attribute = self.model.split(":")
+        return getattr(importlib.import_module(module), attribute)
+
+
+def _process_noise(glucose: Default, other: Default, glucagon: Default) -> dict[str, Default]:
+    return {
+        "reference_start": Default(0),
+        "glucose_process_noise": glucose,
+        "other_process_noise": other,
+        "glucagon_process_noise": glucagon,
+    }
+
+
+_OF_NOMINAL_22: Final = _process_noise(Default(10.0, noisy=0.9), Default(0.01), Default(0.1, noisy=0.003))
+_OF_FASTING_81: Final = _process_noise(Default(10.0, noisy=0.3), Default(0.01, noisy=0.1), Default(0.1, noisy=0.03))
+
+PATIENTS: Final[dict[str, PatientEntry]] = {
+    entry.name: entry
+    for entry in (
+        PatientEntry(
+            name="parker-1999",
+            summary="Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; insulin into a vein, 70 kg",
+            model="glucoloop.patients.sorensen.model:PARKER_1999_MODEL",
+            operating_points=(
+                OperatingPoint("setpoint-81", "held at 81.1 mg/dl by 25.61 mU/min"),
+                OperatingPoint(
+                    "nominal-22",
+                    "22.33 mU/min, which hold 92.1 mg/dl",
+                    {"mpc-se": _OF_NOMINAL_22, "nlqdmc-se": _OF_NOMINAL_22},
+                ),
+                OperatingPoint(
+                    "fasting-81",
+                    "22.33 mU/min, which hold 81.2 mg/dl in a person whose healthy fasting glucose is 81 mg/dl",
+                    {"mpc-se": _OF_FASTING_81, "nlqdmc-se": _OF_FASTING_81},
+                ),
+            ),
+            populations={
+                "parker2000": "up to 40 % in the eight parameters of Parker et al. (2000), uniform",
+                "lognormal": (
+                    "the same eight, lognormal with a coefficient of variation of 20 %, and weight of 70 kg with 15 %"
+                ),
+            },
+            pulse_mU_min=22.33,
+        ),
+        PatientEntry(
+            name="hovorka-2004",
+            summary="the model of Hovorka et al. (2004); insulin under the skin, 75 kg",
+            model="glucoloop.patients.hovorka.model:HOVORKA_2004_MODEL",
+            operating_points=(OperatingPoint("fasting-120", "held at 120 mg/dl by 6.73 mU/min, which is 0.404 U/h"),),
+            pulse_mU_min=6.0,
+            memory_min=600.0,
+            laguerre_pole=0.93,
+            laguerre_functions=6,
+        ),
+    )
+}
+USUAL_PATIENT: Final = PATIENTS["parker-1999"]
+
+
+@functools.cache
+def patient_entry(name: str) -> PatientEntry:
+    """A patient by name: of this package, of another one, or ``module:attribute``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or one of another package that cannot be loaded.
+    """
+    if name in PATIENTS:
+        return PATIENTS[name]
+    entry: PatientEntry | None = added("patients", name, PatientEntry)
+    if entry is None:
+        for known in PATIENTS.values():
+            if name in [point.name for point in known.operating_points]:
+                raise ValueError(
+                    f"{name!r} is an operating point of {known.name} and no patient; give it as the operating point"
+                )
+        raise ValueError(f"unknown patient {name!r}; {known_names(name, patient_names())}")
+    return entry
+
+
+def patient_names() -> list[str]:
+    """Names of all patients, those of other packages included."""
+    return [*PATIENTS, *added_names("patients")]

@@ -1,0 +1,72 @@
+"""Parts that other packages add: by an entry point of theirs, or named as ``module:attribute``."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import sys
+from pathlib import Path
+from typing import Any
+
+GROUPS = ("patients",)
+"""What can be added; the entry points of a package are in the group ``glucoloop.patients``."""
+
+
+def added_names(group: str) -> list[str]:
+    """Names that installed packages add to a group; nothing of them is imported."""
+    return sorted(point.name for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"))
+
+
+def added(group: str, name: str, kind: type) -> Any | None:
+    """What a package adds under a name, or what ``module:attribute`` names; None where there is no such thing.
+
+    Parameters
+    ----------
+    group : str
+        One of `GROUPS`.
+    name : str
+        Of an entry point, or ``module:attribute`` of a module that Python finds or that lies in the current folder.
+    kind : type
+        What it has to be.
+
+    Raises
+    ------
+    ValueError
+        For a module that cannot be imported, an attribute that it has not, or one of another kind.
+    """
+    for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"):
+        if point.name == name:
+            return _of_kind(_loaded(point.value), point.value, kind)
+    if ":" in name:
+        return _of_kind(_loaded(name), name, kind)
+    return None
+
+
+def _loaded(value: str) -> Any:
+    module, _, attribute = value.partition(":")
+    try:
+        found: Any = _imported(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except AttributeError:
+        raise ValueError(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
+    except Exception as error:  # whatever somebody else's module does when it is imported
+        raise ValueError(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
+    return found
+
+
+def _imported(module: str) -> Any:
+    here = str(Path.cwd())
+    if here in sys.path:
+        return importlib.import_module(module)
+    sys.path.insert(0, here)
+    try:
+        return importlib.import_module(module)
+    finally:
+        sys.path.remove(here)
+
+
+def _of_kind(found: Any, name: str, kind: type) -> Any:
+    if not isinstance(found, kind):
+        raise ValueError(f"{name} is an instance of {type(found).__name__}; it has to be one of {kind.__name__}")
+    return found
