@@ -136,7 +136,7 @@ def warm() -> dict[str, float]:
     run()
     day = median_of(run)
 
-    plant, meals = integrator.prepare(person, scenario.emptying(), grid)
+    plant, meals = integrator.prepare(person, scenario.absorbed_by(person), grid)
     start, key = closed_loop._start(person, scenario), jax.random.key(0)
     loop = Loop(
         plant=plant, controller=controller, sensor=IdealSensor(), pump=pump, setpoint_mg_dl=start.setpoint_mg_dl
@@ -145,7 +145,7 @@ def warm() -> dict[str, float]:
     scan = lambda: jax.block_until_ready(closed_loop._run(*arguments))  # noqa: E731
     scan()
     looping = median_of(scan)
-    ready = median_of(lambda: jax.block_until_ready(integrator.prepare(person, scenario.emptying(), grid)[1]))
+    ready = median_of(lambda: jax.block_until_ready(integrator.prepare(person, scenario.absorbed_by(person), grid)[1]))
 
     @jax.jit
     def step(plant: Any, controller: Any, x: Any, state: Any, in_pump: Any, delivered: Any, meal: Any) -> Any:

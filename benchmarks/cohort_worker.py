@@ -25,7 +25,7 @@ from closed_loop import MEALS
 
 from glucoloop._pytree import pytree
 from glucoloop.config.trial import read_trial
-from glucoloop.meals import Meal, Scenario
+from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
 from glucoloop.simulation.cohort import CohortRun, People
 from glucoloop.trials import engine
@@ -154,7 +154,6 @@ def without_metrics(precision: str) -> cohort.Cohort:
     nominal = engine.patient(given.operating_point)
     example = engine.virtual_people(given.population, given.seed, [0], setpoint_mg_dl=prepared.setpoint_mg_dl)
     limits = prepared.fold.limits
-    meals = np.array([meal.t_min for meal in given.plan.meals]), np.array([meal.carbs_g for meal in given.plan.meals])
     return cohort.Cohort(
         nominal,
         example.patient,
@@ -164,7 +163,7 @@ def without_metrics(precision: str) -> cohort.Cohort:
         prepared.grid,
         Nothing(),
         setpoint_mg_dl=prepared.setpoint_mg_dl,
-        meals=meals,
+        meals=eaten(given.plan.meals),
         precision=precision,
     )
 
@@ -199,11 +198,11 @@ def accuracy(people: int, tolerance: float) -> dict[str, float]:
     glucose = np.concatenate([run.glucose_mg_dl for run in runs], axis=1)[:, :people]
     insulin = np.concatenate([run.insulin_mU_min for run in runs], axis=1)[:, :people]
     x = np.concatenate([np.asarray(block.x) for block in blocks], axis=1)[:, :people]
-    day = Scenario([Meal(*meal) for meal in MEALS], 1440.0).emptying()
+    day = Scenario([Meal(*meal) for meal in MEALS], 1440.0)
 
     @jax.jit
     def replay(patient: Any, x: jax.Array, insulin: jax.Array) -> jax.Array:
-        plant, times = Adaptive(tolerance).prepare(patient, day, prepared.grid)
+        plant, times = Adaptive(tolerance).prepare(patient, day.absorbed_by(patient), prepared.grid)
 
         def sample(x: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
             x, _ = plant.advance(x, *entry)

@@ -39,7 +39,7 @@ METHODS = {
 def run(person, integrator, insulin):
     """Glucose at each sample and at the end."""
     grid = SampleGrid(sample_time_min=T, samples=insulin.size)
-    plant, meals = integrator.prepare(person, DAY.emptying(), grid)
+    plant, meals = integrator.prepare(person, DAY.absorbed_by(person), grid)
 
     def sample(x, entry):
         x, _ = plant.advance(x, *entry)
@@ -52,11 +52,11 @@ def run(person, integrator, insulin):
 
 def reference(person, insulin):
     """The same by SciPy."""
-    kinks = DAY.emptying()
+    eaten = DAY.absorbed_by(person)
     rates = jax.jit(
-        lambda t, x, u: person.derivative(t, x, Inputs(insulin_mU_min=u, meal_mg_min=appearance_mg_min(t, kinks)))
+        lambda t, x, u: person.derivative(t, x, Inputs(insulin_mU_min=u, meal_mg_min=appearance_mg_min(t, eaten)))
     )
-    stops = np.unique(np.r_[np.arange(insulin.size + 1) * T, np.asarray(kinks.t_min)])
+    stops = np.unique(np.r_[np.arange(insulin.size + 1) * T, np.asarray(eaten.jumps.t_min)])
     x = np.asarray(person.steady_state(person.basal_insulin_mU_min))
     glucose = []
     for start, end in itertools.pairwise(stops[stops <= insulin.size * T]):

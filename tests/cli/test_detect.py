@@ -14,7 +14,6 @@ from glucoloop.trials.detection import evaluate
 from glucoloop.trials.detection.days import Days
 from glucoloop.trials.detection.evaluate import Estimated, score
 from glucoloop.trials.detection.result import DetectionResult
-from glucoloop.trials.detection.scores import Meals
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")
@@ -32,8 +31,8 @@ FILES = {
 def done(detection):
     """As if every estimator said half an hour late what is true, but for one false alarm on the fasting day."""
     t_min = 5.0 * np.arange(288)
-    begin, carbs_g = (values[:, :1] for values in draw_meals(detection.plan, detection.trial.seed, [0]))
-    meals = Meals(begin, carbs_g)
+    meals = draw_meals(detection.plan, detection.trial.seed, [0])
+    begin, carbs_g = meals.t_min, meals.carbs_g
     since = t_min[:, None, None] - begin - 30.0
     eating = ((since > 0.0) & (since < carbs_g / 0.36)).any(axis=1).astype(float)
     first, second = np.moveaxis(np.minimum(carbs_g, 0.36 * np.maximum(since, 0.0)), 1, 0)

@@ -19,7 +19,7 @@ def test_stepping_in_real_time_is_the_simulation(patient_81, identified_81):
     trace = simulate(patient_81, controller, pump=pump, scenario=SCENARIO)
 
     grid = SampleGrid(sample_time_min=5.0, samples=60)
-    plant, exogenous = Exponential().prepare(patient_81, SCENARIO.emptying(), grid)
+    plant, exogenous = Exponential().prepare(patient_81, SCENARIO.absorbed_by(patient_81), grid)
     decide = jax.jit(lambda state, observation: controller.step(state, observation))
     key, deliver = jax.random.key(0), jax.jit(pump.deliver)
     advance = jax.jit(lambda x, u, meal: plant.advance(x, u, meal))

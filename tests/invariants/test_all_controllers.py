@@ -29,8 +29,7 @@ from glucoloop.control import (
     design_pid,
 )
 from glucoloop.estimation.unknown_meal import MealHabits
-from glucoloop.meals import Meal, Scenario
-from glucoloop.meals.lehmann_deutsch import appearance_mg_min
+from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import LimitedPump
@@ -105,8 +104,9 @@ class Observed:
 
 
 class Minutes:
-    def prepare(self, patient, kinks, grid):
-        return MinutePlant(patient=patient), jax.vmap(lambda t: appearance_mg_min(t, kinks))(jnp.asarray(grid.t_min))
+    def prepare(self, patient, absorption, grid):
+        rates = jax.vmap(lambda t: appearance_mg_min(t, absorption))(jnp.asarray(grid.t_min))
+        return MinutePlant(patient=patient), rates
 
 
 @pytree
@@ -199,7 +199,7 @@ def test_a_cohort_is_each_one_alone(controller, alone):
 
 def test_stepping_in_real_time_is_the_simulation(controller, alone):
     trace, pump, plant = alone[0], LimitedPump(), MinutePlant(patient=PATIENT)
-    advance, meal = jax.jit(plant.advance), SCENARIO.emptying()
+    advance, meal = jax.jit(plant.advance), SCENARIO.absorbed_by(PATIENT)
     x, delivered, in_pump, state = trace.states[0], trace.basal_insulin_mU_min, trace.basal_insulin_mU_min, None
     for k in range(SAMPLES):
         np.testing.assert_allclose(x, trace.states[k], rtol=1e-12, atol=1e-12)

@@ -13,7 +13,7 @@ from glucoloop.episodes import Episodes
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import with_guard, with_individual_basal
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
-from glucoloop.meals import Meal, Scenario
+from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import patient
 from glucoloop.patients.population import population, virtual_people
@@ -188,7 +188,7 @@ def gaps(name, guard, horizon_min):
         grid,
         fold,
         setpoint_mg_dl=float(nominal.setpoint_mg_dl),
-        meals=(np.array([50.0]), np.array([50.0])),
+        meals=eaten([Meal(50.0, 50.0)]),
         varied_controller=with_individual_basal(controller, PEOPLE.basal_insulin_mU_min),
         varied_sensor=sensor_with_gap(np.ones(2), np.ones(2), 0.0),
     )

@@ -1,4 +1,6 @@
-"""Meals of many people, kink by kink, against the sum over all kinks at every step."""
+"""Meals of many people, jump by jump, against the sum over all jumps at every step."""
+
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -7,106 +9,112 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.meals.lehmann_deutsch import (
-    GUT_TIME_CONSTANT_MIN,
-    appearance_mg_min,
-    appearance_moments,
-    emptying,
-    emptying_mg_min,
-)
-from glucoloop.meals.people import ENTRIES, digest, fasting, kink_table
+from glucoloop.meals import Eaten, HovorkaGut, Ingestion, LehmannDeutsch, absorb
+from glucoloop.meals.absorption import appearance_moments
+from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
+from glucoloop.meals.people import digest, digestion_matrices, jump_table
 
 STEPS, MEALS = 48, 3
 LENGTHS = (2.5, 5.0)
+GUTS = (LehmannDeutsch(), HovorkaGut(), Ingestion())
 
 
 @jax.jit
-def by_kinks(t_min, carbs_g, step_min):
-    kinks = emptying(t_min, carbs_g)
-    starts = step_min * jnp.arange(STEPS)
-    moments = jax.vmap(lambda t: appearance_moments(t, step_min, kinks))(starts)
-    ends = step_min * jnp.arange(1, STEPS + 1)
-    return (
-        moments,
-        jax.vmap(lambda t: appearance_mg_min(t, kinks))(ends),
-        jax.vmap(lambda t: emptying_mg_min(t, kinks))(ends),
-    )
+def by_jumps(absorption, step_min):
+    """Moments of every step, summed over all jumps."""
+    return jax.vmap(lambda t: appearance_moments(t, step_min, absorption))(step_min * jnp.arange(STEPS))
 
 
-@pytest.fixture(scope="module")
-def digested():
-    """Moments of every step, and r, E and E' at their ends, of people one after the other step."""
+@functools.partial(jax.jit, static_argnums=2)
+def scan(table, model, step_min):
+    """Moments of every step and states at their ends, one step after the other, of people who trail."""
 
-    def scan(table, step_min):
-        def one(state, kinks):
-            state, moments = digest(state, kinks, step_min)
-            return state, (moments, state)
+    def one(state, inside):
+        state, moments = jax.vmap(digest, in_axes=(-1, matrices_axes, -1), out_axes=-1)(state, matrices, inside)
+        return state, (moments, state)
 
-        return jax.lax.scan(one, fasting(table[0, 0]), table)[1]
-
-    scan = jax.jit(scan, static_argnums=1)
-    return lambda t_min, carbs_g, step_min: scan(
-        kink_table(emptying(t_min, carbs_g), steps=STEPS, step_min=step_min), step_min
-    )
+    matrices = digestion_matrices(model, step_min)
+    matrices_axes = jax.tree.map(lambda leaf: -1 if leaf.ndim > 2 else None, matrices)
+    states = table.shape[1] - 3
+    return jax.lax.scan(one, jnp.zeros((states, table.shape[2])), table)[1]
 
 
-def assert_same(digested, t_min, carbs_g, step_min):
-    t_min, carbs_g = np.asarray(t_min, float).reshape(MEALS, -1), np.asarray(carbs_g, float).reshape(MEALS, -1)
-    moments, after = digested(t_min, carbs_g, step_min)
-    expected, appearance, stomach = by_kinks(t_min, carbs_g, step_min)
-    np.testing.assert_allclose(moments, expected, rtol=0.0, atol=2e-9)
-    np.testing.assert_allclose(after.appearance_mg_min, appearance, rtol=0.0, atol=2e-9)
-    np.testing.assert_allclose(after.emptying_mg_min, stomach, rtol=0.0, atol=2e-9)
+def digested(model, meals, step_min):
+    return scan(jump_table(absorb(model, meals), steps=STEPS, step_min=step_min), model, step_min)
+
+
+def assert_same(model, meals, step_min):
+    moments, _ = digested(model, meals, step_min)
+    expected = by_jumps(absorb(model, meals), step_min)
+    np.testing.assert_allclose(moments, expected, rtol=1e-12, atol=2e-9)
+
+
+def column(values):
+    return np.asarray(values, float).reshape(MEALS, 1)
 
 
 SIZES = st.one_of(st.floats(0.01, 200.0), st.sampled_from([0.0, 0.05, 0.5, 10.8, 11.0]))
 TIMES = st.one_of(st.floats(0.0, 130.0), st.sampled_from([0.0, 2.5, 5.0, 7.499999999999999, 60.0, 119.99999, 120.0]))
+EATING = st.one_of(st.just(0.0), st.floats(1.0, 90.0))
 
 
-@settings(max_examples=150)
-@given(st.lists(TIMES, min_size=MEALS, max_size=MEALS), st.lists(SIZES, min_size=MEALS, max_size=MEALS))
-@example([0.0, 0.0, 0.0], [0.05, 0.1, 0.5])  # all kinks of three meals within a step
-@example([10.0, 10.0, 10.0], [40.0, 40.0, 40.0])
-@example([117.6, 118.0, 119.0], [60.0, 5.0, 0.2])  # with kinks beyond the last step
-def test_kinks_one_by_one_are_the_sum_over_all_of_them(digested, t_min, carbs_g):
+def three(values):
+    return st.lists(values, min_size=MEALS, max_size=MEALS)
+
+
+@settings(max_examples=100)
+@given(st.sampled_from(GUTS), three(TIMES), three(SIZES), three(EATING))
+@example(LehmannDeutsch(), [0.0, 0.0, 0.0], [0.05, 0.1, 0.5], [0.0] * 3)  # all jumps of three meals within a step
+@example(LehmannDeutsch(), [10.0, 10.0, 10.0], [40.0, 40.0, 40.0], [0.0] * 3)
+@example(LehmannDeutsch(), [117.6, 118.0, 119.0], [60.0, 5.0, 0.2], [0.0] * 3)  # with jumps beyond the last step
+def test_jumps_one_by_one_are_the_sum_over_all_of_them(model, t_min, carbs_g, eating_min):
+    meals = Eaten(t_min=column(t_min), carbs_g=column(carbs_g), eating_min=column(eating_min))
     for step_min in LENGTHS:
-        assert_same(digested, t_min, carbs_g, step_min)
+        assert_same(model, meals, step_min)
 
 
-def test_everybody_has_meals_of_his_own(digested):
-    rng = np.random.default_rng(0)
-    t_min, carbs_g = rng.uniform(0.0, 110.0, (MEALS, 40)), rng.uniform(0.0, 120.0, (MEALS, 40))
-    moments, _ = digested(t_min, carbs_g, 2.5)
-    assert_same(digested, t_min, carbs_g, 2.5)
-    for person in (0, 17, 39):
-        alone, _ = digested(t_min[:, [person]], carbs_g[:, [person]], 2.5)
-        np.testing.assert_array_equal(moments[..., person], alone[..., 0])
+PEOPLE = 40
+RNG = np.random.default_rng(0)
+VARIED = {
+    "lehmann-deutsch": LehmannDeutsch(
+        plateau_mg_min=RNG.uniform(200.0, 500.0, PEOPLE),
+        ramp_min=RNG.uniform(10.0, 45.0, PEOPLE),
+        gut_time_constant_min=RNG.uniform(20.0, 90.0, PEOPLE),
+    ),
+    "hovorka": HovorkaGut(
+        time_to_maximum_min=RNG.uniform(15.0, 90.0, PEOPLE), bioavailability=RNG.uniform(0.7, 1.2, PEOPLE)
+    ),
+}
 
 
-def test_after_a_meal_all_of_it_has_appeared():
-    t_min, carbs_g, h = np.array([[20.0]]), np.array([[50.0]]), 5.0
-    table = kink_table(emptying(t_min, carbs_g), steps=400, step_min=h)
-    _, (moments, end) = jax.lax.scan(
-        lambda state, kinks: (lambda state, m: (state, (m, state)))(*digest(state, kinks, h)),
-        fasting(table[0, 0]),
-        table,
+@pytest.mark.parametrize("name", VARIED)
+def test_each_person_has_meals_and_a_gut_of_their_own(name):
+    people = VARIED[name]
+    meals = Eaten(
+        t_min=RNG.uniform(0.0, 110.0, (MEALS, PEOPLE)),
+        carbs_g=RNG.uniform(0.0, 120.0, (MEALS, PEOPLE)),
+        eating_min=np.where(RNG.uniform(size=(MEALS, PEOPLE)) < 0.5, 0.0, 40.0),
     )
-    np.testing.assert_allclose(h * moments[:, 0].sum(), 50_000.0, rtol=1e-9)
-    np.testing.assert_allclose(end.slope_mg_min2[-1], 0.0, atol=1e-12)
-    # what is left in the gut fades with its time constant
-    ratio = end.appearance_mg_min[60] / end.appearance_mg_min[59]
-    np.testing.assert_allclose(ratio, np.exp(-h / GUT_TIME_CONSTANT_MIN), rtol=1e-6)
+    assert_same(people, meals, 2.5)
+    moments, _ = digested(people, meals, 2.5)
+    for person in (0, 17, 39):
+        alone, _ = digested(
+            jax.tree.map(lambda a, i=person: float(a[i]), people),
+            jax.tree.map(lambda a, i=person: a[:, [i]], meals),
+            2.5,
+        )
+        np.testing.assert_allclose(moments[..., person], alone[..., 0], rtol=1e-12, atol=1e-10)
 
 
-def test_a_table_may_be_added_to():
-    t_min, carbs_g = np.array([[20.0, 40.0], [60.0, 80.0]]), np.array([[50.0, 30.0], [20.0, 10.0]])
-    whole = kink_table(emptying(t_min, carbs_g), steps=STEPS, step_min=2.5)
-    first = kink_table(emptying(t_min[:1], carbs_g[:1]), steps=STEPS, step_min=2.5)
-    again = kink_table(emptying(t_min[1:], carbs_g[1:]), steps=STEPS, step_min=2.5, table=first)
-    assert again is first
-    assert whole.shape == (STEPS, ENTRIES, 2)
-    np.testing.assert_allclose(again, whole, rtol=1e-12, atol=1e-12)
+def test_what_is_left_in_the_gut_fades_with_its_time_constant():
+    meals = Eaten(t_min=column([5.0, 0.0, 0.0]), carbs_g=column([2.0, 0.0, 0.0]), eating_min=column([0.0] * 3))
+    _, after = digested(LehmannDeutsch(), meals, 5.0)
+    np.testing.assert_allclose(after[-1, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(after[41, 0] / after[40, 0], np.exp(-5.0 / GUT_TIME_CONSTANT_MIN), rtol=1e-6)
 
 
-def test_nothing_eaten_is_nothing_told():
-    np.testing.assert_array_equal(kink_table(emptying(np.zeros((1, 3)), np.zeros((1, 3))), steps=4, step_min=2.5), 0.0)
+@pytest.mark.parametrize("model", GUTS)
+def test_nothing_eaten_is_nothing_told(model):
+    none = np.zeros((1, 3))
+    meals = absorb(model, Eaten(t_min=none, carbs_g=none, eating_min=none))
+    np.testing.assert_array_equal(jump_table(meals, steps=4, step_min=2.5), 0.0)

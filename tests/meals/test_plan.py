@@ -13,7 +13,8 @@ DAY = (Meal(45.0, 420.0), Meal(70.0, 740.0), Meal(60.0, 1130.0))
 
 def test_without_a_spread_all_eat_exactly_the_plan():
     plan = MealPlan(DAY, days=3)
-    t_min, carbs_g = draw_meals(plan, 1, np.arange(5))
+    drawn = draw_meals(plan, 1, np.arange(5))
+    t_min, carbs_g = drawn.t_min, drawn.carbs_g
     assert t_min.shape == carbs_g.shape == (9, 5)
     assert not plan.varies
     for row, meal in enumerate(plan.nominal()):
@@ -23,9 +24,18 @@ def test_without_a_spread_all_eat_exactly_the_plan():
         assert (carbs_g[row] == meal.carbs_g).all()
 
 
+def test_meals_are_eaten_for_as_long_as_the_plan_says():
+    plan = MealPlan([Meal(45.0, 420.0, 15.0), Meal(70.0, 740.0)], days=2, size_spread_pct=30.0, time_spread_min=60.0)
+    assert [meal.eating_min for meal in plan.nominal()] == [15.0, 0.0, 15.0, 0.0]
+    np.testing.assert_array_equal(
+        draw_meals(plan, 1, np.arange(3)).eating_min, [[15.0] * 3, [0.0] * 3, [15.0] * 3, [0.0] * 3]
+    )
+
+
 def test_size_and_time_are_uniform_and_independent():
     plan = MealPlan(DAY, days=2, size_spread_pct=30.0, time_spread_min=60.0)
-    t_min, carbs_g = draw_meals(plan, 5, np.arange(8000))
+    drawn = draw_meals(plan, 5, np.arange(8000))
+    t_min, carbs_g = drawn.t_min, drawn.carbs_g
     relative = []
     for row, meal in enumerate(plan.nominal()):
         relative += [(t_min[row] - meal.t_min) / 60.0, (carbs_g[row] / meal.carbs_g - 1.0) / 0.3]
@@ -36,23 +46,25 @@ def test_size_and_time_are_uniform_and_independent():
 
 def test_a_meal_is_the_same_in_any_company_and_for_any_number_of_days():
     plan = MealPlan(DAY, days=3, size_spread_pct=30.0, time_spread_min=60.0)
-    whole = draw_meals(plan, 5, np.arange(1000))
+    whole = vars(draw_meals(plan, 5, np.arange(1000)))
     some = np.random.default_rng(0).integers(0, 1000, 77)
-    for alone, together in zip(draw_meals(plan, 5, some), whole, strict=True):
-        assert np.array_equal(alone, together[:, some])
+    for name, alone in vars(draw_meals(plan, 5, some)).items():
+        assert np.array_equal(alone, whole[name][:, some])
     shorter = MealPlan(DAY, days=1, size_spread_pct=30.0, time_spread_min=60.0)
-    for day, together in zip(draw_meals(shorter, 5, np.arange(1000)), whole, strict=True):
-        assert np.array_equal(day, together[:3])
-    assert not np.array_equal(draw_meals(plan, 6, some)[0], whole[0][:, some])
+    for name, day in vars(draw_meals(shorter, 5, np.arange(1000))).items():
+        assert np.array_equal(day, whole[name][:3])
+    assert not np.array_equal(draw_meals(plan, 6, some).t_min, whole["t_min"][:, some])
 
 
 def test_one_spread_does_not_move_the_other():
     both = MealPlan(DAY, size_spread_pct=30.0, time_spread_min=60.0)
     assert np.array_equal(
-        draw_meals(MealPlan(DAY, size_spread_pct=30.0), 1, np.arange(9))[1], draw_meals(both, 1, np.arange(9))[1]
+        draw_meals(MealPlan(DAY, size_spread_pct=30.0), 1, np.arange(9)).carbs_g,
+        draw_meals(both, 1, np.arange(9)).carbs_g,
     )
     assert np.array_equal(
-        draw_meals(MealPlan(DAY, time_spread_min=60.0), 1, np.arange(9))[0], draw_meals(both, 1, np.arange(9))[0]
+        draw_meals(MealPlan(DAY, time_spread_min=60.0), 1, np.arange(9)).t_min,
+        draw_meals(both, 1, np.arange(9)).t_min,
     )
 
 
@@ -62,7 +74,7 @@ def test_a_run_has_its_days_or_a_length_of_its_own():
     assert MealPlan([Meal(50.0, 50.0)], horizon_min=600).day_min == 600.0
     assert MealPlan([Meal(50.0, 2000.0)], horizon_min=2880.0).day_min == 2880.0
     assert MealPlan(meal for meal in reversed(DAY)) == MealPlan(DAY)
-    assert draw_meals(MealPlan([]), 0, np.arange(3))[0].shape == (0, 3)
+    assert draw_meals(MealPlan([]), 0, np.arange(3)).t_min.shape == (0, 3)
 
 
 @given(
@@ -76,7 +88,8 @@ def test_a_plan_is_refused_or_its_meals_stay_within_their_days(meals, days, size
         plan = MealPlan([Meal(*meal) for meal in meals], days, size_spread_pct=size, time_spread_min=time)
     except ValueError:
         return
-    t_min, carbs_g = draw_meals(plan, 0, np.arange(50))
+    drawn = draw_meals(plan, 0, np.arange(50))
+    t_min, carbs_g = drawn.t_min, drawn.carbs_g
     start = 1440.0 * np.repeat(np.arange(days), len(meals))[:, None]
     assert ((t_min >= start) & (t_min <= start + 1440.0)).all()
     assert ((carbs_g > 0.0) & (carbs_g <= 1000.0)).all()

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from glucoloop.meals import Meal, Scenario, appearance_mg_min
+from glucoloop.meals import HovorkaGut, Ingestion, LehmannDeutsch, Meal, Scenario, appearance_mg_min
 
 
 @pytest.mark.parametrize("carbs_g", [0.0, -10.0, np.nan, np.inf, 1e9, 1000.1])
@@ -14,6 +14,35 @@ def test_an_impossible_meal_is_refused(carbs_g):
 def test_a_meal_at_an_impossible_time_is_refused(t_min):
     with pytest.raises(ValueError, match=r"^a meal at .* min is not possible; give a finite time of 0 min or later$"):
         Meal(50.0, t_min)
+
+
+@pytest.mark.parametrize("eating_min", [-5.0, 0.5, 1441.0, np.nan, np.inf])
+def test_an_impossible_time_of_eating_is_refused(eating_min):
+    told = r"^a meal eaten over .* min is not possible; give 0 for a meal that is eaten at once, or 1 to 1440 min$"
+    with pytest.raises(ValueError, match=told):
+        Meal(50.0, 10.0, eating_min)
+
+
+def test_a_scenario_names_a_meal_model_or_holds_one():
+    own = HovorkaGut(time_to_maximum_min=55.0)
+    assert Scenario(meal_model=own).absorbed_by(None).model == own
+    assert Scenario(meal_model="hovorka").meal_model == HovorkaGut()
+    assert Scenario().absorbed_by(None).model == LehmannDeutsch()
+    assert Scenario(meal_model="hovorka") == Scenario(meal_model=HovorkaGut())
+    with pytest.raises(ValueError, match="unknown meal model 'soup'"):
+        Scenario(meal_model="soup")
+    with pytest.raises(ValueError, match="bioavailability of 0 is not possible for a meal model"):
+        Scenario(meal_model=HovorkaGut(bioavailability=0.0))
+    with pytest.raises(TypeError, match="meal_model is 3, which is no meal model; give one, or a name: lehm"):
+        Scenario(meal_model=3)
+
+
+def test_a_patient_that_digests_is_fed_as_it_eats():
+    class Digests:
+        meal_model = Ingestion()
+
+    meal = Scenario([Meal(30.0, 20.0, 15.0)]).absorbed_by(Digests())
+    assert float(appearance_mg_min(25.0, meal)) == 2000.0
 
 
 @pytest.mark.parametrize("horizon", [0.0, -5.0, np.nan, np.inf, 400 * 1440.0])
@@ -54,7 +83,7 @@ def test_the_default_is_the_oral_glucose_test():
     scenario = Scenario()
     assert scenario.meals == (Meal(50.0, 50.0),)
     assert scenario.horizon_min == 600.0
-    assert float(appearance_mg_min(100.0, scenario.emptying())) == pytest.approx(157.00817, rel=1e-7)
+    assert float(appearance_mg_min(100.0, scenario.absorbed_by(None))) == pytest.approx(157.00817, rel=1e-7)
 
 
 def test_meals_are_sorted_and_any_iterable_will_do():
@@ -63,7 +92,7 @@ def test_meals_are_sorted_and_any_iterable_will_do():
 
 
 def test_a_scenario_without_meals_has_no_appearance():
-    assert float(appearance_mg_min(100.0, Scenario([], 60.0).emptying())) == 0.0
+    assert float(appearance_mg_min(100.0, Scenario([], 60.0).absorbed_by(None))) == 0.0
 
 
 def test_scenarios_compare_by_content():

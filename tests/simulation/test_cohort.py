@@ -10,8 +10,7 @@ import pytest
 from glucoloop._pytree import pytree
 from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se
 from glucoloop.experiments.chance import keys_of_people
-from glucoloop.meals import Meal, Scenario
-from glucoloop.meals.lehmann_deutsch import emptying
+from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.models.state_space import step_response
@@ -28,7 +27,7 @@ from glucoloop.simulation.loop import Loop, begin, sample
 
 PEOPLE = 20
 DAY, SHORT = sample_grid(1440.0, 5.0), sample_grid(400.0, 5.0)
-MEALS = np.array([407.3, 733.1, 1080.7]), np.array([60.0, 80.0, 70.0])
+MEALS = Meal(60.0, 407.3), Meal(80.0, 733.1), Meal(70.0, 1080.7)
 SETPOINT = 81.1
 TRANSPORT = Population(
     "transport",
@@ -72,6 +71,17 @@ class Announced:
         return (state, observation.announced_carbs_g), dataclasses.replace(
             decision, insulin_mU_min=decision.insulin_mU_min + more
         )
+
+
+@pytree
+class Fed:
+    """A patient with a gut of its own."""
+
+    inner: object
+    meal_model: object
+
+    def __getattr__(self, name):
+        return getattr(object.__getattribute__(self, "inner"), name)
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +158,7 @@ def day_cohort(nominal, virtual, controller, fold=None, **options):
         DAY,
         fold,
         setpoint_mg_dl=SETPOINT,
-        meals=MEALS,
+        meals=eaten(MEALS),
         **options,
     )
 
@@ -171,7 +181,7 @@ def finished(run):
 @pytest.fixture(scope="module")
 def reference(varied, mpc):
     """The same day of each person by the adaptive method."""
-    scenario = Scenario([Meal(float(g), float(t)) for t, g in zip(*MEALS, strict=True)], 1440.0)
+    scenario = Scenario(MEALS, 1440.0)
     return [
         simulate(person(varied.patient, i), mpc, scenario=scenario, integrator=Adaptive(1e-10)) for i in range(PEOPLE)
     ]
@@ -237,18 +247,28 @@ def own_meals():
     rng = np.random.default_rng(3)
     t_min, carbs_g = rng.uniform(0.0, 390.0, (3, PEOPLE)), rng.uniform(1.0, 60.0, (3, PEOPLE))
     t_min[0] = 0.0  # announced before the first sample
-    return t_min, carbs_g
+    eating_min = np.array([0.0, 12.0, 45.0])[:, None] + np.zeros(PEOPLE)
+    return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)
 
 
 @pytest.fixture(scope="module")
-def noisy(nominal, varied, mpc_se, own_meals):
-    """MPC/SE, told of each one's basal rate; noise, dead time, meals of their own, announced; by both engines."""
+def guts():
+    rng = np.random.default_rng(4)
+    return HovorkaGut(
+        time_to_maximum_min=rng.uniform(20.0, 70.0, PEOPLE), bioavailability=rng.uniform(0.7, 1.0, PEOPLE)
+    )
+
+
+@pytest.fixture(scope="module")
+def noisy(nominal, varied, mpc_se, own_meals, guts):
+    """MPC/SE with individual basal rates; noise, dead time, individual guts and announced meals; by both engines."""
     own = dataclasses.replace(mpc_se, inner=mpc_se.inner.with_basal(jnp.asarray(varied.basal_insulin_mU_min)))
-    people = people_of(varied, controller=own, meal_t_min=own_meals[0], carbs_g=own_meals[1])
+    fed = Fed(inner=varied.patient, meal_model=guts)
+    people = dataclasses.replace(people_of(varied, controller=own, meals=own_meals), patient=fed)
     made = {
         engine: Cohort(
-            nominal,
-            varied.patient,
+            Fed(inner=nominal, meal_model=HovorkaGut()),
+            fed,
             mpc_se,
             dead_time(2, white_noise()),
             with_resolution(0.5),
@@ -265,12 +285,12 @@ def noisy(nominal, varied, mpc_se, own_meals):
     return people, made, {engine: cohort.run(people) for engine, cohort in made.items()}
 
 
-def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc_se, own_meals):
+def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc_se, own_meals, guts):
     people, _, runs = noisy
     for i in (0, 7, 13, 19):
-        t_min, carbs_g = (part[:, i] for part in own_meals)
+        meals = jax.tree.map(lambda part, i=i: part[:, i], own_meals)
         told = np.zeros(SHORT.samples)
-        np.add.at(told, (t_min // 5.0).astype(int), carbs_g)
+        np.add.at(told, (meals.t_min // 5.0).astype(int), meals.carbs_g)
         basal = jnp.asarray(varied.basal_insulin_mU_min[i])
         loop = Loop(
             plant=plant_of(nominal, person(varied.patient, i), SHORT),
@@ -279,7 +299,7 @@ def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc
             pump=with_resolution(0.5),
             setpoint_mg_dl=jnp.asarray(SETPOINT),
         )
-        moments = meal_moments(SHORT.samples, SUBSTEPS, 5.0 / SUBSTEPS, emptying(t_min, carbs_g))
+        moments = meal_moments(SHORT.samples, SUBSTEPS, 5.0 / SUBSTEPS, absorb(person(guts, i), meals))
         glucose, insulin, lowest = plain_scan(loop, varied.rest[:, i], basal, people.key[i], moments, told)
         assert np.ptp(np.asarray(insulin)) > 1.0
         for run in runs.values():
@@ -309,8 +329,8 @@ def test_a_controller_of_ones_own_is_ones_own(noisy, nominal):
 
 def test_meals_of_ones_own_are_asked_for(noisy):
     people, made, _ = noisy
-    with pytest.raises(TypeError, match="give meal_t_min and carbs_g"):
-        made["native"].run(dataclasses.replace(people, carbs_g=None))
+    with pytest.raises(TypeError, match="made for people with meals of their own; give meals"):
+        made["native"].run(dataclasses.replace(people, meals=None))
 
 
 def test_people_whose_volumes_and_flows_differ(nominal, mpc):
@@ -318,7 +338,7 @@ def test_people_whose_volumes_and_flows_differ(nominal, mpc):
     virtual = virtual_people(TRANSPORT, 2, np.arange(8))
     assert virtual.able.all()
     run = day_cohort(nominal, virtual, mpc).run(people_of(virtual))
-    scenario = Scenario([Meal(float(g), float(t)) for t, g in zip(*MEALS, strict=True)], 1440.0)
+    scenario = Scenario(MEALS, 1440.0)
     errors = []
     for i in range(4):
         one = person(virtual.patient, i)

@@ -5,6 +5,7 @@ import pytest
 
 from glucoloop.control import MPCTuning, design_linear_mpc
 from glucoloop.experiments.chance import keys_of_people
+from glucoloop.meals import Meal, eaten
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.population import population, virtual_people
@@ -48,7 +49,7 @@ def run(patient_81):
             sample_grid(400.0, 5.0),
             Nothing(),
             setpoint_mg_dl=81.1,
-            meals=(np.array([50.0]), np.array([60.0])),
+            meals=eaten([Meal(60.0, 50.0)]),
             announced=False,
             engine=engine,
             precision=precision,

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from glucoloop.config.detection import detection_keys, read_detection
-from glucoloop.meals import draw_meals
+from glucoloop.meals import Eaten, draw_meals
 from glucoloop.trials.detection.days import who_and_when
 from glucoloop.trials.detection.evaluate import evaluate
 from glucoloop.trials.detection.scores import (
-    Meals,
     days_of,
     delays_min,
     false_alarms,
@@ -34,7 +33,7 @@ def day(**above):
 def meals(*days):
     """Of each day, beginnings and sizes."""
     begin, carbs = (np.array([[meal[part] for meal in of_day] for of_day in days], float).T for part in (0, 1))
-    return Meals(begin, carbs)
+    return Eaten(t_min=begin, carbs_g=carbs, eating_min=np.zeros_like(begin))
 
 
 def test_a_delay_ends_at_the_first_sample_above_the_threshold():
@@ -93,8 +92,10 @@ def test_what_is_told_of_a_meal_is_told_in_its_time():
 
 
 def test_meals_of_a_day_are_put_in_order():
-    ordered = in_order(np.array([[90.0, 20.0], [30.0, 40.0]]), np.array([[9.0, 2.0], [3.0, 4.0]]))
-    assert ordered.begin_min.tolist() == [[30.0, 20.0], [90.0, 40.0]]
+    begin, carbs = np.array([[90.0, 20.0], [30.0, 40.0]]), np.array([[9.0, 2.0], [3.0, 4.0]])
+    ordered = in_order(Eaten(t_min=begin, carbs_g=carbs, eating_min=carbs))
+    assert ordered.eating_min.tolist() == ordered.carbs_g.tolist()
+    assert ordered.t_min.tolist() == [[30.0, 20.0], [90.0, 40.0]]
     assert ordered.carbs_g.tolist() == [[3.0, 2.0], [9.0, 4.0]]
 
 
@@ -139,9 +140,9 @@ def test_true_meals_are_all_found_and_sized(result):
 
 def test_meals_are_those_of_the_plan(asked, result):
     (of,) = result.estimators
-    t_min, carbs_g = draw_meals(asked.plan, asked.trial.seed, [0])
-    np.testing.assert_allclose(of.meals.carbs_g, carbs_g[:, 0])
-    np.testing.assert_allclose(of.meals.t_min + 1440.0 * of.meals.day, t_min[:, 0])
+    drawn = draw_meals(asked.plan, asked.trial.seed, [0])
+    np.testing.assert_allclose(of.meals.carbs_g, drawn.carbs_g[:, 0])
+    np.testing.assert_allclose(of.meals.t_min + 1440.0 * of.meals.day, drawn.t_min[:, 0])
     assert of.meals.day.tolist() == [0, 0, 1, 1, 2, 2]
     assert len(set(np.round(of.meals.t_min % 5.0, 6))) == 6  # off the grid of samples
 

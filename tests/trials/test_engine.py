@@ -135,7 +135,7 @@ def test_traces_are_kept_if_they_are_asked_for(prepared, result):
 def test_each_person_is_a_run_of_his_own(trial, prepared, result):
     """His constants, meal, noise and basal rate in the ordinary loop give his metrics and traces."""
     people = virtual_people(trial.population, trial.seed, NUMBERS, setpoint_mg_dl=120.0)
-    t_min, carbs_g = draw_meals(trial.plan, trial.seed, NUMBERS)
+    meals = draw_meals(trial.plan, trial.seed, NUMBERS)
     keys = keys_of_people(trial.seed, NUMBERS)
     controller = prepared.cases["mpc-se"].controller
     for i in (0, 6):
@@ -145,7 +145,7 @@ def test_each_person_is_a_run_of_his_own(trial, prepared, result):
             controller.with_basal(one.basal_insulin_mU_min),
             sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, trial.dead_time_samples),
             pump_of(dose_limits(), None),
-            Scenario([Meal(float(carbs_g[0, i]), float(t_min[0, i]))], 100.0, setpoint_mg_dl=120.0),
+            Scenario([Meal(float(meals.carbs_g[0, i]), float(meals.t_min[0, i]))], 100.0, setpoint_mg_dl=120.0),
             keys[i],
             integrator=Exponential(substeps=4),
         )

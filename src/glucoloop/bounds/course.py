@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.meals import Meal, Scenario, emptying
+from glucoloop.meals import Eaten, Meal, Scenario, absorb, eaten, meal_model_of
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant
@@ -100,12 +100,11 @@ def course_of(
     """
     grid = sample_grid(scenario.horizon_min, sample_time_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
-    prepared = {}
-    for own in {tuple(own) for own in meals}:
-        padded = [*own, *[None] * (most - len(own))]
-        t_min = np.array([[0.0 if meal is None else meal.t_min] for meal in padded])
-        carbs_g = np.array([[0.0 if meal is None else meal.carbs_g] for meal in padded])
-        prepared[own] = Exponential().prepare(patient, emptying(jnp.asarray(t_min), jnp.asarray(carbs_g)), grid)
+    gut = meal_model_of(patient, scenario.meal_model)
+    prepared = {
+        own: Exponential().prepare(patient, absorb(gut, _padded(eaten(own), most)), grid)
+        for own in {tuple(own) for own in meals}
+    }
     resting = patient.basal_insulin_mU_min
     if scenario.initial_glucose_mg_dl is not None:
         resting = patient.insulin_for(scenario.initial_glucose_mg_dl)
@@ -118,6 +117,12 @@ def course_of(
         setpoint_mg_dl=float(setpoint),
         resting_mU_min=float(resting),
     )
+
+
+def _padded(meals: Eaten, most: int) -> Eaten:
+    """Meals of one member, with as many of 0 g as it takes."""
+    padded: Eaten = jax.tree.map(lambda part: np.pad(part, (0, most - part.size))[:, None], meals)
+    return padded
 
 
 @jax.jit

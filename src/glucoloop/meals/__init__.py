@@ -1,17 +1,40 @@
 """Meals: how they are eaten, emptied and absorbed."""
 
-from glucoloop.meals.lehmann_deutsch import Emptying, appearance_mg_min, appearance_moments, emptying, emptying_mg_min
+from glucoloop.meals.absorption import (
+    Absorption,
+    absorb,
+    appearance_mg_min,
+    appearance_moments,
+    emptying_mg_min,
+    fasting,
+)
+from glucoloop.meals.hovorka import HovorkaGut
+from glucoloop.meals.ingestion import Ingestion
+from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
+from glucoloop.meals.models import MEAL_MODELS, meal_model, meal_model_of
 from glucoloop.meals.plan import MealPlan, draw_meals
-from glucoloop.meals.scenario import Meal, Scenario
+from glucoloop.meals.protocol import Eaten, Jumps, MealModel
+from glucoloop.meals.scenario import Meal, Scenario, eaten
 
 __all__ = [
-    "Emptying",
+    "MEAL_MODELS",
+    "Absorption",
+    "Eaten",
+    "HovorkaGut",
+    "Ingestion",
+    "Jumps",
+    "LehmannDeutsch",
     "Meal",
+    "MealModel",
     "MealPlan",
     "Scenario",
+    "absorb",
     "appearance_mg_min",
     "appearance_moments",
     "draw_meals",
-    "emptying",
+    "eaten",
     "emptying_mg_min",
+    "fasting",
+    "meal_model",
+    "meal_model_of",
 ]

@@ -1,8 +1,8 @@
-"""Glucose appearance after meals: gastric emptying and gut absorption of Lehmann and Deutsch (1992).
+"""Gastric emptying and gut absorption of Lehmann and Deutsch (1992).
 
 The stomach empties at a rate E(t) that rises along a ramp, stays on a plateau, and falls along a ramp. The gut holds
-q mg and passes on ``q / T``: ``q' = E(t) - q / T``. E is piecewise linear, so both have closed forms in which every
-kink is exact. A meal is carried as its four kinks, and meals superpose by listing all of theirs.
+q mg and passes on the appearance ``r = q / T``, so that ``r' = (E - r) / T``. E is piecewise linear: a meal is the four
+jumps of its slope E'.
 
 References
 ----------
@@ -16,96 +16,58 @@ from typing import Final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from glucoloop._pytree import pytree
+from glucoloop.meals.protocol import Eaten, Jumps, matrix
 from glucoloop.units import MG_PER_G
 
 PLATEAU_MG_MIN: Final = 360.0
 RAMP_MIN: Final = 30.0
 GUT_TIME_CONSTANT_MIN: Final = 60.0
 
-# Nodes and weights on [0, 1]; the appearance is smooth between kinks on the scale of an hour, so six are exact to
-# rounding over a quarter of an hour.
-_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(6)[1] / 2.0
-
 
 @pytree
-class Emptying:
-    """Gastric emptying as the changes of its slope, `(kinks, ...)`, people trailing."""
+class LehmannDeutsch:
+    """The meal model of Lehmann and Deutsch; states ``(r, E, E')``. Implements `MealModel`.
 
-    t_min: jax.Array
-    """Time of each kink."""
-    slope_change_mg_min2: jax.Array
-    """By how much the slope of E changes there."""
-
-
-@jax.jit
-def emptying(t_min: jax.Array, carbs_g: jax.Array) -> Emptying:
-    """Gastric emptying after meals.
-
-    Parameters
-    ----------
-    t_min, carbs_g : (meals, ...) array
-        When each meal begins and its carbohydrate. A meal of 0 g contributes nothing.
-
-    Returns
-    -------
-    Emptying
-        ``4 * meals`` kinks. Meals of less than 10.8 g have shorter ramps and no plateau, with the same peak.
+    A stomach that is never asked for more than it can give empties at most at its plateau rate and at most as fast as
+    the meal is eaten. A meal of D mg eaten over d min therefore empties like the same meal eaten at once, unless d is
+    longer than the D / plateau min for which that one empties; then the plateau is D / d, and the ramps begin when
+    eating begins and when it ends.
     """
-    dose_mg = jnp.asarray(carbs_g, float) * MG_PER_G
-    ramp = jnp.minimum(RAMP_MIN, dose_mg / PLATEAU_MG_MIN)
-    slope = jnp.where(dose_mg > 0.0, PLATEAU_MG_MIN / jnp.where(ramp > 0.0, ramp, 1.0), 0.0)
-    fall = jnp.maximum(dose_mg / PLATEAU_MG_MIN, ramp)  # the rise and the plateau together
-    starts = jnp.stack([jnp.zeros_like(ramp), ramp, fall, fall + ramp])
-    signs = jnp.asarray([1.0, -1.0, -1.0, 1.0]).reshape(4, *[1] * ramp.ndim)
-    return Emptying(
-        t_min=(jnp.asarray(t_min, float) + starts).reshape(-1, *ramp.shape[1:]),
-        slope_change_mg_min2=(signs * slope).reshape(-1, *ramp.shape[1:]),
-    )
 
+    plateau_mg_min: jax.Array | float = PLATEAU_MG_MIN
+    """Largest rate of emptying."""
+    ramp_min: jax.Array | float = RAMP_MIN
+    """Length of each ramp."""
+    gut_time_constant_min: jax.Array | float = GUT_TIME_CONSTANT_MIN
+    """T."""
 
-def emptying_mg_min(t_min: jax.Array, kinks: Emptying) -> jax.Array:
-    """Rate E(t) at which the stomach empties into the gut."""
-    return jnp.sum(kinks.slope_change_mg_min2 * jnp.maximum(t_min - kinks.t_min, 0.0), axis=0)
+    def jumps(self, eaten: Eaten) -> Jumps:
+        """Jumps of the slope E' [mg/min^2], ``4 * meals``.
 
+        A meal that empties for less than the ramp's length has shorter ramps and no plateau, with the same peak.
+        """
+        dose_mg = jnp.asarray(eaten.carbs_g, float) * MG_PER_G
+        at_once_min = dose_mg / self.plateau_mg_min
+        slow = eaten.eating_min > at_once_min
+        emptying_min = jnp.where(slow, eaten.eating_min, at_once_min)
+        peak = jnp.where(slow, dose_mg / jnp.where(slow, eaten.eating_min, 1.0), self.plateau_mg_min)
+        ramp = jnp.minimum(self.ramp_min, emptying_min)
+        slope = jnp.where(dose_mg > 0.0, peak / jnp.where(ramp > 0.0, ramp, 1.0), 0.0)
+        starts = jnp.stack([jnp.zeros_like(ramp), ramp, emptying_min, emptying_min + ramp])
+        signs = jnp.asarray([1.0, -1.0, -1.0, 1.0]).reshape(4, *[1] * ramp.ndim)
+        return Jumps(
+            t_min=(jnp.asarray(eaten.t_min, float) + starts).reshape(-1, *ramp.shape[1:]),
+            size=(signs * slope).reshape(1, -1, *ramp.shape[1:]),
+        )
 
-def _ramp_response(z: jax.Array) -> jax.Array:
-    """Gut content over its time constant, after a ramp of unit slope that began z minutes ago."""
-    T = GUT_TIME_CONSTANT_MIN
-    z = jnp.maximum(z, 0.0)
-    return z + T * jnp.expm1(-z / T)
-
-
-def appearance_mg_min(t_min: jax.Array, kinks: Emptying) -> jax.Array:
-    """Rate at which glucose appears in the blood of the gut, at the time `t_min`, a scalar or `(...)`."""
-    return jnp.sum(kinks.slope_change_mg_min2 * _ramp_response(t_min - kinks.t_min), axis=0)
-
-
-def appearance_moments(t_min: jax.Array, step_min: float, kinks: Emptying) -> jax.Array:
-    """Exact Legendre moments of the appearance over one step.
-
-    Parameters
-    ----------
-    t_min : scalar
-        Start of the step.
-    step_min : float
-        Its length h.
-    kinks : Emptying
-
-    Returns
-    -------
-    (3, ...) array
-        ``integral of appearance(t + h s) P_n(2 s - 1) ds over 0 <= s <= 1`` for n = 0, 1, 2 in mg/min, with the
-        kinks inside the step honoured: each ramp is integrated from the moment it begins.
-    """
-    since = kinks.t_min - t_min
-    begin = jnp.clip(since / step_min, 0.0, 1.0)
-    total = jnp.zeros((3, *kinks.t_min.shape[1:]))
-    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        s = begin + (1.0 - begin) * node
-        rate = kinks.slope_change_mg_min2 * _ramp_response(s * step_min - since) * (weight * (1.0 - begin))
-        x = 2.0 * s - 1.0
-        total = total + jnp.sum(jnp.stack([rate, rate * x, rate * (1.5 * x * x - 0.5)]), axis=1)
-    return total
+    def propagator(self, z_min: jax.Array) -> jax.Array:
+        """See `MealModel`."""
+        T = self.gut_time_constant_min
+        rise = -jnp.expm1(-z_min / T)
+        return matrix(
+            (jnp.exp(-z_min / T), rise, z_min - T * rise),
+            (0.0, 1.0, z_min),
+            (0.0, 0.0, 1.0),
+        )

@@ -1,8 +1,7 @@
-"""Meals of many people, each with times and sizes of his own, as the moments that the exponential integrator takes.
+"""Meals of many people, each with meals and a gut of its own, as the moments that the exponential integrator takes.
 
-`appearance_moments` sums over all kinks at every step; here each kink is taken once, at the step in which it lies, and
-what went before is carried along: between kinks the emptying E is a straight line and the appearance r follows it,
-``r' = (E - r) / T``.
+`appearance_moments` sums over all jumps at every step; here each jump is taken once, at the step in which it lies, and
+the state of the meal model is carried from step to step.
 """
 
 from __future__ import annotations
@@ -16,109 +15,86 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, Emptying, appearance_moments
+from glucoloop.meals.absorption import NODES, WEIGHTS, Absorption, appearance_moments
+from glucoloop.meals.protocol import Jumps, MealModel
 
-ENTRIES: Final = 6
-"""Numbers that a step is told of its kinks."""
-
-_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(12)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(12)[1] / 2.0
-_T: Final = GUT_TIME_CONSTANT_MIN
+MOMENTS: Final = 3
 
 
 @pytree
-class Digestion:
-    """What has been eaten, at the start of a step."""
+class DigestionMatrices:
+    """What a step without jumps does, computed once per gut and step length; people trail."""
 
-    appearance_mg_min: jax.Array
-    """r"""
-    emptying_mg_min: jax.Array
-    """E"""
-    slope_mg_min2: jax.Array
-    """E'"""
+    moments: jax.Array
+    """(3, states, ...) Legendre moments of the appearance over the step, from the state at its start."""
+    transition: jax.Array
+    """(states, states, ...) the state at its end."""
 
 
-def fasting(like: jax.Array) -> Digestion:
-    """Nothing has been eaten."""
-    nothing = jnp.zeros_like(like)
-    return Digestion(appearance_mg_min=nothing, emptying_mg_min=nothing, slope_mg_min2=nothing)
+def digestion_matrices(model: MealModel, step_min: float) -> DigestionMatrices:
+    """Matrices of a step of a meal model."""
+    x = 2.0 * NODES - 1.0
+    legendre = np.stack([np.ones_like(x), x, 1.5 * x * x - 0.5]) * WEIGHTS
+    path = jnp.stack([model.propagator(jnp.asarray(step_min * node))[0] for node in NODES])
+    return DigestionMatrices(
+        moments=jnp.tensordot(jnp.asarray(legendre), path, 1), transition=model.propagator(jnp.asarray(step_min))
+    )
 
 
-def digest(state: Digestion, kinks: jax.Array, step_min: float) -> tuple[Digestion, jax.Array]:
-    """One step.
+def digest(state: jax.Array, matrices: DigestionMatrices, inside: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """One step of one person.
 
     Parameters
     ----------
-    state : Digestion
-    kinks : (6, ...) array
-        What the kinks within the step add to the moments over it and to the state at its end; see `kink_table`.
-    step_min : float
-        Its length h.
+    state : (states,) array
+        Of the meal model at the start of the step.
+    matrices : DigestionMatrices
+    inside : (3 + states,) array
+        What the jumps within the step add to the moments over it and to the state at its end; see `jump_table`.
 
     Returns
     -------
-    state : Digestion
+    state : (states,) array
         At its end.
-    moments : (3, ...) array
+    moments : (3,) array
         Legendre moments of the appearance, as `appearance_moments` gives them, mg/min.
     """
-    h = step_min
-    s = _NODES
-    legendre = np.stack([np.ones_like(s), 2.0 * s - 1.0, 6.0 * s * s - 6.0 * s + 1.0])
-    of_decay = legendre * np.exp(-h * s / _T) @ _WEIGHTS
-    r, E, slope = state.appearance_mg_min, state.emptying_mg_min, state.slope_mg_min2
-    fading = r - E + slope * _T
-    moments = jnp.stack(
-        [
-            E + slope * (h / 2.0 - _T) + fading * of_decay[0],
-            slope * (h / 6.0) + fading * of_decay[1],
-            fading * of_decay[2],
-        ]
-    )
-    end = Digestion(
-        appearance_mg_min=E + slope * (h - _T) + fading * float(np.exp(-h / _T)) + kinks[3],
-        emptying_mg_min=E + slope * h + kinks[4],
-        slope_mg_min2=slope + kinks[5],
-    )
-    return end, moments + kinks[:3]
+    return matrices.transition @ state + inside[MOMENTS:], matrices.moments @ state + inside[:MOMENTS]
 
 
-def kink_table(
-    kinks: Emptying, *, steps: int, step_min: float, table: npt.NDArray[np.float64] | None = None
-) -> npt.NDArray[np.float64]:
-    """What each step is told of the kinks within it.
+def jump_table(absorption: Absorption, *, steps: int, step_min: float) -> npt.NDArray[np.float64]:
+    """What the jumps within each step add to it.
 
     Parameters
     ----------
-    kinks : Emptying
-        ``(kinks, people)``; those after the last step are passed over.
+    absorption : Absorption
+        With jumps ``(jumps, people)``; those after the last step are passed over.
     steps : int
     step_min : float
-    table : (steps, 6, people) array, optional
-        To be added to.
 
     Returns
     -------
-    (steps, 6, people) array
-        Added to the three moments over the step, and to r, E and E' at its end.
+    (steps, 3 + states, people) array
+        Added to the three moments over the step, and to the state at its end.
     """
-    number, own = (np.asarray(part) for part in _of_kinks(kinks, step_min))
+    number, added = (np.asarray(part) for part in _of_jumps(absorption, step_min))
     people = np.arange(number.shape[1])
-    table = np.zeros((steps, ENTRIES, people.size)) if table is None else table
-    for step, of_kink in zip(number, own.transpose(1, 0, 2), strict=True):
-        # one kink of each person at a time, so that no place is named twice
+    table = np.zeros((steps, added.shape[0], people.size))
+    for step, of_jump in zip(number, added.transpose(1, 0, 2), strict=True):
+        # one jump of each person at a time, so that no place is named twice
         kept = (step >= 0) & (step < steps)
-        for entry in range(ENTRIES):
-            table[step[kept], entry, people[kept]] += of_kink[entry, kept]
+        for entry, values in enumerate(of_jump):
+            table[step[kept], entry, people[kept]] += values[kept]
     return table
 
 
 @functools.partial(jax.jit, static_argnames="step_min")
-def _of_kinks(kinks: Emptying, step_min: float) -> tuple[jax.Array, jax.Array]:
-    """The step of each kink ``(kinks, people)``, and what that step is told of it ``(6, kinks, people)``."""
-    number = jnp.floor(kinks.t_min / step_min).astype(int)
-    since = kinks.t_min - number * step_min
-    slope, left = kinks.slope_change_mg_min2, step_min - since
-    alone = Emptying(t_min=since[None], slope_change_mg_min2=slope[None])
-    inside = appearance_moments(jnp.zeros(()), step_min, alone)
-    ends = jnp.stack([slope * (left + _T * jnp.expm1(-left / _T)), slope * left, slope])
-    return number, jnp.concatenate([inside, ends])
+def _of_jumps(absorption: Absorption, step_min: float) -> tuple[jax.Array, jax.Array]:
+    """The step of each jump ``(jumps, people)``, and what the jump adds to it ``(3 + states, jumps, people)``."""
+    model, jumps = absorption.model, absorption.jumps
+    number = jnp.floor(jumps.t_min / step_min).astype(int)
+    since = jumps.t_min - number * step_min
+    alone = Absorption(model=model, jumps=Jumps(t_min=since[None], size=jumps.size[:, None]))
+    moments = appearance_moments(jnp.zeros(()), step_min, alone)
+    answers = model.propagator(step_min - since)[:, -jumps.size.shape[0] :]
+    return number, jnp.concatenate([moments, jnp.sum(jumps.size * answers, axis=1)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -10,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked
-from glucoloop.meals.scenario import LARGEST_MEAL_G, LONGEST_HORIZON_MIN, Meal, in_order
+from glucoloop.meals.protocol import Eaten
+from glucoloop.meals.scenario import LARGEST_MEAL_G, LONGEST_HORIZON_MIN, Meal, eaten, in_order
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 from glucoloop.units import MIN_PER_DAY
 
 MOST_DAYS: Final = 366
 MOST_MEALS_A_DAY: Final = 100
 _DAY: Final = 1 << 16  # between the random numbers of one day and of the next
-
-Values = npt.NDArray[np.float64]
 
 
 @checked
@@ -124,11 +124,13 @@ class MealPlan:
     def nominal(self) -> tuple[Meal, ...]:
         """All meals of the run, without their variation."""
         return tuple(
-            Meal(meal.carbs_g, day * MIN_PER_DAY + meal.t_min) for day in range(self.days) for meal in self.meals
+            dataclasses.replace(meal, t_min=day * MIN_PER_DAY + meal.t_min)
+            for day in range(self.days)
+            for meal in self.meals
         )
 
 
-def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> tuple[Values, Values]:
+def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     """Meals of some persons.
 
     Parameters
@@ -141,9 +143,9 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> tuple[Values
 
     Returns
     -------
-    t_min, carbs_g : (meals, n) array
-        When each begins and its carbohydrate, day by day. A meal of a person is the same whoever else is drawn, and
-        however many days follow. Without a spread all have exactly the plan's own.
+    Eaten
+        ``(meals, n)``, day by day. A meal of a person is the same whoever else is drawn, and however many days follow.
+        Without a spread all have exactly the plan's own.
 
     Raises
     ------
@@ -152,16 +154,19 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> tuple[Values
     """
     people = checked_people(person)
     checked_counter("seed", seed)
-    t_min = np.empty((plan.days * len(plan.meals), people.size))
-    carbs_g = np.empty_like(t_min)
-    for row, meal in enumerate(plan.nominal()):
+    nominal = plan.nominal()
+    same = eaten(nominal)
+    t_min, carbs_g, eating_min = (
+        np.repeat(np.asarray(of_meals)[:, None], people.size, axis=1)
+        for of_meals in (same.t_min, same.carbs_g, same.eating_min)
+    )
+    for row in range(len(nominal)):
         day, which = divmod(row, len(plan.meals))
         index = day * _DAY + which
-        t_min[row], carbs_g[row] = meal.t_min, meal.carbs_g
         if plan.time_spread_min > 0.0:
             t_min[row] += plan.time_spread_min * (2.0 * uniforms(seed, "meal time", people, index) - 1.0)
         if plan.size_spread_pct > 0.0:
             carbs_g[row] *= 1.0 + plan.size_spread_pct / 100.0 * (
                 2.0 * uniforms(seed, "meal size", people, index) - 1.0
             )
-    return t_min, carbs_g
+    return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)

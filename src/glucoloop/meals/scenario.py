@@ -3,38 +3,48 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
-from glucoloop.meals.lehmann_deutsch import Emptying, emptying
+from glucoloop.meals.absorption import Absorption, absorb
+from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
+from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
+from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.plausible import GLUCOSE, SETPOINT, ask
-
-Values = npt.NDArray[np.float64] | jax.Array
+from glucoloop.units import MIN_PER_DAY
 
 LARGEST_MEAL_G: Final = 1000.0
+LONGEST_EATING_MIN: Final = MIN_PER_DAY
 LONGEST_HORIZON_MIN: Final = 366 * 1440.0
 
 
 @checked
 @dataclass(frozen=True)
 class Meal:
-    """Carbohydrate eaten at one moment.
+    """Carbohydrate eaten at one moment, or from then on at a constant rate.
+
+    Parameters
+    ----------
+    carbs_g : float
+    t_min : float
+        When eating begins.
+    eating_min : float
+        How long it takes; 0 for a meal that is eaten at once.
 
     Raises
     ------
     ValueError
-        Unless ``0 < carbs_g <= 1000`` and ``t_min >= 0``, both finite.
+        Unless ``0 < carbs_g <= 1000``, ``t_min >= 0`` and finite, and ``eating_min`` is 0 or from 1 to 1440.
     """
 
     carbs_g: float
     t_min: float
+    eating_min: float = 0.0
 
     def __post_init__(self) -> None:
         if not is_traced(self.carbs_g) and not 0.0 < self.carbs_g <= LARGEST_MEAL_G:  # false for NaN too
@@ -43,6 +53,13 @@ class Meal:
             )
         if not is_traced(self.t_min) and not 0.0 <= self.t_min < math.inf:
             raise ValueError(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
+        if is_traced(self.eating_min) or self.eating_min == 0.0:
+            return
+        if not SHORTEST_EATING_MIN <= self.eating_min <= LONGEST_EATING_MIN:
+            raise ValueError(
+                f"a meal eaten over {self.eating_min:g} min is not possible; give 0 for a meal that is eaten at once, "
+                f"or {SHORTEST_EATING_MIN:g} to {LONGEST_EATING_MIN:g} min"
+            )
 
 
 @checked
@@ -61,6 +78,8 @@ class Scenario:
         The patient starts at rest at this value; at his setpoint by default.
     announced : bool
         Whether the controller is told of each meal when it begins.
+    meal_model : MealModel or str, optional
+        How meals are absorbed, or its name; the patient's own meal model by default.
     allow_unusual : bool
         Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
 
@@ -68,7 +87,7 @@ class Scenario:
     ------
     ValueError
         For a horizon that is not positive or longer than a year, a meal that begins after it, a glucose that is not
-        positive, or one that is hardly meant.
+        positive, or one that is hardly meant, or a meal model that is unknown or not possible.
     """
 
     meals: tuple[Meal, ...] = (Meal(50.0, 50.0),)
@@ -77,6 +96,7 @@ class Scenario:
     initial_glucose_mg_dl: float | None = None
     announced: bool = False
     allow_unusual: bool = False
+    meal_model: MealModel | None = None
 
     def __init__(
         self,
@@ -87,6 +107,7 @@ class Scenario:
         initial_glucose_mg_dl: float | None = None,
         announced: bool = False,
         allow_unusual: bool = False,
+        meal_model: MealModel | str | None = None,
     ) -> None:
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "horizon_min", horizon_min)
@@ -94,6 +115,7 @@ class Scenario:
         object.__setattr__(self, "initial_glucose_mg_dl", initial_glucose_mg_dl)
         object.__setattr__(self, "announced", announced)
         object.__setattr__(self, "allow_unusual", allow_unusual)
+        object.__setattr__(self, "meal_model", _meal_model(meal_model))
         if is_traced(horizon_min):
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
@@ -120,22 +142,34 @@ class Scenario:
             if not allow_unusual:
                 ask(value, quantity, name)
 
-    def emptying(self) -> Emptying:
-        """Gastric emptying of all meals."""
-        kinks: Emptying = emptying(self.meal_t_min(), self.carbs_g())
-        return kinks
+    def eaten(self) -> Eaten:
+        """All meals as arrays ``(meals,)``."""
+        return eaten(self.meals)
 
-    def meal_t_min(self) -> Values:
-        """When each meal begins ``(meals,)``."""
-        return _values([meal.t_min for meal in self.meals])
-
-    def carbs_g(self) -> Values:
-        """Carbohydrate of each meal ``(meals,)``."""
-        return _values([meal.carbs_g for meal in self.meals])
+    def absorbed_by(self, patient: object) -> Absorption:
+        """All meals as a patient absorbs them: by the scenario's meal model, or else by the patient's own."""
+        return absorb(meal_model_of(patient, self.meal_model), self.eaten())
 
 
-def _values(of_meals: list[float]) -> Values:
-    return jnp.asarray(of_meals, float) if is_traced(of_meals) else np.array(of_meals, float)
+def _meal_model(given: MealModel | str | None) -> MealModel | None:
+    if given is None:
+        return None
+    model = meal_model(given) if isinstance(given, str) else given
+    if not isinstance(model, MealModel):
+        known = ", ".join(MEAL_MODELS)
+        raise ArgumentTypeError(f"meal_model is {model!r}, which is no meal model; give one, or a name: {known}")
+    check_meal_model(model)
+    return model
+
+
+def eaten(meals: Sequence[Meal]) -> Eaten:
+    """Meals as arrays ``(meals,)``."""
+
+    def values(name: str) -> Any:
+        of_meals = [getattr(meal, name) for meal in meals]
+        return jnp.asarray(of_meals, float) if is_traced(of_meals) else np.array(of_meals, float)
+
+    return Eaten(t_min=values("t_min"), carbs_g=values("carbs_g"), eating_min=values("eating_min"))
 
 
 def in_order(meals: Iterable[Meal]) -> tuple[Meal, ...]:

@@ -45,6 +45,6 @@ class MealModel(NonlinearModel, Protocol):
         """State one sample on, under a held infusion, while glucose from meals appears in the gut's blood.
 
         `appearance_mg_min` is ``(3,)``: the Legendre moments of the rate over the sample, as
-        `meals.lehmann_deutsch.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
+        `meals.absorption.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
         """
         ...

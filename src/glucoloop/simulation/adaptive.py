@@ -1,4 +1,4 @@
-"""The reference: any patient, by an adaptive Runge-Kutta method of eighth order, with every kink of a meal honoured."""
+"""The reference: any patient, by an adaptive Runge-Kutta method of eighth order, with every jump of a meal honoured."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.meals.lehmann_deutsch import Emptying, appearance_mg_min
+from glucoloop.meals.absorption import Absorption, appearance_mg_min
 from glucoloop.patients.protocol import Inputs, Patient
 from glucoloop.simulation.plant import SampleGrid
 
 
 @pytree
 class AdaptivePlant:
-    """A patient and his meals; implements `Plant`."""
+    """A patient and the meals that it absorbs; implements `Plant`."""
 
     patient: Patient
-    kinks: Emptying
+    absorption: Absorption
     inside_min: jax.Array
     tolerance: float = static()
 
@@ -32,7 +32,7 @@ class AdaptivePlant:
         end = start + self.inside_min[-1]
 
         def rates(t: Any, x: jax.Array, _: Any) -> jax.Array:
-            meal = appearance_mg_min(t, self.kinks)
+            meal = appearance_mg_min(t, self.absorption)
             return self.patient.derivative(t, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal))
 
         solution = diffrax.diffeqsolve(
@@ -51,13 +51,13 @@ class AdaptivePlant:
         return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
 
     def _steps(self, start: jax.Array, end: jax.Array) -> Any:
-        """Adaptive steps, none of them across a kink."""
+        """Adaptive steps, none of them across a jump of a meal."""
         adaptive = diffrax.PIDController(rtol=self.tolerance, atol=self.tolerance)
-        kinks = self.kinks.t_min
-        if kinks.size == 0:
+        jumps = self.absorption.jumps.t_min
+        if jumps.size == 0:
             return adaptive
-        # outside the sample a kink is of no concern: sorted, each lies at its place or at the end
-        inside = jnp.sort(jnp.where((kinks > start) & (kinks < end), kinks, end))
+        # outside the sample a jump is of no concern: sorted, each lies at its place or at the end
+        inside = jnp.sort(jnp.where((jumps > start) & (jumps < end), jumps, end))
         return diffrax.ClipStepSizeController(adaptive, jump_ts=inside)
 
 
@@ -74,15 +74,15 @@ class Adaptive:
 
     tolerance: float = 1e-9
 
-    def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[AdaptivePlant, jax.Array]:
-        """The patient and his meals, and the time at which each sample begins."""
+    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[AdaptivePlant, jax.Array]:
+        """The patient and the meals that it absorbs, and the time at which each sample begins."""
         plant = AdaptivePlant(
-            patient=patient, kinks=kinks, inside_min=jnp.asarray(grid.inside_min), tolerance=self.tolerance
+            patient=patient, absorption=absorption, inside_min=jnp.asarray(grid.inside_min), tolerance=self.tolerance
         )
         return plant, jnp.asarray(grid.t_min)
 
     def at_sample(
-        self, plant: AdaptivePlant, kinks: Emptying, grid: SampleGrid, index: jax.Array
+        self, plant: AdaptivePlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
     ) -> tuple[AdaptivePlant, jax.Array]:
         """The plant with these meals, and the time at which the sample with a number begins."""
-        return dataclasses.replace(plant, kinks=kinks), index * grid.sample_time_min
+        return dataclasses.replace(plant, absorption=absorption), index * grid.sample_time_min

@@ -108,7 +108,7 @@ class Start:
 
 
 @pytree
-class _Eaten:
+class _OnGrid:
     """Meals on the grid of samples, and the grid."""
 
     t_min: Values
@@ -117,15 +117,16 @@ class _Eaten:
     announced_g: Values
 
 
-def _eaten(scenario: Scenario, grid: SampleGrid) -> _Eaten:
-    t_min, sizes_g = scenario.meal_t_min(), scenario.carbs_g()
+def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
+    meals = scenario.eaten()
+    t_min, sizes_g = meals.t_min, meals.carbs_g
     carbs_g: Values
     if is_traced(t_min, sizes_g):
         carbs_g = jnp.zeros(grid.samples).at[jnp.floor(t_min / grid.sample_time_min).astype(int)].add(sizes_g)
     else:
         sample = np.asarray(t_min / grid.sample_time_min, int)
         carbs_g = np.bincount(sample, np.asarray(sizes_g), grid.samples).astype(float)
-    return _Eaten(
+    return _OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
         carbs_g=carbs_g,
@@ -134,7 +135,7 @@ def _eaten(scenario: Scenario, grid: SampleGrid) -> _Eaten:
 
 
 @functools.partial(jax.jit, static_argnums=1)
-def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, eaten: _Eaten, key: jax.Array) -> Trace:
+def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, eaten: _OnGrid, key: jax.Array) -> Trace:
     """The loop proper: one scan over samples."""
     loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
@@ -248,12 +249,12 @@ def simulate(
     key = random_key(key)
 
     grid = sample_grid(scenario.horizon_min, sample_time_of(controller))
-    plant, exogenous = integrator.prepare(patient, scenario.emptying(), grid)
+    plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
     start = start_of(patient, scenario)
     loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
     numbers, fixed = apart(loop)
     try:
-        trace: Trace = _run(numbers, fixed, start, exogenous, _eaten(scenario, grid), key)
+        trace: Trace = _run(numbers, fixed, start, exogenous, _on_grid(scenario, grid), key)
     except (AttributeError, TypeError, ValueError):
         wrong = wrong_with(controller, _first_observation(start))
         if wrong is None:

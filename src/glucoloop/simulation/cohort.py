@@ -17,8 +17,10 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Controller
-from glucoloop.meals.lehmann_deutsch import emptying
-from glucoloop.meals.people import ENTRIES, Digestion, digest, fasting, kink_table
+from glucoloop.meals.absorption import absorb
+from glucoloop.meals.models import meal_model_of
+from glucoloop.meals.people import MOMENTS, digest, digestion_matrices, jump_table
+from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
@@ -61,10 +63,8 @@ class People:
     sensor: Sensor | None = None
     """Sensors of their own, likewise."""
     pump: Pump | None = None
-    meal_t_min: Array | None = None
+    meals: Eaten | None = None
     """(meals, people) meals of their own; None: the cohort's."""
-    carbs_g: Array | None = None
-    """(meals, people)"""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,8 @@ class CohortRun:
 @pytree
 class _Carry:
     loop: LoopState
-    digestion: Digestion | None
+    digestion: jax.Array | None
+    """State of the meal model; None where meals and guts are the same for all."""
     fold: Any
 
 
@@ -95,6 +96,7 @@ class _Own:
     """What differs between people, people trailing."""
 
     plant: list[jax.Array]
+    digestion: list[jax.Array]
     controller: list[jax.Array]
     sensor: list[jax.Array]
     pump: list[jax.Array]
@@ -115,10 +117,12 @@ class Cohort:
     grid : SampleGrid
     fold : Fold
     setpoint_mg_dl : float
-    meals : (t_min, carbs_g) or None
-        Meals of all, ``(meals,)`` each; None: everybody brings his own.
+    meals : Eaten or None
+        Meals of all, ``(meals,)``; None: each person brings meals of their own.
     announced : bool
         Whether the controller is told of meals when they begin.
+    meal_model : MealModel, optional
+        How everybody absorbs meals; each person's own meal model by default.
     varied_controller, varied_sensor, varied_pump : optional
         Those of some people, where each brings his own; what varies is told as for `varied`.
     engine : {"native", "xla"}, optional
@@ -147,8 +151,9 @@ class Cohort:
         fold: Fold,
         *,
         setpoint_mg_dl: float,
-        meals: tuple[Array, Array] | None,
+        meals: Eaten | None,
         announced: bool = False,
+        meal_model: MealModel | None = None,
         varied_controller: Controller | None = None,
         varied_sensor: Sensor | None = None,
         varied_pump: Pump | None = None,
@@ -159,7 +164,7 @@ class Cohort:
     ) -> None:
         self._tells_decisions = tell_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
-        self._substeps, self._own_meals = substeps, meals is None
+        self._substeps, self._meals, self._instead = substeps, meals, meal_model
         self._plants = PeoplePlant(nominal, varied, grid, substeps)
         self._single = Loop(
             plant=self._plants.single,
@@ -173,7 +178,11 @@ class Cohort:
             "sensor": varying(sensor if varied_sensor is None else varied_sensor, sensor),
             "pump": varying(pump if varied_pump is None else varied_pump, pump),
         }
-        moments, told = self._meals_of_all(meals)
+        own_gut, one_gut = self._gut(varied), self._gut(nominal)
+        self._one_digestion = digestion_matrices(one_gut, self._plants.step_min)
+        self._digestion_varies = varying(digestion_matrices(own_gut, self._plants.step_min), self._one_digestion)
+        self._own_meals = meals is None or any(varying(own_gut, one_gut))
+        moments, told = self._meals_of_all(None if self._own_meals else meals)
         self._shared = {"moments": moments, "t_min": grid.t_min, "told": told}
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
         self._engine = self._make_engine(engine, precision)
@@ -229,16 +238,16 @@ class Cohort:
         loop = self._loop(own)
         state, reading_key = begin(loop, x, insulin, told, key)
         glucose = loop.plant.patient.glucose_mg_dl(x)
-        digestion = fasting(glucose) if self._own_meals else None
+        digestion = jnp.zeros(self._one_digestion.transition.shape[0]) if self._own_meals else None
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, chance: Any) -> tuple[_Carry, Any]:
         """One sample: glucose and the delivered rate come out of it, and reading and status if they are told."""
         digestion, moments = carry.digestion, shared["moments"]
         if digestion is not None:
-            of_steps = []
-            for kinks in reaching["kinks"]:
-                digestion, of_step = digest(digestion, kinks, self._plants.step_min)
+            matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, own.digestion), []
+            for jumps in reaching["jumps"]:
+                digestion, of_step = digest(digestion, matrices, jumps)
                 of_steps.append(of_step)
             moments = jnp.stack(of_steps)
         told = (reaching if self._own_meals else shared)["told"] if self._announced else jnp.zeros(())
@@ -251,12 +260,13 @@ class Cohort:
 
     def _make_engine(self, name: str | None, precision: str) -> Engine:
         parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
-        own = _Own(plant=self._plants.own_of_nominal(), **parts)
+        digestion = chosen(self._one_digestion, self._digestion_varies)
+        own = _Own(plant=self._plants.own_of_nominal(), digestion=digestion, **parts)
         insulin = self._nominal.basal_insulin_mU_min
         carry, key = self._begin(own, self._nominal.steady_state(insulin), insulin, jnp.zeros(()), jax.random.key(0))
-        kinks = {"kinks": np.zeros((self._substeps, ENTRIES)), "told": np.zeros(())}
+        jumps = {"jumps": np.zeros((self._substeps, self._entries)), "told": np.zeros(())}
         shared = {name: values[0] for name, values in self._shared.items()}
-        reaching = kinks if self._own_meals else {}
+        reaching = jumps if self._own_meals else {}
         return make_engine(self._step, own, carry, reaching, shared, key, name=name, precision=precision)
 
     # many people
@@ -270,37 +280,58 @@ class Cohort:
 
         return _Own(
             plant=self._plants.own(people.patient),
+            digestion=chosen(
+                digestion_matrices(self._gut(people.patient), self._plants.step_min), self._digestion_varies
+            ),
             controller=part("controller"),
             sensor=part("sensor"),
             pump=part("pump"),
         )
 
-    def _meals_of_all(self, meals: tuple[Array, Array] | None) -> tuple[Array, Array]:
+    def _gut(self, patient: SemilinearPatient) -> MealModel:
+        return meal_model_of(patient, self._instead)
+
+    @property
+    def _entries(self) -> int:
+        """Numbers that a step is told of the jumps of meals within it."""
+        return MOMENTS + int(self._one_digestion.transition.shape[0])
+
+    def _meals_of_all(self, meals: Eaten | None) -> tuple[Array, Array]:
         """Moments ``(samples, substeps, 3)`` and what is announced ``(samples,)`` of meals that all eat."""
         samples = self._grid.samples
         if meals is None:
             return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
-        t_min, carbs_g = (np.asarray(part, float) for part in meals)
-        moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, emptying(t_min, carbs_g)))
-        return moments, _at_samples(t_min[:, None], carbs_g[:, None], self._grid)[:, 0]
+        absorption = absorb(self._gut(self._nominal), meals)
+        moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, absorption))
+        return moments, _at_samples(_for_people(meals, 1), self._grid)[:, 0]
 
     def _meals_of_people(self, people: People) -> tuple[Any, Array]:
         """What reaches people of their own meals, and what is announced at the start."""
         samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
         if not self._own_meals:
             return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
-        if people.meal_t_min is None or people.carbs_g is None:
-            raise TypeError("this cohort was made for people with meals of their own; give meal_t_min and carbs_g")
-        kinks = emptying(people.meal_t_min, people.carbs_g)
-        table = kink_table(kinks, steps=samples * self._substeps, step_min=self._plants.step_min)
+        meals = people.meals
+        if self._meals is not None:
+            meals = _for_people(self._meals, n)
+        if meals is None:
+            raise TypeError("this cohort was made for people with meals of their own; give meals")
+        absorption = absorb(self._gut(people.patient), meals)
+        table = jump_table(absorption, steps=samples * self._substeps, step_min=self._plants.step_min)
         told = np.zeros((samples, n))
         if self._announced:
-            told = _at_samples(people.meal_t_min, people.carbs_g, self._grid)
-        return {"kinks": table.reshape(samples, self._substeps, ENTRIES, n), "told": told}, told[0]
+            told = _at_samples(meals, self._grid)
+        return {"jumps": table.reshape(samples, self._substeps, self._entries, n), "told": told}, told[0]
 
 
-def _at_samples(t_min: Array, carbs_g: Array, grid: SampleGrid) -> Array:
+def _for_people(meals: Eaten, people: int) -> Eaten:
+    """Meals of all ``(meals,)`` as those of each person ``(meals, people)``."""
+    repeated: Eaten = jax.tree.map(lambda part: np.repeat(np.asarray(part, float)[:, None], people, axis=1), meals)
+    return repeated
+
+
+def _at_samples(meals: Eaten, grid: SampleGrid) -> Array:
     """Carbohydrate of the meals that begin in each sample, ``(samples, people)``."""
+    t_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
     told = np.zeros((grid.samples, t_min.shape[1]))
     number = np.floor(t_min / grid.sample_time_min).astype(int)
     which, person = np.nonzero((number >= 0) & (number < grid.samples))

@@ -22,7 +22,7 @@ from glucoloop.identification import (
     random_binary_sequence,
     validate,
 )
-from glucoloop.meals.lehmann_deutsch import Emptying
+from glucoloop.meals import fasting, meal_model_of
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.capabilities import seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
@@ -106,9 +106,8 @@ def excite(
     if integrator is None:
         integrator = Exponential(substeps=8, near_rest=True) if isinstance(patient, SemilinearPatient) else Adaptive()
     key = random_key(key)
-    fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
     grid = SampleGrid(sample_time_min=sample_time_min, samples=rates.size)
-    plant, exogenous = integrator.prepare(patient, fasting, grid)
+    plant, exogenous = integrator.prepare(patient, fasting(meal_model_of(patient)), grid)
     x = patient.steady_state(patient.basal_insulin_mU_min)
     glucose = _excite(plant, sensor or IdealSensor(), x, jnp.asarray(rates), exogenous, key)
     return Record(insulin_mU_min=jnp.asarray(rates), glucose_mg_dl=glucose, sample_time_min=sample_time_min)

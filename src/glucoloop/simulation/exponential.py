@@ -29,7 +29,7 @@ import scipy.linalg
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
-from glucoloop.meals.lehmann_deutsch import Emptying, appearance_moments
+from glucoloop.meals.absorption import Absorption, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.simulation.plant import SampleGrid
 
@@ -285,7 +285,7 @@ class Exponential:
     substeps: int = 1
     near_rest: bool = False
 
-    def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[ExponentialPlant, jax.Array]:
+    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[ExponentialPlant, jax.Array]:
         """Matrices for the patient, and the meal's moments `(samples, substeps, 3, ...)`.
 
         Raises
@@ -305,24 +305,24 @@ class Exponential:
             state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
             matrices = design(patient, h, dense, state)
         plant = ExponentialPlant(patient=patient, matrices=matrices)
-        return plant, meal_moments(grid.samples, self.substeps, h, kinks)
+        return plant, meal_moments(grid.samples, self.substeps, h, absorption)
 
     def at_sample(
-        self, plant: ExponentialPlant, kinks: Emptying, grid: SampleGrid, index: jax.Array
+        self, plant: ExponentialPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
     ) -> tuple[ExponentialPlant, jax.Array]:
         """The same plant, and the meals' moments ``(substeps, 3)`` of the sample with a number."""
         h = grid.sample_time_min / self.substeps
         starts = (index * self.substeps + jnp.arange(self.substeps)) * h
-        return plant, _moments(starts[None], h, kinks)[0]
+        return plant, _moments(starts[None], h, absorption)[0]
 
 
-def meal_moments(samples: int, substeps: int, step_min: float, kinks: Emptying) -> jax.Array:
+def meal_moments(samples: int, substeps: int, step_min: float, absorption: Absorption) -> jax.Array:
     """Moments of the meals' appearance over every step, ``(samples, substeps, 3, ...)``."""
     starts = jnp.arange(samples * substeps).reshape(samples, substeps) * step_min
-    moments: jax.Array = _moments(starts, step_min, kinks)
+    moments: jax.Array = _moments(starts, step_min, absorption)
     return moments
 
 
 @jax.jit
-def _moments(starts_min: jax.Array, step_min: float, kinks: Emptying) -> jax.Array:
-    return jax.vmap(jax.vmap(lambda t: appearance_moments(t, step_min, kinks)))(starts_min)
+def _moments(starts_min: jax.Array, step_min: float, absorption: Absorption) -> jax.Array:
+    return jax.vmap(jax.vmap(lambda t: appearance_moments(t, step_min, absorption)))(starts_min)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.meals.lehmann_deutsch import Emptying
+from glucoloop.meals import fasting, meal_model_of
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.protocol import Inputs, Patient
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant
@@ -64,8 +64,8 @@ class InternalModel:
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """One sample by the exponential integrator, without a meal."""
-        fasting = jnp.zeros((1, 3, *jnp.shape(insulin_mU_min)))
-        return self.plant.advance(x, insulin_mU_min, fasting)[0]
+        no_meal = jnp.zeros((1, 3, *jnp.shape(insulin_mU_min)))
+        return self.plant.advance(x, insulin_mU_min, no_meal)[0]
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
         """One sample by the exponential integrator, with what appears of a meal."""
@@ -88,9 +88,8 @@ def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> Intern
     ValueError
         For a sample time that is not positive.
     """
-    fasting = Emptying(t_min=jnp.zeros(0), slope_change_mg_min2=jnp.zeros(0))
     plant, _ = Exponential(near_rest=True).prepare(
-        patient, fasting, SampleGrid(sample_time_min=sample_time_min, samples=1)
+        patient, fasting(meal_model_of(patient)), SampleGrid(sample_time_min=sample_time_min, samples=1)
     )
     insulin = patient.basal_insulin_mU_min
     return InternalModel(

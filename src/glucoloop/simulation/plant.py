@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control.tuning import check_sample_time
-from glucoloop.meals.lehmann_deutsch import Emptying
+from glucoloop.meals.absorption import Absorption
 from glucoloop.patients.protocol import Patient
 
 
@@ -57,7 +57,7 @@ class Plant(Protocol):
 class Integrator(Protocol):
     """Makes a plant of a patient."""
 
-    def prepare(self, patient: Patient, kinks: Emptying, grid: SampleGrid) -> tuple[Plant, Any]:
+    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[Plant, Any]:
         """The plant, and what reaches it from outside, one entry per sample on the leading axis."""
         ...
 
@@ -65,6 +65,6 @@ class Integrator(Protocol):
 class SteppingIntegrator(Integrator, Protocol):
     """An integrator that can also go on one sample at a time, with meals that are told on the way."""
 
-    def at_sample(self, plant: Any, kinks: Emptying, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
+    def at_sample(self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
         """The plant after other meals than those it was prepared for, and what reaches it in one sample; traceable."""
         ...

@@ -8,11 +8,14 @@ from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, random_key
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.meals.lehmann_deutsch import Emptying, emptying
+from glucoloop.meals.absorption import Absorption, absorb
+from glucoloop.meals.models import meal_model_of
+from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.scenario import LONGEST_HORIZON_MIN, Meal, Scenario
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import LimitedPump, Pump
@@ -25,6 +28,7 @@ from glucoloop.snapshot import fingerprint, pack, unpack
 
 _FIRST_ROOM: Final = 8
 """Meals for which there is room at first; it is doubled when it is full."""
+_NO_MEALS: Final = Eaten(**{name: np.zeros(_FIRST_ROOM) for name in ("t_min", "carbs_g", "eating_min")})
 
 
 @pytree
@@ -53,9 +57,8 @@ class _Now:
     sample: jax.Array
     """Number of the sample to come."""
     key: jax.Array
-    meal_t_min: jax.Array
-    """(room,) when each meal began; 0 g where there is none yet."""
-    carbs_g: jax.Array
+    eaten: Eaten
+    """(room,) meals that began; 0 g where there is none yet."""
     meals: jax.Array
     """How many there were."""
 
@@ -77,11 +80,11 @@ def _step(
     integrator: SteppingIntegrator,
     grid: SampleGrid,
     now: _Now,
-    kinks: Emptying,
+    absorption: Absorption,
     insulin_mU_min: float,
 ) -> tuple[_Now, Sampled]:
     loop: Loop = fixed.joined(numbers)
-    plant, outside = integrator.at_sample(loop.plant, kinks, grid, now.sample)
+    plant, outside = integrator.at_sample(loop.plant, absorption, grid, now.sample)
     asked = dataclasses.replace(loop.controller, insulin_mU_min=jnp.asarray(insulin_mU_min))  # type: ignore[type-var]
     loop = dataclasses.replace(loop, plant=plant, controller=asked)
     after, happened = sample(loop, now.loop, outside, jnp.zeros(()), now.key, now.sample)
@@ -110,6 +113,8 @@ class Stepper:
         Source of all randomness.
     integrator : SteppingIntegrator, optional
         As for `simulate`.
+    meal_model : MealModel, optional
+        How meals are absorbed; the patient's own meal model by default.
 
     Raises
     ------
@@ -143,6 +148,7 @@ class Stepper:
         allow_unusual: bool = False,
         key: jax.Array | int = 0,
         integrator: SteppingIntegrator | None = None,
+        meal_model: MealModel | None = None,
     ) -> None:
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
         self._integrator = default_integrator(patient) if integrator is None else integrator
@@ -153,7 +159,8 @@ class Stepper:
             allow_unusual=allow_unusual,
         )
         self._start = start_of(patient, fasting)
-        plant, _ = self._integrator.prepare(patient, self._no_meals(), self._grid)
+        self._meal_model = meal_model_of(patient, meal_model)
+        plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
         loop = Loop(
             plant=plant,
             controller=_Asked(insulin_mU_min=self._start.insulin_mU_min, sample_time_min=sample_time_min),
@@ -162,16 +169,13 @@ class Stepper:
             setpoint_mg_dl=self._start.setpoint_mg_dl,
         )
         self._numbers, self._fixed = apart(loop)
-        self._of = fingerprint((patient, loop.sensor, loop.pump, loop.controller, loop.setpoint_mg_dl))
+        self._of = fingerprint(
+            (patient, self._meal_model, loop.sensor, loop.pump, loop.controller, loop.setpoint_mg_dl)
+        )
         self._of += f" {self._integrator}"
         self._key = random_key(key)
         self.last: Sampled | None = None
         self.reset()
-
-    @staticmethod
-    def _no_meals() -> Emptying:
-        kinks: Emptying = emptying(jnp.zeros(_FIRST_ROOM), jnp.zeros(_FIRST_ROOM))
-        return kinks
 
     @property
     def sample_time_min(self) -> float:
@@ -208,11 +212,10 @@ class Stepper:
             loop=loop,
             sample=jnp.asarray(0),
             key=reading_key,
-            meal_t_min=jnp.zeros(_FIRST_ROOM),
-            carbs_g=jnp.zeros(_FIRST_ROOM),
+            eaten=jax.tree.map(jnp.asarray, _NO_MEALS),
             meals=jnp.asarray(0),
         )
-        self._kinks = self._no_meals()
+        self._absorption = absorb(self._meal_model, self._now.eaten)
         self.last = None
         return self.observation()
 
@@ -229,7 +232,7 @@ class Stepper:
         return seen
 
     @checked
-    def eat(self, carbs_g: float, after_min: float = 0.0) -> None:
+    def eat(self, carbs_g: float, after_min: float = 0.0, eating_min: float = 0.0) -> None:
         """A meal begins during the sample to come.
 
         Parameters
@@ -238,6 +241,8 @@ class Stepper:
             Its carbohydrate [g].
         after_min : float
             Minutes from the beginning of the sample; less than its length.
+        eating_min : float
+            How long it is eaten; 0 for a meal that is eaten at once.
 
         Raises
         ------
@@ -249,18 +254,13 @@ class Stepper:
                 f"a meal {after_min:g} min into a sample of {self.sample_time_min:g} min is not possible; "
                 f"give 0 or more and less than {self.sample_time_min:g}"
             )
-        meal = Meal(carbs_g, self.t_min + after_min)
-        now, number = self._now, int(self._now.meals)
-        t_min, sizes_g = now.meal_t_min, now.carbs_g
-        if number == t_min.size:
-            t_min, sizes_g = (jnp.concatenate([part, jnp.zeros_like(part)]) for part in (t_min, sizes_g))
-        self._now = dataclasses.replace(
-            now,
-            meal_t_min=t_min.at[number].set(meal.t_min),
-            carbs_g=sizes_g.at[number].set(meal.carbs_g),
-            meals=jnp.asarray(number + 1),
-        )
-        self._kinks = emptying(self._now.meal_t_min, self._now.carbs_g)
+        meal = Meal(carbs_g, self.t_min + after_min, eating_min)
+        eaten, number = self._now.eaten, int(self._now.meals)
+        if number == eaten.t_min.size:
+            eaten = jax.tree.map(lambda part: jnp.concatenate([part, jnp.zeros_like(part)]), eaten)
+        with_meal = Eaten(**{name: part.at[number].set(getattr(meal, name)) for name, part in vars(eaten).items()})
+        self._now = dataclasses.replace(self._now, eaten=with_meal, meals=jnp.asarray(number + 1))
+        self._absorption = absorb(self._meal_model, with_meal)
 
     @checked
     def step(self, insulin_mU_min: float, carbs_g: float = 0.0) -> Observation:
@@ -288,7 +288,7 @@ class Stepper:
         if carbs_g != 0.0:
             self.eat(carbs_g)
         self._now, self.last = _step(
-            self._numbers, self._fixed, self._integrator, self._grid, self._now, self._kinks, insulin_mU_min
+            self._numbers, self._fixed, self._integrator, self._grid, self._now, self._absorption, insulin_mU_min
         )
         return self.observation()
 
@@ -311,5 +311,5 @@ class Stepper:
             then stays as it was.
         """
         now = unpack(saved, self._now, self._of)
-        self._now, self._kinks, self.last = now, emptying(now.meal_t_min, now.carbs_g), None
+        self._now, self._absorption, self.last = now, absorb(self._meal_model, now.eaten), None
         return self.observation()

@@ -18,6 +18,7 @@ from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
+from glucoloop.meals import eaten
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
@@ -136,10 +137,6 @@ def _prepare_cases(
     case, own_around = cases[0], around[cases[0].label]
     controller = controller_of(trial, case)
     own = _own_controllers(trial, case, controller, example)
-    meals = None
-    if not trial.plan.varies:
-        eaten = trial.plan.nominal()
-        meals = np.array([meal.t_min for meal in eaten]), np.array([meal.carbs_g for meal in eaten])
     of_one = own_around.of_people(around.values(), 1)
     cohort = Cohort(
         trial.nominal,
@@ -150,7 +147,7 @@ def _prepare_cases(
         grid,
         fold,
         setpoint_mg_dl=trial.target_mg_dl,
-        meals=meals,
+        meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
         announced=trial.announced,
         varied_controller=None if own is None else own(example),
         varied_sensor=of_one.sensor,
@@ -279,11 +276,11 @@ def _drawn(
     """People as the loop takes them, who they are, and when the sample of each one's first meal is taken."""
     trial, sample_time_min = prepared.trial, prepared.grid.sample_time_min
     drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=prepared.setpoint_mg_dl)
-    t_min = carbs_g = None
+    meals = None
     first_meal_min: Array | float = 0.0
     if trial.plan.meals:
-        t_min, carbs_g = draw_meals(trial.plan, trial.seed, person)
-        first_meal_min = np.floor(t_min.min(axis=0) / sample_time_min) * sample_time_min
+        meals = draw_meals(trial.plan, trial.seed, person)
+        first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
     around = None if of_case.around is None else of_case.around(person.size)
     people = People(
         patient=drawn.patient,
@@ -293,8 +290,7 @@ def _drawn(
         controller=None if of_case.own is None else of_case.own(drawn),
         sensor=None if around is None else around.sensor,
         pump=None if around is None else around.pump,
-        meal_t_min=t_min if trial.plan.varies else None,
-        carbs_g=carbs_g if trial.plan.varies else None,
+        meals=meals if trial.plan.varies else None,
     )
     return people, drawn, first_meal_min
 

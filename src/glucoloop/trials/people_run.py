@@ -105,7 +105,6 @@ def simulate_people(
                 f"draw them with setpoint_mg_dl={asked:g}"
             )
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
-    meals = np.array([meal.t_min for meal in scenario.meals]), np.array([meal.carbs_g for meal in scenario.meals])
     cohort = Cohort(
         patient(people.name),
         people.patient,
@@ -115,8 +114,9 @@ def simulate_people(
         grid,
         fold,
         setpoint_mg_dl=setpoint,
-        meals=meals,
+        meals=scenario.eaten(),
         announced=scenario.announced,
+        meal_model=scenario.meal_model,
         varied_controller=with_individual_basal(controller, people.basal_insulin_mU_min),
         engine=engine,
         precision=precision,
@@ -140,9 +140,9 @@ def simulate_people(
     def joined(parts: list[Array]) -> Array:
         return np.concatenate(parts, axis=-1)[..., :kept]
 
-    first_meal = (
-        float(np.floor(meals[0].min() / grid.sample_time_min) * grid.sample_time_min) if scenario.meals else 0.0
-    )
+    first_meal = 0.0
+    if scenario.meals:
+        first_meal = float(np.floor(scenario.meals[0].t_min / grid.sample_time_min) * grid.sample_time_min)
     return PeopleRun(
         metrics=fold.finish(
             jax.tree.map(lambda *parts: joined(list(parts)), *(part.fold for part in runs)),

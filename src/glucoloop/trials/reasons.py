@@ -46,7 +46,7 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
     trial, of_case = prepared.trial, prepared.cases[label]
     number = np.array([person], np.int64)
     drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
-    t_min, carbs_g = draw_meals(trial.plan, trial.seed, number)
+    meals = draw_meals(trial.plan, trial.seed, number)
     controller = of_case.controller
     if of_case.own is not None:
         own = of_case.own(drawn)
@@ -57,7 +57,12 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
         of_case.surroundings.sensor,
         of_case.surroundings.pump,
         Scenario(
-            [Meal(float(carbs), float(t)) for t, carbs in zip(t_min[:, 0], carbs_g[:, 0], strict=True)],
+            [
+                Meal(float(carbs_g), float(t_min), float(eating_min))
+                for carbs_g, t_min, eating_min in zip(
+                    meals.carbs_g[:, 0], meals.t_min[:, 0], meals.eating_min[:, 0], strict=True
+                )
+            ],
             trial.plan.horizon_min,
             announced=trial.announced,
         ),

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.meals import appearance_mg_min, emptying
+from glucoloop.meals import Eaten, LehmannDeutsch, absorb, appearance_mg_min, appearance_moments
 from glucoloop.meals.announced import MEALS, announce, nothing_announced, serve
-from glucoloop.meals.lehmann_deutsch import PLATEAU_MG_MIN, appearance_moments
+from glucoloop.meals.lehmann_deutsch import PLATEAU_MG_MIN
 from glucoloop.meals.stomach import SERVED_G_PER_MIN, digest, empty_stomach
 
 H = 5.0
@@ -29,7 +29,9 @@ def test_a_meal_on_the_grid_is_that_of_lehmann_and_deutsch(samples_served, begin
     served = np.zeros(120)
     served[begins : begins + samples_served] = 1.0
     _, moments, empties = digested(served)
-    kinks = emptying(jnp.asarray([H * begins]), jnp.asarray([H * samples_served * SERVED_G_PER_MIN]))
+    size_g, begin_min = H * samples_served * SERVED_G_PER_MIN, H * begins
+    eaten = Eaten(t_min=jnp.array([begin_min]), carbs_g=jnp.array([size_g]), eating_min=jnp.zeros(1))
+    kinks = absorb(LehmannDeutsch(), eaten)
     truth = np.array([appearance_moments(H * k, H, kinks) for k in range(served.size)])
     # The rate is exact at the beginning, middle and end of a sample; between them a parabola stands for an exponential.
     # Of a ramp of 12 mg/min^2 its cubic part is 12 h^3 / (6 T^2), a sixtieth of which is missing of the first moment.

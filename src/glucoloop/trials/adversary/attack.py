@@ -17,6 +17,7 @@ from glucoloop.control import Controller
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.meals import eaten
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.simulation.closed_loop import sample_grid
@@ -134,7 +135,6 @@ class Attack:
         self._varied = example.patient
         nowhere = np.full(space.stretches, float(space.samples))
         self._sensor = erring(np.zeros(space.samples), nowhere, space.stretch_samples, around.sensor)
-        meals = trial.plan.nominal()
         self._cohort = Cohort(
             self._nominal,
             example.patient,
@@ -144,7 +144,7 @@ class Attack:
             self._grid,
             _Fold(point_min=trial.sample_time_min / len(self._grid.inside_min)),
             setpoint_mg_dl=self._setpoint,
-            meals=(np.array([meal.t_min for meal in meals]), np.array([meal.carbs_g for meal in meals])),
+            meals=eaten(trial.plan.nominal()),
             announced=trial.announced,
             varied_controller=with_individual_basal(controller, example.basal_insulin_mU_min),
             varied_sensor=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),

@@ -117,8 +117,8 @@ def met(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.na
     """What somebody meets under a controller."""
     horizon = horizon_min(controller)
     faults = random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
-    t_min, carbs_g = draw_random_meals(seed, [person], horizon)
-    eaten = sorted((float(t), float(g)) for t, g in zip(t_min[:, 0], carbs_g[:, 0], strict=True) if g > 0.0)
+    drawn = draw_random_meals(seed, [person], horizon)
+    eaten = sorted((float(t), float(g)) for t, g in zip(drawn.t_min[:, 0], drawn.carbs_g[:, 0], strict=True) if g > 0.0)
     return Met(
         population=population_of(person, patient).name,
         basal_insulin_mU_min=float(draw_people(seed, [person], patient).basal_insulin_mU_min[0]),

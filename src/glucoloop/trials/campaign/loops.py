@@ -103,7 +103,6 @@ class Loops:
         faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
             drawn = draw_people(seed, person, self._situation.patient)
-            meal_t_min, carbs_g = draw_random_meals(seed, person, self._horizon)
             basal = drawn.basal_insulin_mU_min
             people = People(
                 patient=drawn.patient,
@@ -113,8 +112,7 @@ class Loops:
                 controller=WatchedController(inner=with_individual_basal(self._controller, basal)),
                 sensor=WatchedSensor(inner=faults.sensor()),
                 pump=WatchedPump(inner=faults.pump(self._situation.limits)),
-                meal_t_min=meal_t_min,
-                carbs_g=carbs_g,
+                meals=draw_random_meals(seed, person, self._horizon),
             )
         run = self._cohort.run(people)
         points = self.samples * len(self._grid.inside_min)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.meals import Eaten
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.engines import one_at_a_time
@@ -74,10 +75,11 @@ def able_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> np
     raise ValueError(f"seed {seed} has fewer than {wanted} people; give fewer loops")
 
 
-def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> tuple[Array, Array]:
-    """Up to four meals of 5 to 120 g at any time, ``(4, n)`` times and grams; one of 0 g is none."""
+def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:
+    """Up to four meals ``(4, n)`` of 5 to 120 g at any time, eaten at once; one of 0 g is none."""
     many = np.floor((MOST_MEALS + 1) * uniforms(seed, "meals", person))
     which = np.arange(MOST_MEALS)
     t_min = np.stack([horizon_min * uniforms(seed, "when", person, int(i)) for i in which])
     carbs_g = np.stack([5.0 + 115.0 * uniforms(seed, "how much", person, int(i)) for i in which])
-    return t_min, np.where(which[:, None] < many, carbs_g, 0.0)
+    carbs_g = np.where(which[:, None] < many, carbs_g, 0.0)
+    return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=np.zeros_like(carbs_g))

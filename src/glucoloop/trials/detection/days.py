@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,6 +19,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.meals import Eaten
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.registry.controllers import complete
@@ -27,7 +29,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.trials.detection.detection import ESTIMATING, Detection
-from glucoloop.trials.detection.scores import Meals, in_order
+from glucoloop.trials.detection.scores import in_order
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
@@ -64,7 +66,7 @@ class Days:
 
     person: npt.NDArray[np.int64]
     day: npt.NDArray[np.int64]
-    meals: Meals
+    meals: Eaten
     basal_insulin_mU_min: Array
     reading_mg_dl: Array
     """(samples, days) NaN where there was none."""
@@ -139,14 +141,13 @@ class Loop:
                 insulin_mU_min=drawn.basal_insulin_mU_min,
                 key=keys,
                 controller=self._own(drawn),
-                meal_t_min=meals.begin_min,
-                carbs_g=meals.carbs_g,
+                meals=meals,
             )
         run = self._cohort.run(people)
         return Days(
             person=person,
             day=day,
-            meals=Meals(meals.begin_min[:, :n], meals.carbs_g[:, :n]),
+            meals=jax.tree.map(lambda part: part[:, :n], meals),
             basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
             reading_mg_dl=run.fold["reading"][:, :n],
             insulin_mU_min=run.fold["reported"][:, :n],
@@ -154,14 +155,16 @@ class Loop:
         )
 
 
-def _meals(detection: Detection, person: npt.NDArray[np.int64], day: npt.NDArray[np.int64], *, fasting: bool) -> Meals:
+def _meals(detection: Detection, person: npt.NDArray[np.int64], day: npt.NDArray[np.int64], *, fasting: bool) -> Eaten:
     """Meals of days, ``(meals, days)``; a fasting day has as many of 0 g, so that it is the same program."""
     number = len(detection.plan.meals)
     if fasting or not number:
-        return Meals(np.zeros((max(1, number), person.size)), np.zeros((max(1, number), person.size)))
-    t_min, carbs_g = draw_meals(detection.plan, detection.trial.seed, person)
+        none = np.zeros((max(1, number), person.size))
+        return Eaten(t_min=none, carbs_g=none, eating_min=none)
+    drawn = draw_meals(detection.plan, detection.trial.seed, person)
     rows, columns = day * number + np.arange(number)[:, None], np.arange(person.size)
-    return in_order(t_min[rows, columns] - MIN_PER_DAY * day, carbs_g[rows, columns])
+    of_day = jax.tree.map(lambda part: part[rows, columns], drawn)
+    return in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
 
 
 def day_grid(detection: Detection) -> SampleGrid:

@@ -10,7 +10,8 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.meals import emptying, emptying_mg_min
+from glucoloop.meals import Eaten, absorb, emptying_mg_min, meal_model_of
+from glucoloop.patients.population import virtual_people
 from glucoloop.trials.detection.days import (
     Days,
     Estimator,
@@ -32,10 +33,11 @@ from glucoloop.trials.detection.result import (
 )
 from glucoloop.trials.detection.scores import (
     AFTERMATH_MIN,
-    Meals,
     days_of,
     delays_min,
+    end_min,
     false_alarms,
+    followed_min,
     told_at,
     under_way,
 )
@@ -129,10 +131,9 @@ def _joined(parts: list[Estimated]) -> Estimated:
     def fields(of: Any) -> dict[str, Any]:
         return dict(vars(of))
 
-    days = [fields(part.days) | {"meals": fields(part.days.meals)} for part in parts]
-    together = jax.tree.map(beside, *days)
+    together = jax.tree.map(beside, *(fields(part.days) for part in parts))
     own = jax.tree.map(beside, *({k: v for k, v in fields(part).items() if k != "days"} for part in parts))
-    return Estimated(days=Days(**together | {"meals": Meals(**together["meals"])}), **own)
+    return Estimated(days=Days(**together), **own)
 
 
 def score(
@@ -154,7 +155,8 @@ def score(
     t_min, horizon = grid.t_min, detection.trial.plan.horizon_min
     thresholds = np.unique([*THRESHOLDS, detection.threshold])
     nothing = np.zeros((t_min.size, 0))
-    meals = Meals(np.zeros((0, 0)), np.zeros((0, 0))) if fed is None else fed.days.meals
+    none = np.zeros((0, 0))
+    meals = Eaten(t_min=none, carbs_g=none, eating_min=none) if fed is None else fed.days.meals
     eating = nothing if fed is None else fed.eating
     quiet = np.zeros(nothing.shape, bool) if fed is None else ~under_way(meals, t_min)
     fasting_days = days_of(np.ones(fasted.eating.shape, bool), grid.sample_time_min)
@@ -168,14 +170,14 @@ def score(
         size_error=_size_error(fed, t_min, detection.threshold, horizon, grid.sample_time_min),
         fasting_days=fasting_days,
         between_days=between_days,
-        example=_example(fasted if fed is None else fed, t_min),
+        example=_example(detection, fasted if fed is None else fed, t_min),
     )
 
 
 def _curve(
     thresholds: Array,
     eating: Array,
-    meals: Meals,
+    meals: Eaten,
     quiet: npt.NDArray[np.bool_],
     fasted: Array,
     t_min: Array,
@@ -210,26 +212,24 @@ def _meal_table(fed: Estimated | None, t_min: Array, threshold: float, horizon_m
         return MealTable(
             numbers, numbers, none, none, none, np.zeros(0, bool), none, dict.fromkeys(TOLD_AFTER_MIN, none)
         )
-    meals = fed.days.meals
+    meals, begin_min = fed.days.meals, np.asarray(fed.days.meals.t_min)
     delay, already = delays_min(fed.eating, t_min, meals, threshold, horizon_min)
-    since, over = meals.begin_min + delay, meals.followed_min(horizon_min)
+    since, over = begin_min + delay, followed_min(meals, horizon_min)
     expected = fed.carbs_g + fed.remaining_g
 
     def row(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Day by day."""
-        return np.broadcast_to(values, meals.begin_min.shape).T.ravel()
+        return np.broadcast_to(values, begin_min.shape).T.ravel()
 
     return MealTable(
         person=row(fed.days.person),
         day=row(fed.days.day),
-        t_min=row(meals.begin_min),
-        carbs_g=row(meals.carbs_g),
+        t_min=row(begin_min),
+        carbs_g=row(np.asarray(meals.carbs_g)),
         delay_min=row(delay),
         already=row(already),
-        estimated_g=row(told_at(fed.carbs_g, t_min, meals.end_min + AFTERMATH_MIN, since, over)),
-        expected_g={
-            after: row(told_at(expected, t_min, meals.begin_min + after, since, over)) for after in TOLD_AFTER_MIN
-        },
+        estimated_g=row(told_at(fed.carbs_g, t_min, end_min(meals) + AFTERMATH_MIN, since, over)),
+        expected_g={after: row(told_at(expected, t_min, begin_min + after, since, over)) for after in TOLD_AFTER_MIN},
     )
 
 
@@ -240,11 +240,10 @@ def _size_error(
     if fed is None:
         return SizeError(after, np.full((len(QUANTILES), after.size), np.nan), np.zeros(after.size, np.int64))
     meals, expected = fed.days.meals, fed.carbs_g + fed.remaining_g
+    begin_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
     delay, _ = delays_min(fed.eating, t_min, meals, threshold, horizon_min)
-    since, over = meals.begin_min + delay, meals.followed_min(horizon_min)
-    error = [
-        (told_at(expected, t_min, meals.begin_min + lag, since, over) - meals.carbs_g).ravel() for lag in after.tolist()
-    ]
+    since, over = begin_min + delay, followed_min(meals, horizon_min)
+    error = [(told_at(expected, t_min, begin_min + lag, since, over) - carbs_g).ravel() for lag in after.tolist()]
     known = [of[np.isfinite(of)] for of in error]
     return SizeError(
         after_min=after,
@@ -253,16 +252,17 @@ def _size_error(
     )
 
 
-def _example(estimated: Estimated, t_min: Array) -> ExampleDay:
-    days = estimated.days
-    kinks = emptying(days.meals.begin_min[:, 0], days.meals.carbs_g[:, 0])
+def _example(detection: Detection, estimated: Estimated, t_min: Array) -> ExampleDay:
+    days, trial = estimated.days, detection.trial
+    eats = virtual_people(trial.population, trial.seed, days.person[:1], setpoint_mg_dl=trial.target_mg_dl).patient
+    meals = absorb(meal_model_of(eats), jax.tree.map(lambda part: part[:, :1], days.meals))
     return ExampleDay(
         t_min=t_min,
         glucose_mg_dl=days.glucose_mg_dl[:, 0],
         reading_mg_dl=days.reading_mg_dl[:, 0],
         insulin_mU_min=days.insulin_mU_min[:, 0],
         eating=estimated.eating[:, 0],
-        emptying_mg_min=np.asarray(jax.vmap(lambda t: emptying_mg_min(t, kinks))(t_min)),
+        emptying_mg_min=np.asarray(jax.vmap(lambda t: emptying_mg_min(t, meals))(t_min))[:, 0],
         estimated_emptying_mg_min=estimated.emptying_mg_min[:, 0],
         carbs_g=estimated.carbs_g[:, 0],
         remaining_g=estimated.remaining_g[:, 0],

@@ -6,12 +6,13 @@ alarm, and what rises above it later does not detect it any more. Times are on t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
+import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.meals import Eaten
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
 from glucoloop.units import MIN_PER_DAY
 
@@ -22,48 +23,41 @@ AFTERMATH_MIN: Final = 60.0
 """So long after a meal's end it is still under way, and then its size is judged."""
 
 
-@dataclass(frozen=True)
-class Meals:
-    """Meals of some days."""
-
-    begin_min: Array
-    """(meals, days) in each day's order."""
-    carbs_g: Array
-    """(meals, days)"""
-
-    @property
-    def end_min(self) -> Array:
-        """(meals, days) when each has been served."""
-        return self.begin_min + self.carbs_g / SERVED_G_PER_MIN
-
-    def followed_min(self, horizon_min: float) -> Array:
-        """(meals, days) when each one's time is over: the next one begins, or the day is at its end."""
-        after = np.full((1, self.begin_min.shape[1]), horizon_min)
-        followed: Array = np.minimum(np.concatenate([self.begin_min[1:], after]), horizon_min)
-        return followed
+def end_min(meals: Eaten) -> Array:
+    """``(meals, days)``: when each meal has been served."""
+    return np.asarray(meals.t_min + np.maximum(meals.carbs_g / SERVED_G_PER_MIN, meals.eating_min))
 
 
-def in_order(begin_min: Array, carbs_g: Array) -> Meals:
+def followed_min(meals: Eaten, horizon_min: float) -> Array:
+    """``(meals, days)``: when each meal's time is over, since the next one begins or the day is at its end."""
+    after = np.full((1, meals.t_min.shape[1]), horizon_min)
+    followed: Array = np.minimum(np.concatenate([meals.t_min[1:], after]), horizon_min)
+    return followed
+
+
+def in_order(meals: Eaten) -> Eaten:
     """Meals of some days ``(meals, days)``, each day's in the order of their beginnings."""
-    order = np.argsort(begin_min, axis=0, kind="stable")
-    return Meals(np.take_along_axis(begin_min, order, 0), np.take_along_axis(carbs_g, order, 0))
+    order = np.argsort(meals.t_min, axis=0, kind="stable")
+    ordered: Eaten = jax.tree.map(lambda part: np.take_along_axis(np.asarray(part), order, 0), meals)
+    return ordered
 
 
-def under_way(meals: Meals, t_min: Array) -> Truths:
+def under_way(meals: Eaten, t_min: Array) -> Truths:
     """``(samples, days)``: whether a meal is being served, or was within the last 60 min."""
     t = t_min[:, None, None]
-    way: Truths = np.any((meals.begin_min <= t) & (t <= meals.end_min + AFTERMATH_MIN), axis=1)
+    way: Truths = np.any((meals.t_min <= t) & (t <= end_min(meals) + AFTERMATH_MIN), axis=1)
     return way
 
 
-def delays_min(eating: Array, t_min: Array, meals: Meals, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
+def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
     """From each meal's beginning to the first sample after it at which the probability is above the threshold.
 
     Parameters
     ----------
     eating : (samples, days) array
     t_min : (samples,) array
-    meals : Meals
+    meals : Eaten
+        Those of each day in their order.
     threshold : float
     horizon_min : float
         End of the day.
@@ -76,9 +70,9 @@ def delays_min(eating: Array, t_min: Array, meals: Meals, threshold: float, hori
         Whether that was so.
     """
     above = eating > threshold
-    last = np.minimum(meals.end_min + AFTERMATH_MIN, meals.followed_min(horizon_min))
-    delay, already = np.full(meals.begin_min.shape, np.nan), np.zeros(meals.begin_min.shape, bool)
-    for row, (begin, until) in enumerate(zip(meals.begin_min, last, strict=True)):
+    last = np.minimum(end_min(meals) + AFTERMATH_MIN, followed_min(meals, horizon_min))
+    delay, already = np.full(meals.t_min.shape, np.nan), np.zeros(meals.t_min.shape, bool)
+    for row, (begin, until) in enumerate(zip(meals.t_min, last, strict=True)):
         before = np.searchsorted(t_min, begin, side="right") - 1
         already[row] = above[before, np.arange(begin.size)]
         found = above & (t_min[:, None] > begin) & (t_min[:, None] <= until)

@@ -19,6 +19,7 @@ from glucoloop.control import Controller
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.meals import eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.registry.settings import Value
 from glucoloop.simulation.closed_loop import sample_grid
@@ -69,7 +70,6 @@ class TuningLoop:
             any(not np.array_equal(leaf, other) for other in others)
             for leaf, *others in zip(*map(jax.tree.leaves, [self._controller, *probes]), strict=True)
         ]
-        meals = trial.plan.nominal()
         around = surroundings_of(trial, case.faults)
         self._cohort = Cohort(
             trial.nominal,
@@ -80,7 +80,7 @@ class TuningLoop:
             self._grid,
             self._fold,
             setpoint_mg_dl=setpoint,
-            meals=(np.array([meal.t_min for meal in meals]), np.array([meal.carbs_g for meal in meals])),
+            meals=eaten(trial.plan.nominal()),
             announced=trial.announced,
             varied_controller=self._of([self._controller], np.zeros(1, int), example.insulin_mU_min[:1]),
         )

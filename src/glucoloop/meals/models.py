@@ -1,0 +1,74 @@
+"""The meal models by name, and which of them is a patient's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import jax
+import numpy as np
+
+from glucoloop.arguments import is_traced
+from glucoloop.meals.hovorka import HovorkaGut
+from glucoloop.meals.ingestion import Ingestion
+from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
+from glucoloop.meals.protocol import MealModel
+
+MEAL_MODELS: Final[Mapping[str, Callable[[], MealModel]]] = {
+    "lehmann-deutsch": LehmannDeutsch,
+    "hovorka": HovorkaGut,
+}
+"""Those that can take the place of a patient's own, with their published numbers."""
+
+
+def meal_model(name: str) -> MealModel:
+    """A meal model by its name, with its published numbers.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name.
+    """
+    if name not in MEAL_MODELS:
+        raise ValueError(f"unknown meal model {name!r}; the known ones are: {', '.join(MEAL_MODELS)}")
+    return MEAL_MODELS[name]()
+
+
+def meal_model_of(patient: object, instead: MealModel | None = None) -> MealModel:
+    """The meal model that feeds a patient.
+
+    Parameters
+    ----------
+    patient : Patient
+        Its attribute ``meal_model`` is its own; one that has none takes Lehmann and Deutsch's with published numbers.
+    instead : MealModel, optional
+        To be taken in place of the patient's own.
+
+    Raises
+    ------
+    ValueError
+        For another model than its own where the patient digests in its own states.
+    """
+    own: MealModel = getattr(patient, "meal_model", LehmannDeutsch())
+    if instead is not None and isinstance(own, Ingestion):
+        raise ValueError(
+            f"{type(patient).__name__} digests meals in its own states, so no other meal model can feed it; "
+            "leave meal_model out"
+        )
+    return own if instead is None else instead
+
+
+def check_meal_model(model: MealModel) -> None:
+    """Refuse a meal model with a number that is not possible.
+
+    Raises
+    ------
+    ValueError
+        For a number that is not positive and finite. One that JAX traces is not looked at.
+    """
+    for path, value in jax.tree_util.tree_leaves_with_path(model):
+        numbers = np.zeros(0) if is_traced(value) else np.asarray(value, float)
+        bad = numbers[~(np.isfinite(numbers) & (numbers > 0.0))]
+        if bad.size:
+            name = jax.tree_util.keystr(path).removeprefix(".")
+            raise ValueError(f"{name} of {bad.flat[0]:g} is not possible for a meal model; give a finite value above 0")
