@@ -13,6 +13,7 @@ from glucoloop.trials.detection.scores import (
     days_of,
     delays_min,
     false_alarms,
+    followed_min,
     in_order,
     told_at,
     under_way,
@@ -77,11 +78,11 @@ def test_false_alarms_are_rises_while_no_meal_is_under_way():
 def test_what_is_told_of_a_meal_is_told_in_its_time():
     values = np.arange(60.0)[:, None]
     eaten = meals([(12.0, 3.6), (62.0, 3.6), (230.0, 3.6)])
-    over = eaten.followed_min(END)
+    over = followed_min(eaten, END)
     assert over.ravel().tolist() == [62.0, 230.0, 300.0]
 
     def told(after, since):
-        return told_at(values, T_MIN, eaten.begin_min + after, eaten.begin_min + since, over).ravel()
+        return told_at(values, T_MIN, eaten.t_min + after, eaten.t_min + since, over).ravel()
 
     np.testing.assert_array_equal(told(30.0, 10.0), [9.0, 19.0, 52.0])  # at 45, 95 and 260 min
     np.testing.assert_array_equal(told(48.0, 10.0), [12.0, 22.0, 56.0])  # at 60, 110 and 280 min
