@@ -1,4 +1,4 @@
-"""Meals as people write them: ``50g@50min``, ``50@50``, ``50g@1.5h``."""
+"""Meals as people write them: ``50g@50min``, ``50@50``, ``50g@1.5h``, or ``50g@50min/15min`` if eating takes 15 min."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from glucoloop.units import MIN_PER_H
 # No two parts in a row can take the same characters: a long text that is no meal is refused as fast as it is read.
 _NUMBER: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _MEAL: Final = re.compile(
-    rf"\s*(?P<carbs>{_NUMBER})\s*(?:g\s*)?@\s*(?P<time>{_NUMBER})\s*(?:(?P<unit>min|m|h)\s*)?", re.ASCII
+    rf"\s*(?P<carbs>{_NUMBER})\s*(?:g\s*)?@\s*(?P<time>{_NUMBER})\s*(?:(?P<unit>min|m|h)\s*)?"
+    rf"(?:/\s*(?P<eating>{_NUMBER})\s*(?:(?P<eating_unit>min|m|h)\s*)?)?",
+    re.ASCII,
 )
 
 
@@ -27,13 +29,16 @@ def parse_meal(text: str) -> Meal:
     """
     match = _MEAL.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is not a meal; write grams and a time, like 50g@50min or 50g@1.5h")
+        raise ValueError(
+            f"{text!r} is not a meal; write grams and a time, like 50g@50min or 50g@1.5h, "
+            "and after a slash how long eating takes, like 50g@50min/15min"
+        )
     carbs_g = float(match["carbs"])
     meant = MEAL.looks_like(carbs_g) if carbs_g > LARGEST_MEAL_G else None
     if meant is not None:
         raise ValueError(f"a meal of {carbs_g:g} g is not possible; {meant}")
-    minutes = float(match["time"]) * (MIN_PER_H if match["unit"] == "h" else 1.0)
-    return Meal(carbs_g=carbs_g, t_min=minutes)
+    eating_min = 0.0 if match["eating"] is None else _minutes(match["eating"], match["eating_unit"])
+    return Meal(carbs_g=carbs_g, t_min=_minutes(match["time"], match["unit"]), eating_min=eating_min)
 
 
 def names_unit(text: str) -> bool:
@@ -44,7 +49,12 @@ def names_unit(text: str) -> bool:
 
 def meal_text(meal: Meal) -> str:
     """Text from which the same meal is read, to the last bit."""
-    return f"{_shortest(meal.carbs_g)}g@{_shortest(meal.t_min)}min"
+    eating = f"/{_shortest(meal.eating_min)}min" if meal.eating_min else ""
+    return f"{_shortest(meal.carbs_g)}g@{_shortest(meal.t_min)}min{eating}"
+
+
+def _minutes(number: str, unit: str | None) -> float:
+    return float(number) * (MIN_PER_H if unit == "h" else 1.0)
 
 
 def _shortest(value: float) -> str:
