@@ -105,7 +105,7 @@ def person():
         (lambda p: gl.Meal([50, 60], 50), r"carbs_g is \[50, 60\], a list; give a number in g"),
         (lambda p: gl.Meal(np.ones(3), 50), r"carbs_g is an array of shape \(3,\); give one number in g, and use"),
         (lambda p: gl.Meal(10**400, 50), "carbs_g of .* is too large"),
-        (lambda p: gl.patient(81), "operating_point is 81, an int; give a text"),
+        (lambda p: gl.patient(81), "name is 81, an int; give a text"),
         (lambda p: gl.design_pid(0.5), "tuning is 0.5, a float; give an instance of PIDTuning"),
         (lambda p: gl.summarise(p), "trace is a SorensenPatient; give an instance of Trace"),
         (lambda p: gl.virtual_people("parker2000", 1, [1]), "population is 'parker2000', a str; give an instance of"),

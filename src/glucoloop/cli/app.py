@@ -19,6 +19,7 @@ from glucoloop.cli import (
     compare,
     detect,
     identify,
+    patients,
     query,
     reproduce,
     robust,
@@ -49,6 +50,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("run", help=run.HELP)(run.command)
+app.command("patients", help=patients.HELP)(patients.command)
 app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
 app.command("bound", help=bound.HELP)(bound.command)

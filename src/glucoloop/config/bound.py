@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field
 
 from glucoloop.config.meal_text import meal_text
-from glucoloop.config.run import SurroundingKeys, ask_about_surroundings, checked
+from glucoloop.config.run import SurroundingKeys, ask_about_surroundings, checked, of_patient
 from glucoloop.config.run import whole_samples as whole_dead_time
 from glucoloop.plausible import DURATION
 from glucoloop.registry.settings import known_names
@@ -53,7 +53,7 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     for key in keys:
         if key not in known:
             raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
-    asked = checked(BoundConfig, keys, names)
+    asked = checked(BoundConfig, of_patient(keys), names)
     if not asked.allow_unusual:
         ask_about_surroundings(asked, asked.eaten(), names)
     asked = asked.model_copy(update={"meals": tuple(meal_text(meal) for meal in asked.eaten())})

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import jax
@@ -74,7 +74,8 @@ def populations_of(patient: str) -> dict[str, Population]:
         For an unknown patient.
     """
     nominal = Population(NOMINAL, (), "the nominal patient, whoever is drawn", patient=patient)
-    return {NOMINAL: nominal, **patient_model(patient).populations()}
+    others = patient_model(patient).populations()
+    return {NOMINAL: nominal, **{name: replace(other, patient=patient) for name, other in others.items()}}
 
 
 @checked

@@ -1,0 +1,169 @@
+"""A patient of your own: the model of Kanderian et al. (2009) with insulin under the skin.
+
+    glucoloop run --patient kanderian:PERSON_1 --controller pid
+
+References
+----------
+S. S. Kanderian, S. Weinzimer, G. Voskanyan, G. M. Steil, "Identification of intraday metabolic profiles during
+closed-loop glucose control in individuals with type 1 diabetes", J. Diabetes Sci. Technol. 3(5), 2009: the equations,
+and the constants of person 1.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import glucoloop as gl
+from glucoloop.patients import Inputs, PatientModel, Population, Variation
+from glucoloop.registry.patients import OperatingPoint, PatientEntry
+
+# Constants of person 1; they may vary from person to person.
+CONSTANTS = {
+    "clearance_ml_min": 2010.0,
+    "tau_1_min": 49.0,
+    "tau_2_min": 47.0,
+    "p_2": 0.0106,  # 1/min
+    "sensitivity": 0.000811,  # ml/uU/min
+    "GEZI": 0.0022,  # 1/min
+    "EGP": 1.33,  # mg/dl/min
+    "volume_dl": 253.0,
+    "tau_sensor_min": 10.0,
+}
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Kanderian:
+    """State: insulin under the skin and in plasma (mU/l), its effect (1/min), glucose in plasma and in tissue (mg/dl).
+
+    Every function works for one person and for many, who are on the last axis.
+    """
+
+    constants: dict[str, object]
+    basal_insulin_mU_min: object
+    setpoint_mg_dl: object
+
+    sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
+    insulin_route = "subcutaneous"
+
+    # at rest, from the balances
+
+    def insulin_for(self, glucose_mg_dl):
+        c = self.constants
+        return (c["EGP"] / glucose_mg_dl - c["GEZI"]) / c["sensitivity"] * c["clearance_ml_min"] / 1000.0
+
+    def steady_state(self, insulin_mU_min):
+        c = self.constants
+        insulin = 1000.0 * insulin_mU_min / c["clearance_ml_min"]
+        effect = c["sensitivity"] * insulin
+        glucose = c["EGP"] / (c["GEZI"] + effect)
+        return jnp.stack(jnp.broadcast_arrays(insulin, insulin, effect, glucose, glucose))
+
+    def rest_at(self, glucose_mg_dl):
+        insulin = self.insulin_for(glucose_mg_dl)
+        insulin = jnp.where(insulin >= 0.0, insulin, jnp.nan)  # somebody whom no rate holds there
+        return insulin, self.steady_state(insulin)
+
+    # what the loop needs
+
+    def derivative(self, t_min, x, inputs: Inputs):
+        y, z = self.split(x)
+        slow = self.transport(y) + self.kinetics(y, self.effects(z), inputs.meal_mg_min)
+        return self.join(slow, self.driven_derivative(z, inputs.insulin_mU_min))
+
+    def glucose_mg_dl(self, x):
+        return x[3]
+
+    def seen_mg_dl(self, x, site):
+        return x[{"plasma": 3, "interstitial": 4}[site]]
+
+    # the exponential integrator and native code: insulin is linear, and acts on glucose by its effect alone
+
+    def split(self, x):
+        return x[3:], x[:3]
+
+    def join(self, y, z):
+        return jnp.concatenate([z, y])
+
+    def driven_derivative(self, z, insulin_mU_min):
+        c, (under_skin, plasma, effect) = self.constants, z
+        return jnp.stack(
+            [
+                (1000.0 * insulin_mU_min / c["clearance_ml_min"] - under_skin) / c["tau_1_min"],
+                (under_skin - plasma) / c["tau_2_min"],
+                c["p_2"] * (c["sensitivity"] * plasma - effect),
+            ]
+        )
+
+    def effects(self, z):
+        return z[2:]
+
+    def transport(self, y):
+        return jnp.stack([-self.constants["GEZI"] * y[0], (y[0] - y[1]) / self.constants["tau_sensor_min"]])
+
+    def kinetics(self, y, effects, meal_mg_min):
+        made = self.constants["EGP"] - effects[0] * y[0] + meal_mg_min / self.constants["volume_dl"]
+        return jnp.stack([made, jnp.zeros_like(made)])
+
+    def working_state(self):
+        return self.steady_state(self.basal_insulin_mU_min)
+
+    def stiff_couplings(self):
+        return np.eye(2, dtype=bool)
+
+    # for controllers that estimate the state: how far each state walks in a sample
+
+    def process_noise(self, glucose, other, glucagon):
+        return np.array([other, other, other * self.constants["sensitivity"] ** 2, glucose, glucose])
+
+
+def build(values, basal_insulin_mU_min, setpoint_mg_dl):
+    return Kanderian(
+        constants={**CONSTANTS, **values}, basal_insulin_mU_min=basal_insulin_mU_min, setpoint_mg_dl=setpoint_mg_dl
+    )
+
+
+def resting_at(glucose_mg_dl):
+    person = build({}, jnp.nan, jnp.asarray(glucose_mg_dl))
+    return dataclasses.replace(person, basal_insulin_mU_min=jnp.asarray(person.insulin_for(glucose_mg_dl)))
+
+
+def populations():
+    varied = [
+        Variation(parameter=name, distribution="lognormal", spread_pct=25.0)
+        for name in ("sensitivity", "clearance_ml_min", "tau_1_min", "EGP")
+    ]
+    return {"varied": Population("varied", tuple(varied), patient="kanderian:PERSON_1")}
+
+
+MODEL = PatientModel(
+    build=build,
+    operating_points={"at-120": lambda: resting_at(120.0)},
+    nominal=CONSTANTS,
+    populations=populations,
+)
+PERSON_1 = PatientEntry(
+    name="kanderian:PERSON_1",
+    summary="person 1 of Kanderian et al. (2009), insulin under the skin",
+    model="kanderian:MODEL",
+    operating_points=(OperatingPoint("at-120", "held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),),
+    populations={"varied": "four constants, lognormal with a coefficient of variation of 25 %"},
+    max_change_mU_min=100.0,
+    max_insulin_mU_min=150.0,
+    pulse_mU_min=20.0,
+    memory_min=480.0,
+    laguerre_pole=0.93,
+    laguerre_functions=6,
+)
+
+if __name__ == "__main__":
+    person = resting_at(120.0)
+    limits = gl.dose_limits(max_mU_min=150.0, max_change_mU_min=100.0)
+    controller = gl.design_pid(gl.PIDTuning(0.15, 400.0, 20.0), limits)
+    trace = gl.simulate(person, controller, pump=gl.pumps.LimitedPump(limits=limits))
+    print(f"{60e-3 * float(person.basal_insulin_mU_min):.3f} U/h hold {float(person.setpoint_mg_dl):.0f} mg/dl")
+    print(f"After 50 g glucose is {float(trace.fine_glucose_mg_dl.max()):.0f} mg/dl at most")

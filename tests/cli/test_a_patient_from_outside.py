@@ -1,0 +1,121 @@
+"""A patient that another package brings is at home in every command."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glucoloop.patients import patient, population, virtual_people
+from glucoloop.registry.patients import patient_entry, patient_names
+from glucoloop.registry.plugins import added_names
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "kanderian.py"
+NAME = "kanderian:PERSON_1"
+
+
+@pytest.fixture
+def outside(tmp_path, monkeypatch):
+    """A folder with the module, and an entry point that names it."""
+    shutil.copy(EXAMPLE, tmp_path)
+    package = tmp_path / "kanderian-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: kanderian\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(f"[glucoloop.patients]\nperson-1 = {NAME}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    patient_entry.cache_clear()
+    yield tmp_path
+    patient_entry.cache_clear()
+    sys.modules.pop("kanderian", None)
+
+
+def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
+    assert "person-1" in added_names("patients")
+    assert "person-1" in patient_names()
+    for name in ("person-1", NAME):
+        person = patient(name)
+        # Kanderian et al. (2009): person 1 needs 1.321 U/h at 120 mg/dl
+        assert 60e-3 * float(person.basal_insulin_mU_min) == pytest.approx(1.321, abs=5e-4)
+        assert float(person.glucose_mg_dl(person.steady_state(person.basal_insulin_mU_min))) == pytest.approx(120.0)
+
+
+def test_its_people_rest_where_they_are_to(outside):
+    people = virtual_people(population("varied", patient="person-1"), 1, np.arange(40))
+    assert set(people.draw.values) == {"sensitivity", "clearance_ml_min", "tau_1_min", "EGP"}
+    held = people.able
+    assert 20 < held.sum() <= 40
+    still = people.patient.derivative(0.0, people.rest, _fasting(people.basal_insulin_mU_min))
+    np.testing.assert_allclose(np.asarray(still)[:, held], 0.0, atol=1e-12)
+    np.testing.assert_allclose(people.rest[3, held], 120.0)
+
+
+def _fasting(insulin):
+    from glucoloop.patients import Inputs
+
+    return Inputs(insulin_mU_min=insulin, meal_mg_min=0.0 * insulin)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("nobody", "unknown patient 'nobody'; the known ones are: parker-1999, hovorka-2004"),
+        ("no_such_module:X", "no_such_module cannot be imported: ModuleNotFoundError"),
+        ("kanderian:NOBODY", "kanderian has no NOBODY; name what it defines, like kanderian:NAME"),
+        ("kanderian:MODEL", "kanderian:MODEL is an instance of PatientModel; it has to be one of PatientEntry"),
+    ],
+)
+def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):
+    answer = glucoloop("run", "--patient", name)
+    assert answer.code == 2
+    assert told in answer.err
+
+
+def test_another_operating_point_than_the_patients_is_refused(outside, glucoloop):
+    answer = glucoloop("run", "--patient", NAME, "--operating-point", "setpoint-81")
+    assert answer.code == 2
+    assert "unknown operating point 'setpoint-81' of kanderian:PERSON_1; the known ones are: at-120" in answer.err
+
+
+def test_a_population_of_another_patient_is_refused(outside, glucoloop):
+    answer = glucoloop("trial", "--patient", NAME, "--population", "parker2000", "--out", "t")
+    assert answer.code == 2
+    assert "unknown population 'parker2000' of kanderian:PERSON_1; the known ones are: nominal, varied" in answer.err
+
+
+def test_a_run_and_its_repetition(outside, glucoloop):
+    first = glucoloop("run", "--patient", NAME, "--controller", "pid", "--site", "interstitial", "--out", "a", "--json")
+    assert first.code == 0
+    told = json.loads(first.out)
+    assert told["config"]["patient"] == NAME
+    assert told["config"]["max_insulin_mU_min"] == 150.0
+    again = glucoloop("run", "--config", "a/run.toml", "--out", "b")
+    assert again.code == 0
+    assert Path("a/trace.csv").read_bytes() == Path("b/trace.csv").read_bytes()
+
+
+COMMANDS = {
+    "run": (),
+    "identify": (),
+    "compare": ("--case", "pid", "--case", "mpc-se"),
+    "bound": ("--duration", "300"),
+    "tune": ("--move-horizon", "1:2", "--prediction-horizon", "24"),
+    "trial": ("--people", "20", "--controller", "mpc", "--duration", "600", "--meal", "50g@50min"),
+    "stress": ("--people", "4", "--controller", "pid", "--fault", "missing, start_min=60, duration_min=30"),
+    "verify": ("--loops", "20", "--controller", "pid"),
+    "detect": ("--days", "2"),
+    "robust": ("--people", "4", "--seeds", "2", "--check-people", "4", "--check-seeds", "2", "--candidates", "4"),
+    "adversary": ("--controller", "pid", "--people", "10", "--generations", "2", "--error", "10"),
+}
+WITH_FOLDER = ("trial", "stress", "robust", "adversary")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("name", [NAME, "hovorka-2004"])
+def test_every_command_takes_it(outside, glucoloop, command, name):
+    folder = ("--out", "out") if command in WITH_FOLDER else ()
+    answer = glucoloop(command, *COMMANDS[command], *folder, "--patient", name)
+    assert answer.code == 0, answer.err
