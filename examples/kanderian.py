@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import glucoloop as gl
+from glucoloop.meals import HovorkaGut
 from glucoloop.patients import Inputs, PatientModel, Population, Variation
 from glucoloop.registry.patients import OperatingPoint, PatientEntry
 
@@ -49,6 +50,7 @@ class Kanderian:
 
     sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
     insulin_route = "subcutaneous"
+    meal_model = HovorkaGut(time_to_maximum_min=47.0, bioavailability=1.0)  # as after breakfast
 
     # at rest, from the balances
 

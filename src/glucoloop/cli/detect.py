@@ -38,7 +38,16 @@ _ESTIMATOR_SETTINGS: Final = (
     "measurement_variance",
 )
 _OF_A_TRIAL: Final = (
-    *("people", "population", "first_person", "meals", "no_meal", "meal_size_spread_pct", "meal_time_spread_min"),
+    *(
+        "people",
+        "population",
+        "first_person",
+        "meals",
+        "meal_model",
+        "no_meal",
+        "meal_size_spread_pct",
+        "meal_time_spread_min",
+    ),
     *("patient", "operating_point", "setpoint_mg_dl", "noise_variance", "noise_bound_mg_dl", "dead_time_min", "site"),
     *("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min", "pump_resolution_mU_min"),
     *("faults", "no_fault", "sample_time_min", "seed", "allow_unusual", "known_dead_time"),

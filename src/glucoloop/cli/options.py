@@ -228,6 +228,15 @@ SITUATION: Final = (
     ),
     Option(NO_MEAL, "--no-meal", bool, "Nothing is eaten.", _PATIENT),
     Option(
+        "meal_model",
+        "--meal-model",
+        str,
+        "How meals are digested and absorbed: lehmann-deutsch or hovorka; what a controller assumes stays as it is.",
+        _PATIENT,
+        metavar="NAME",
+        default="as the patient does",
+    ),
+    Option(
         "announce_meals",
         "--announce-meals/--no-announce-meals",
         bool,

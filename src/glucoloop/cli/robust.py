@@ -54,6 +54,7 @@ _SHARED: Final = (
     "patient",
     "operating_point",
     MEALS,
+    "meal_model",
     "no_meal",
     "duration_min",
     "announce_meals",

@@ -13,6 +13,7 @@ from glucoloop.cli.screen import show, stage, stages
 from glucoloop.cli.telling import print_json, where_written, with_version
 from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.registry.guard import GUARD
+from glucoloop.registry.patients import USUAL_PATIENT
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -212,6 +213,7 @@ def _search(asked: _Asked) -> _Found:
         return closed_loop.controller_for(tuned, made, model)
 
     printed = usual_tuning(made, run.case.controller)
+    called = "printed" if made.patient == USUAL_PATIENT.name else "usual"
     grid = [*asked.grid] if printed in asked.grid else [*asked.grid, printed]
     noise, bound, late = situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples
     with stages(f"Designing {len(grid)} controllers") as progress:
@@ -230,7 +232,7 @@ def _search(asked: _Asked) -> _Found:
             progress=lambda done, total: progress(f"{done} of {total} runs"),
         )
     notes = (*closed_loop.notes_on(run, model), *_notes(asked, surface))
-    return _Found(surface=surface, printed=surface.rank_of(printed), model=model, notes=notes)
+    return _Found(surface=surface, printed=surface.rank_of(printed, called), model=model, notes=notes)
 
 
 def _notes(asked: _Asked, surface: TuningSurface) -> Iterator[str]:
@@ -273,7 +275,9 @@ def _write(folder: OutputFolder, asked: _Asked, found: _Found) -> _Found:
     folder.write("surface.html", page)
     try:
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
-        figure = plot_surface(found.surface.only(asked.grid), printed=found.printed.tuning, title=title)
+        figure = plot_surface(
+            found.surface.only(asked.grid), printed=found.printed.tuning, called=found.printed.called, title=title
+        )
     except ValueError as error:
         return dataclasses.replace(found, notes=(*found.notes, f"No picture was drawn: {error}."))
     write_figure(folder, "surface", figure)
@@ -325,7 +329,7 @@ def _verdict(found: _Found) -> str:
     from glucoloop.trials.tuning import tuning_text
 
     printed = found.printed
-    told = f"The printed tuning {tuning_text(printed.tuning)}"
+    told = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
         return f"{told} is not acceptable here."
     if printed.rank == 1:

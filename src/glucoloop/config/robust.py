@@ -24,6 +24,7 @@ _SITUATION: Final = (
     "patient",
     "operating_point",
     "meals",
+    "meal_model",
     "duration_min",
     "announce_meals",
     "noise_variance",

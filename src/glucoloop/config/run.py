@@ -25,7 +25,7 @@ from glucoloop.config.unusual import (
 )
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
-from glucoloop.meals import Meal, Scenario
+from glucoloop.meals import Meal, Scenario, meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.plausible import (
@@ -95,6 +95,8 @@ class SurroundingKeys(BaseModel):
     initial_glucose_mg_dl: Glucose | None = None
     """Where the patient rests at the start; None: at the setpoint."""
     meals: tuple[str, ...] = ("50g@50min",)
+    meal_model: str | None = None
+    """How meals are digested and absorbed; None: as the patient does."""
     duration_min: Duration = 600.0
     sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
     noise_variance: Variance = 0.0
@@ -129,11 +131,12 @@ class SurroundingKeys(BaseModel):
             initial_glucose_mg_dl=self.initial_glucose_mg_dl,
             allow_unusual=self.allow_unusual,
             announced=announced,
+            meal_model=self.meal_model,
         )
 
     def surroundings(self) -> Situation:
         """The patient, and the limits of the pump."""
-        own = ("patient", "operating_point", "setpoint_mg_dl", "noise_variance", "sample_time_min")
+        own = ("patient", "operating_point", "setpoint_mg_dl", "meal_model", "noise_variance", "sample_time_min")
         limits = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
         return Situation(**{key: getattr(self, key) for key in (*own, *limits)})
 
@@ -262,7 +265,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     if not situation.allow_unusual:
         ask_about_surroundings(situation, situation.eaten(), names)
         ask_about_clock(situation.meals, situation.duration_min)
-    refuse_unknown_site(situation)
+    refuse_impossible(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
@@ -292,14 +295,15 @@ def patient_of(keys: Mapping[str, object]) -> PatientEntry:
     return patient_entry(name) if isinstance(name, str) else USUAL_PATIENT
 
 
-def refuse_unknown_site(situation: SituationKeys) -> None:
-    """Refuse a site at which glucose of the patient cannot be read.
+def refuse_impossible(situation: SituationKeys) -> None:
+    """Refuse a site at which glucose of the patient cannot be read, and a meal model that is not known.
 
     Raises
     ------
     ValueError
-        For such a site.
+        For either.
     """
+    meal_model_of(patient(situation.patient, situation.operating_point), situation.situation().gut)
     known = sites(patient(situation.patient, situation.operating_point))
     if situation.site is not None and situation.site not in known:
         raise ValueError(

@@ -23,7 +23,7 @@ from glucoloop.config.run import (
     of_patient,
     overlay,
     read_case,
-    refuse_unknown_site,
+    refuse_impossible,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
@@ -43,6 +43,7 @@ SITUATION_KEYS: Final = (
     "patient",
     "operating_point",
     "setpoint_mg_dl",
+    "meal_model",
     "announce_meals",
     "sample_time_min",
     "noise_variance",
@@ -115,7 +116,7 @@ def read_trial(
         ask_about(own, names)
         ask_about_surroundings(situation, meals, names)
         ask_about_clock(own.meals, own.duration_min or (own.days or 1) * MIN_PER_DAY)
-    refuse_unknown_site(situation)
+    refuse_impossible(situation)
     if "meals" not in keys and own.duration_min is not None:
         meals = [meal for meal in meals if meal.t_min < own.duration_min]
     plan = MealPlan(
@@ -176,6 +177,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         **({"days": plan.days} if whole_days else {"duration_min": plan.horizon_min}),
         "meal_size_spread_pct": plan.size_spread_pct,
         "meal_time_spread_min": plan.time_spread_min,
+        "meal_model": trial.meal_model,
         "announce_meals": trial.announced,
         "noise_variance": trial.noise_variance,
         "noise_bound_mg_dl": trial.noise_bound_mg_dl,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
+from glucoloop.meals import MealModel, meal_model
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients import patient as named_patient
 from glucoloop.pumps import DoseLimits, dose_limits
@@ -26,6 +27,8 @@ class Situation:
     """Of the nominal patient; None: the usual one."""
     setpoint_mg_dl: float | None = None
     """The target; None: glucose at the operating point."""
+    meal_model: str | None = None
+    """How meals are digested and absorbed, one of `meals.MEAL_MODELS`; None: as the patient does."""
     announced: bool = False
     """Whether the controller is told of meals when they begin."""
     noise_variance: float = 0.0
@@ -58,6 +61,17 @@ class Situation:
             For an unknown patient or operating point.
         """
         return _nominal(self.patient, self.operating_point)
+
+    @property
+    def gut(self) -> MealModel | None:
+        """What digests meals in place of the patient's own gut; None: that.
+
+        Raises
+        ------
+        ValueError
+            For an unknown meal model.
+        """
+        return None if self.meal_model is None else meal_model(self.meal_model)
 
     @property
     def target_mg_dl(self) -> float:

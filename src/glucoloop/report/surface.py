@@ -53,6 +53,7 @@ def plot_surface(
     surface: TuningSurface,
     *,
     printed: MPCTuning | None = None,
+    called: str = "printed",
     title: str | None = None,
     width: Width = "double",
 ) -> Figure:
@@ -67,6 +68,8 @@ def plot_surface(
     surface : TuningSurface
     printed : MPCTuning, optional
         The paper's tuning; where it is not a point of the surface, only the legend tells it.
+    called : str
+        What it is called in the legend, such as usual for a patient that is not the paper's.
     title : str, optional
     width : {"single", "double"}
         Of a printed column: 88 or 180 mm.
@@ -96,7 +99,7 @@ def plot_surface(
             continue
         rows_of_cells = places.rows(combinations[number])
         image = _draw_cells(axes, surface, rows_of_cells)
-        _draw_marks(axes, surface, rows_of_cells, printed, entries)
+        _draw_marks(axes, surface, rows_of_cells, printed, called, entries)
         _style.dress(axes)
         _label(axes, places, combinations[number])
         if number + columns >= len(combinations):
@@ -106,7 +109,7 @@ def plot_surface(
         if number % columns == 0:
             axes.set_ylabel(_NAMES[places.y], fontsize=FONT_PT)
     if printed is not None and printed not in surface.tunings:
-        entries[f"printed {tuning_text(printed)}, beside the grid"] = _mark_of("D", 5.0)
+        entries[f"{called} {tuning_text(printed)}, beside the grid"] = _mark_of("D", 5.0)
     _add_bar(figure, image, grid)
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
@@ -150,6 +153,7 @@ def _draw_marks(
     surface: TuningSurface,
     rows: Sequence[Sequence[Cell]],
     printed: MPCTuning | None,
+    called: str,
     entries: dict[str, Artist],
 ) -> None:
     from matplotlib.patches import Patch
@@ -166,7 +170,7 @@ def _draw_marks(
         best = surface.best_index()
         marks.append((f"best {tuning_text(surface.tunings[best])}", best, "*", 9.0))
     if printed is not None and printed in surface.tunings:
-        marks.append((f"printed {tuning_text(printed)}", surface.index(printed), "D", 5.0))
+        marks.append((f"{called} {tuning_text(printed)}", surface.index(printed), "D", 5.0))
     for label, point, marker, size in marks:
         mark = _mark_of(marker, size)
         for x, y, cell in placed:

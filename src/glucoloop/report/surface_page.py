@@ -82,7 +82,9 @@ def _surface(surface: TuningSurface, printed: TuningRank, places: Layout) -> lis
     colours = _colours(surface)
     best = surface.best() if surface.acceptable.any() else None
     beside = (
-        "" if printed.tuning in surface.tunings else f" The printed tuning {tuning_text(printed.tuning)} is not on it."
+        ""
+        if printed.tuning in surface.tunings
+        else f" The {printed.called} tuning {tuning_text(printed.tuning)} is not on it."
     )
     parts = [
         "<h2>Sum of squared errors, (mg/dl)²</h2>",

@@ -70,5 +70,5 @@ def _cells(surface: TuningSurface, point: int, printed: TuningRank) -> tuple[str
         f"{surface.undershoot_mg_dl[point]:.1f}",
         f"{surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'}",
         f"{surface.insulin_total_variation_mU_min[point]:.0f}",
-        ", ".join([*(["printed"] if tuning == printed.tuning else []), *remarks(surface, point)]),
+        ", ".join([*([printed.called] if tuning == printed.tuning else []), *remarks(surface, point)]),
     )

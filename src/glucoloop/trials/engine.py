@@ -149,6 +149,7 @@ def _prepare_cases(
         setpoint_mg_dl=trial.target_mg_dl,
         meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
         announced=trial.announced,
+        meal_model=trial.gut,
         varied_controller=None if own is None else own(example),
         varied_sensor=of_one.sensor,
         varied_pump=of_one.pump,

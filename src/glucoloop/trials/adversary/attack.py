@@ -146,6 +146,7 @@ class Attack:
             setpoint_mg_dl=self._setpoint,
             meals=eaten(trial.plan.nominal()),
             announced=trial.announced,
+            meal_model=trial.gut,
             varied_controller=with_individual_basal(controller, example.basal_insulin_mU_min),
             varied_sensor=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
             precision=trial.precision,

@@ -110,6 +110,7 @@ class Loop:
             Recorder(sample_time_min=self.grid.sample_time_min, samples=self.grid.samples),
             setpoint_mg_dl=self._setpoint,
             meals=None,
+            meal_model=trial.gut,
             varied_controller=self._own(example),
             engine="xla",
         )

@@ -255,7 +255,7 @@ def _size_error(
 def _example(detection: Detection, estimated: Estimated, t_min: Array) -> ExampleDay:
     days, trial = estimated.days, detection.trial
     eats = virtual_people(trial.population, trial.seed, days.person[:1], setpoint_mg_dl=trial.target_mg_dl).patient
-    meals = absorb(meal_model_of(eats), jax.tree.map(lambda part: part[:, :1], days.meals))
+    meals = absorb(meal_model_of(eats, trial.gut), jax.tree.map(lambda part: part[:, :1], days.meals))
     return ExampleDay(
         t_min=t_min,
         glucose_mg_dl=days.glucose_mg_dl[:, 0],

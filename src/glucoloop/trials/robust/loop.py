@@ -82,6 +82,7 @@ class TuningLoop:
             setpoint_mg_dl=setpoint,
             meals=eaten(trial.plan.nominal()),
             announced=trial.announced,
+            meal_model=trial.gut,
             varied_controller=self._of([self._controller], np.zeros(1, int), example.insulin_mU_min[:1]),
         )
 

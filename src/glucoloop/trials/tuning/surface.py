@@ -29,6 +29,8 @@ class TuningRank:
     sse: float
     best: MPCTuning | None
     best_sse: float | None
+    called: str = "printed"
+    """What the tuning is called: printed, as in the paper, or usual, for another patient than the paper's."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,14 @@ class TuningSurface:
             raise ValueError(f"the tuning {tuning_text(tuning)} is not a point of the grid; add it to the search")
         return self.tunings.index(tuning)
 
-    def rank_of(self, tuning: MPCTuning) -> TuningRank:
+    def rank_of(self, tuning: MPCTuning, called: str = "printed") -> TuningRank:
         """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank.
+
+        Parameters
+        ----------
+        tuning : MPCTuning
+        called : str
+            What it is called where the rank is told.
 
         Raises
         ------
@@ -123,6 +131,7 @@ class TuningSurface:
             sse=float(self.sse[here]),
             best=None if best is None else self.tunings[best],
             best_sse=None if best is None else float(self.sse[best]),
+            called=called,
         )
 
     def only(self, tunings: Collection[MPCTuning]) -> TuningSurface:
