@@ -1,5 +1,7 @@
 """What many tests need: the patient written out by hand, scripted controllers, and the identified model."""
 
+import gc
+import mmap
 import os
 import tempfile
 from math import exp, tanh
@@ -7,6 +9,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import jaxlib
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -21,20 +24,46 @@ from glucoloop.pumps import Delivery
 from glucoloop.simulation import Adaptive, simulate
 
 CACHE = "GLUCOLOOP_TESTS_COMPILED"
-"""Where what JAX compiled is kept for the workers of one run, most of whose time is compiling."""
+"""Where what JAX compiled is kept for the workers of one run, most of whose time is compiling; runs may share it."""
+
+QUICK_TO_COMPILE = (
+    "--xla_backend_optimization_level=0",
+    "--xla_cpu_use_fusion_emitters=false",  # half of the time of a large program
+    "--xla_cpu_parallel_codegen_split_count=1",  # the other processor has tests of its own
+)
+"""Optimising takes longer than what it saves in programs that run once."""
+
+
+def known_to_jax(flag):
+    """Whether this version of XLA has a flag; it would end the process otherwise."""
+    name = flag.removeprefix("--").partition("=")[0].encode()
+    for library in Path(jaxlib.__file__).parent.glob("libjax_common.*"):
+        with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as code:
+            return code.find(name) >= 0
+    return False
 
 
 def pytest_configure(config):
-    # Optimising takes longer than what it saves in programs that run once. JAX reads this when it first computes.
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
     if CACHE not in os.environ:
         folder = tempfile.TemporaryDirectory(prefix="glucoloop-tests-")
         os.environ[CACHE] = folder.name  # workers are started with it
         config.add_cleanup(folder.cleanup)
         config.add_cleanup(lambda: os.environ.pop(CACHE))
-    jax.config.update("jax_compilation_cache_dir", os.environ[CACHE])
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    given = os.environ.get("XLA_FLAGS", "")
+    if not given or given.startswith("-"):
+        # In a file, which XLA reads when it first computes: commands warn of flags in the environment.
+        flags = Path(os.environ[CACHE]) / "xla_flags"
+        flags.write_text(" ".join([given, *filter(known_to_jax, QUICK_TO_COMPILE)]))
+        os.environ["XLA_FLAGS"] = str(flags)  # workers are started with it
+    cache = {
+        "jax_compilation_cache_dir": os.environ[CACHE],
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
+    for name, value in cache.items():
+        jax.config.update(name, value)
+        os.environ[name.upper()] = str(value)  # for commands that tests start
+    gc.set_threshold(50_000, 20, 50)  # what JAX traces is many small objects, few of them garbage
 
 
 LONG = {

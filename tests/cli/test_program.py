@@ -15,6 +15,7 @@ HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "plotly", "glucoloop.c
 
 def shell(*arguments, folder, cache):
     environment = {**os.environ, "GLUCOLOOP_CACHE_DIR": str(cache), "COLUMNS": "200"}
+    environment.pop("JAX_COMPILATION_CACHE_DIR")  # which would go before
     return subprocess.run(
         [sys.executable, "-m", "glucoloop", *arguments],
         cwd=folder,
@@ -75,7 +76,7 @@ def test_one_json_object_and_exit_codes(tmp_path):
 def test_interrupt_from_the_keyboard(tmp_path, delay_s):
     import signal
 
-    environment = {**os.environ, "GLUCOLOOP_CACHE_DIR": "off"}
+    environment = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}  # so that it is at work for long
     arguments = [sys.executable, "-m", "glucoloop", "run", "--integrator", "adaptive", "--duration", "14400"]
     with subprocess.Popen(
         [*arguments, "--out", "out"], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True

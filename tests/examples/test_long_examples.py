@@ -48,10 +48,9 @@ def undisturbed():
 def test_both_processes_survive_being_killed(tmp_path, seed):
     """Each is killed once with SIGKILL, at a sample that the seed says."""
     chance = random.Random(seed)
-    environment = dict(os.environ, JAX_COMPILATION_CACHE_DIR=os.environ["GLUCOLOOP_TESTS_COMPILED"])
     example = EXAMPLES / ("two_processes" + ".py")
     arguments = [sys.executable, str(example), "--folder", str(tmp_path), "--samples", str(SAMPLES)]
-    running = subprocess.Popen(arguments, env=environment)
+    running = subprocess.Popen(arguments)
     plan = {"patient": chance.randrange(1, SAMPLES - 1), "controller": chance.randrange(1, SAMPLES - 1)}
     decided = tmp_path / "controller.state"
     while running.poll() is None:
