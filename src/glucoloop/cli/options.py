@@ -221,7 +221,8 @@ SITUATION: Final = (
         MEALS,
         "--meal",
         list[str],
-        "Carbohydrate and time, like 50g@50min, 50@50 or 50g@1.5h; repeat it for more meals.",
+        "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it for "
+        "more meals.",
         _PATIENT,
         metavar="G@TIME",
         default="50g@50min",
