@@ -143,6 +143,8 @@ def test_clock_time_without_a_unit_is_asked_about(command):
             if command != "run"
             else {**day, "meals": ["45g@7"]}
         )
+    with pytest.raises(ValueError, match=r"Write 45g@7h/20min, or 45g@7min/20min if minutes are meant"):
+        read({**day, "meals": ["45g@7/20"], **({} if command == "run" else {"meal_time_spread_min": 0.0})})
     for text, minutes in (("45g@7h", 420), ("45g@7min", 7), ("45g@420", 420)):
         more = {} if command == "run" else {"meal_time_spread_min": 0.0}
         assert keys_of(read({**day, **more, "meals": [text]}))["meals"] == [f"45g@{minutes}min"]

@@ -10,6 +10,7 @@ import polars as pl
 
 import glucoloop
 from glucoloop.cli.pictures import figure_files, tell_what_plots_lack
+from glucoloop.meals import Meal
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.report import CaseReport, Distribution, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.trial_report import ranges_pct
@@ -189,10 +190,15 @@ def _clock(t_min: float) -> str:
     return f"{t_min:g} min" if t_min % 15.0 else f"{t_min / MIN_PER_H:g} h"
 
 
+def _told(meal: Meal) -> str:
+    eaten = f", eaten for {meal.eating_min:g} min" if meal.eating_min else ""
+    return f"{meal.carbs_g:g} g at {_clock(meal.t_min)}{eaten}"
+
+
 def facts(trial: Trial) -> dict[str, str]:
     """What a trial was made with, for the head of a page."""
     plan = trial.plan
-    meals = ", ".join(f"{meal.carbs_g:g} g at {_clock(meal.t_min)}" for meal in plan.meals) or "none"
+    meals = ", ".join(map(_told, plan.meals)) or "none"
     if plan.varies:
         meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
     noise = f"variance {trial.noise_variance:g}, at most {trial.noise_bound_mg_dl:g} mg/dl"
@@ -201,6 +207,7 @@ def facts(trial: Trial) -> dict[str, str]:
         "Seed": str(trial.seed),
         "Length": _length(trial),
         "Meals": meals + (", announced" if trial.announced and plan.meals else ""),
+        "Meal model": trial.meal_model or "each person's own",
         "Noise": noise if trial.noise_variance else "none",
         "Dead time": f"{trial.dead_time_samples * trial.sample_time_min:g} min",
         "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",

@@ -61,9 +61,10 @@ def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
         meal = parse_meal(text)
         if not names_unit(text) and 0.0 < meal.t_min < HOURS_PER_DAY:
             size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
+            eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""
             raise ValueError(
                 f"the meal {text!r} begins {time} min after the start; that looks like hours. "
-                f"Write {size}@{time}h, or {size}@{time}min if minutes are meant"
+                f"Write {size}@{time}h{eating}, or {size}@{time}min{eating} if minutes are meant"
             )
 
 

@@ -65,6 +65,7 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
             ],
             trial.plan.horizon_min,
             announced=trial.announced,
+            meal_model=trial.gut,
         ),
         keys_of_people(trial.seed, number)[0],
     )
