@@ -311,9 +311,11 @@ def meal_mpc(
     )
 
 
-def imc(case: DesignCase, *, filter_min: float, delay_min: float) -> Controller:
+def imc(case: DesignCase, *, filter_min: float, delay_min: float, step_mU_min: float) -> Controller:
     """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
-    model = fit_step(case.patient, delay_min=delay_min, sample_time_min=case.sample_time_min)
+    model = fit_step(
+        case.patient, step_mU_min=step_mU_min or None, delay_min=delay_min, sample_time_min=case.sample_time_min
+    )
     return design_imc(
         float(model.gain),
         float(model.tau_min),
@@ -325,10 +327,18 @@ def imc(case: DesignCase, *, filter_min: float, delay_min: float) -> Controller:
 
 
 def pid(
-    case: DesignCase, *, closed_loop_min: float, gain: float, integral_time_min: float, derivative_time_min: float
+    case: DesignCase,
+    *,
+    closed_loop_min: float,
+    gain: float,
+    integral_time_min: float,
+    derivative_time_min: float,
+    step_mU_min: float,
 ) -> Controller:
     """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
-    model = fit_step(case.patient, delay_min=None, sample_time_min=case.sample_time_min)
+    model = fit_step(
+        case.patient, step_mU_min=step_mU_min or None, delay_min=None, sample_time_min=case.sample_time_min
+    )
     delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
     fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, closed_loop_min)
     tuning = PIDTuning(

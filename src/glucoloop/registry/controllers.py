@@ -159,6 +159,17 @@ def unknown_meals() -> tuple[Setting, ...]:
     )
 
 
+def fitted_step() -> Setting:
+    """The step of insulin of a controller on a first-order model."""
+    return Setting(
+        "step_mU_min",
+        float,
+        "Lasting step of insulin to which the first-order model is fitted, in mU/min; "
+        "0: 11.165, or half the basal rate where that is less.",
+        Default(0.0),
+    )
+
+
 CONTROLLERS: Final[dict[str, Entry]] = {
     entry.name: entry
     for entry in (
@@ -232,6 +243,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
             settings=(
                 Setting("filter_min", float, "Time constant of the filter, λ, in minutes.", Default(1.0)),
                 Setting("delay_min", float, "Dead time of the first-order model, in minutes.", Default(5.0)),
+                fitted_step(),
             ),
             uses_model=False,
         ),
@@ -244,6 +256,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 Setting("gain", float, "K_c, mU/min per mg/dl; 0: from the model.", Default(0.0)),
                 Setting("integral_time_min", float, "T_I, in minutes; 0: from the model.", Default(0.0)),
                 Setting("derivative_time_min", float, "T_D, in minutes; -1: from the model.", Default(-1.0)),
+                fitted_step(),
             ),
             uses_model=False,
         ),

@@ -117,6 +117,29 @@ def _process_noise(glucose: Default, other: Default, glucagon: Default) -> dict[
 _OF_NOMINAL_22: Final = _process_noise(Default(10.0, noisy=0.9), Default(0.01), Default(0.1, noisy=0.003))
 _OF_FASTING_81: Final = _process_noise(Default(10.0, noisy=0.3), Default(0.01, noisy=0.1), Default(0.1, noisy=0.03))
 
+# Insulin under the skin acts for hours: horizons of three and four hours. A step larger than 1 mU/min would be fitted
+# to glucose so low that less of it is taken up.
+_SMALL_STEP: Final = Default(1.0)
+_OF_HOVORKA_2004: Final = {
+    "mpc": {"prediction_horizon": Default(36), "output_weight": Default(1.0), "move_weight": Default(3.0)},
+    "mpc-se": {
+        "prediction_horizon": Default(48),
+        "move_weight": Default(3.0),
+        "reference_start": Default(1),
+        "glucose_process_noise": Default(30.0),
+        "other_process_noise": Default(1.0),
+        "offset_free": Default("output-disturbance"),
+    },
+    "nlqdmc-se": {
+        "prediction_horizon": Default(48),
+        "move_weight": Default(10.0),
+        "glucose_process_noise": Default(0.01),
+        "other_process_noise": Default(1e-6),
+    },
+    "imc": {"filter_min": Default(120.0), "delay_min": Default(100.0), "step_mU_min": _SMALL_STEP},
+    "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
+}
+
 PATIENTS: Final[dict[str, PatientEntry]] = {
     entry.name: entry
     for entry in (
@@ -150,10 +173,16 @@ PATIENTS: Final[dict[str, PatientEntry]] = {
             summary="the model of Hovorka et al. (2004); insulin under the skin, 75 kg",
             model="glucoloop.patients.hovorka.model:HOVORKA_2004_MODEL",
             operating_points=(OperatingPoint("fasting-120", "held at 120 mg/dl by 6.73 mU/min, which is 0.404 U/h"),),
-            pulse_mU_min=6.0,
-            memory_min=600.0,
-            laguerre_pole=0.93,
-            laguerre_functions=6,
+            populations={
+                "boiroux2017": "sixteen constants that differ as in the virtual people of Boiroux et al. (2017)",
+            },
+            # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter
+            # record would hide half of the gain.
+            pulse_mU_min=6.5,
+            memory_min=1440.0,
+            laguerre_pole=0.98,
+            laguerre_functions=4,
+            tunings=_OF_HOVORKA_2004,
         ),
     )
 }

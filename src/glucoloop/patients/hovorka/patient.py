@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, checked, is_traced
+from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaParameters
 from glucoloop.patients.hovorka.rest import (
@@ -37,6 +38,11 @@ class HovorkaPatient:
     parameters: HovorkaParameters
     basal_insulin_mU_min: jax.Array
     setpoint_mg_dl: jax.Array
+
+    @property
+    def meal_model(self) -> HovorkaGut:
+        """The gut of Hovorka et al. (2004), with the person's own two constants."""
+        return HovorkaGut(time_to_maximum_min=self.parameters.t_maxG, bioavailability=self.parameters.A_G)
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
