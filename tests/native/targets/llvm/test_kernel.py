@@ -213,6 +213,13 @@ def test_kernels_come_and_go(compiled, numbers, native):
     run(compiled["float64"], numbers)
 
 
+def test_equal_code_is_compiled_once(lowered, compiled, numbers):
+    once, again, other = (compile_kernel(lowered[p]) for p in ("float64", "float64", "float32"))
+    assert once._engine is again._engine is not other._engine
+    for a, b in zip(run(again, numbers), run(compiled["float64"], numbers), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
 def test_columns_fill_whole_vectors(compiled):
     for precision in PRECISIONS:
         k = compiled[precision]

@@ -47,23 +47,29 @@ def lanes(precision: str) -> int:
     return _processor()[2] // (64 if precision == DOUBLE else 32)
 
 
+@functools.lru_cache(maxsize=8)
+def _compiled(text: str) -> tuple[Any, int]:
+    """The owner of machine code, and its address. One process often makes the same loop again."""
+    from llvmlite import binding
+
+    module = binding.parse_assembly(text)
+    module.verify()
+    engine = binding.create_mcjit_compiler(module, _machine())
+    engine.finalize_object()
+    return engine, engine.get_function_address("kernel")
+
+
 class Kernel:
     """Compiled code; see `compile_kernel`."""
 
     def __init__(self, text: str, precision: str, sizes: dict[str, int]) -> None:
-        from llvmlite import binding
-
         self.precision = precision
         self.dtype: Final = np.dtype(precision)
         self.lanes = lanes(precision)
         self.sizes = sizes
         self.text = text
         with _lock:
-            module = binding.parse_assembly(text)
-            module.verify()
-            self._engine = binding.create_mcjit_compiler(module, _machine())
-            self._engine.finalize_object()
-            address = self._engine.get_function_address("kernel")
+            self._engine, address = _compiled(text)
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         self._call = ctypes.CFUNCTYPE(None, *[pointer] * 5, *[whole] * 4)(address)
 
