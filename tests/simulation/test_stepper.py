@@ -19,7 +19,7 @@ from glucoloop.snapshot import fingerprint, pack, unpack
 PID = design_pid(PIDTuning(0.5, 150.0))
 SENSOR = dead_time(1, white_noise(1.45))
 PUMP = with_resolution(0.5)
-SCENARIO = Scenario([Meal(50.0, 50.0), Meal(20.0, 52.5)], 100.0, setpoint_mg_dl=90.0, announced=True)
+SCENARIO = Scenario([Meal(50.0, 50.0), Meal(20.0, 52.5, eating_min=80.0)], 100.0, setpoint_mg_dl=90.0, announced=True)
 STEP = jax.jit(PID.step)
 MEALS = {10: 50.0}
 
@@ -36,7 +36,7 @@ def run(stepper, seen, state, samples):
         carbs_g = MEALS.get(stepper.sample, 0.0)
         if stepper.sample == 10:
             stepper.eat(50.0)
-            stepper.eat(20.0, after_min=2.5)
+            stepper.eat(20.0, after_min=2.5, eating_min=80.0)
         announced = 70.0 if carbs_g else 0.0
         state, decision = STEP(state, stepper.observation(announced))
         seen = stepper.step(decision.insulin_mU_min)
