@@ -34,7 +34,7 @@ from glucoloop.estimation.unknown_meal.expectation import Expectation, expectati
 from glucoloop.meals.announced import Announced, announce, serve
 from glucoloop.meals.stomach import Stomach, digest
 from glucoloop.models.individual import IndividualModel, individual_model
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -296,7 +296,7 @@ def _finite(tree: Any) -> jax.Array:
 @checked
 @on_host("its estimator of meals is made with NumPy")
 def design_meal_mpc(
-    model: MealModel,
+    model: FedModel,
     tuning: MealTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
@@ -332,7 +332,7 @@ def design_meal_mpc(
 
     Parameters
     ----------
-    model : MealModel
+    model : FedModel
         The person as the controller imagines him; `simulation.internal_model.nonlinear_model` makes one of a patient.
     tuning : MealTuning, optional
     limits : DoseLimits

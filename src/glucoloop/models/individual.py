@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 
 LAG_MIN: Final = 55.0
 """Dominant lag of insulin on glucose that is stretched, min: Parker, Doyle and Peppas (1999), Sec. III."""
@@ -16,7 +16,7 @@ LAG_MIN: Final = 55.0
 
 @pytree
 class IndividualModel:
-    """The nominal person, given another rate than the one that is asked about; implements `MealModel`.
+    """The nominal person, given another rate than the one that is asked about; implements `FedModel`.
 
     In place of u he is given::
 
@@ -26,7 +26,7 @@ class IndividualModel:
     min. With a gain and a lag of 1 nothing but the basal rate is another's. The state is the nominal one, and w.
     """
 
-    nominal: MealModel
+    nominal: FedModel
     insulin_mU_min: jax.Array
     """Basal rate of the person."""
     gain: jax.Array
@@ -62,7 +62,7 @@ class IndividualModel:
         return self.advance_fed(x, insulin_mU_min, jnp.zeros(3))
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
-        """As `MealModel.advance_fed`; the nominal person is given the mean of v over the sample."""
+        """As `FedModel.advance_fed`; the nominal person is given the mean of v over the sample."""
         w, away = x[-1], insulin_mU_min - self.insulin_mU_min
         z = self._forget()
         mean = away + (w - away) * -jnp.expm1(-z) / z
@@ -76,13 +76,13 @@ class IndividualModel:
 
 
 def individual_model(
-    nominal: MealModel, basal_insulin_mU_min: jax.Array, gain: jax.Array | float = 1.0, lag: jax.Array | float = 1.0
+    nominal: FedModel, basal_insulin_mU_min: jax.Array, gain: jax.Array | float = 1.0, lag: jax.Array | float = 1.0
 ) -> IndividualModel:
     """A model of a person whose basal rate is known, and perhaps the gain and lag of insulin.
 
     Parameters
     ----------
-    nominal : MealModel
+    nominal : FedModel
     basal_insulin_mU_min : () array
     gain, lag : () array
         Relative to the nominal person's, above 0.

@@ -38,8 +38,8 @@ class NonlinearModel(Protocol):
         ...
 
 
-class MealModel(NonlinearModel, Protocol):
-    """A person as a controller imagines him who takes meals into account."""
+class FedModel(NonlinearModel, Protocol):
+    """The nonlinear model of a controller that takes meals into account."""
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
         """State one sample on, under a held infusion, while glucose from meals appears in the gut's blood.

@@ -50,7 +50,7 @@ def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sampl
 
 @pytree
 class InternalModel:
-    """A patient as a controller imagines him; implements `models.nonlinear.MealModel`."""
+    """A patient as a controller imagines it; implements `models.nonlinear.FedModel`."""
 
     plant: ExponentialPlant
     state: jax.Array

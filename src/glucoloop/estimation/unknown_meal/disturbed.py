@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.meals.stomach import Stomach, steadily
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 
 LARGEST_INNOVATION_MG_DL: Final = 30.0
 """By which a reading corrects an estimate at most."""
@@ -46,14 +46,14 @@ class Linearised:
 
 
 @jax.jit
-def _slopes(model: MealModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...]:
+def _slopes(model: FedModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...]:
     def sample(x: jax.Array, u: jax.Array, d: jax.Array) -> jax.Array:
         return model.advance_fed(x, u, steadily(d))
 
     return *jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, jnp.zeros(())), jax.jacfwd(model.glucose_mg_dl)(x)
 
 
-def linearised(model: MealModel) -> Linearised:
+def linearised(model: FedModel) -> Linearised:
     """A model about its rest, by forward-mode differentiation of one sample."""
     x, u = model.state, jnp.asarray(model.insulin_mU_min, float)
     Phi, Gamma, Psi, C = (np.asarray(part) for part in _slopes(model, x, u))
@@ -78,7 +78,7 @@ class Waking:
     """Standard deviation of a reading."""
 
     def wake(
-        self, model: MealModel, insulin_mU_min: jax.Array, glucose_mg_dl: jax.Array, known: jax.Array
+        self, model: FedModel, insulin_mU_min: jax.Array, glucose_mg_dl: jax.Array, known: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """State and disturbance at rest under a rate, which explain a reading as far as noise does not."""
         x = model.state + self.by_insulin * (insulin_mU_min - model.insulin_mU_min)

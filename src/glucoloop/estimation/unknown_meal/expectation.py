@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.meals.stomach import Stomach
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 
 _SAMPLES: Final = 60
 """After which the expectation of a person at rest has settled."""
@@ -42,7 +42,7 @@ class Expectation:
         )
 
 
-def expectation(estimator: MealEstimator, model: MealModel) -> Expectation:
+def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
     """Of an estimator that reads, sample by sample, what it predicts for a person at rest."""
     rest = jnp.asarray(model.glucose_mg_dl(model.state))
     sensed = Sensed(
@@ -53,7 +53,7 @@ def expectation(estimator: MealEstimator, model: MealModel) -> Expectation:
     )
 
     @jax.jit
-    def settle(estimator: MealEstimator, model: MealModel) -> MealEstimate:
+    def settle(estimator: MealEstimator, model: FedModel) -> MealEstimate:
         def one(state: object, _: None) -> tuple[object, MealEstimate]:
             return estimator.step(model, state, sensed)
 

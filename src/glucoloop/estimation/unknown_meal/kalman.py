@@ -36,7 +36,7 @@ from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
 from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach, ramp_samples
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 from glucoloop.units import MG_PER_G
 
 _NOTHING: Final = 0.1
@@ -76,7 +76,7 @@ class MealKalman:
     """Chance that a meal ends in a sample."""
     waking: Waking
 
-    def init(self, model: MealModel, sensed: Sensed) -> MealKalmanState:
+    def init(self, model: FedModel, sensed: Sensed) -> MealKalmanState:
         """Fasting, at rest; what is unexplained of the first reading is taken for emptying that lasts."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         none = jnp.zeros_like(disturbance)
@@ -91,7 +91,7 @@ class MealKalman:
             carbs_g=none,
         )
 
-    def step(self, model: MealModel, state: MealKalmanState, sensed: Sensed) -> tuple[MealKalmanState, MealEstimate]:
+    def step(self, model: FedModel, state: MealKalmanState, sensed: Sensed) -> tuple[MealKalmanState, MealEstimate]:
         """See `MealEstimator`."""
         h = model.sample_time_min
         announced, served = serve(state.announced, h)
@@ -154,7 +154,7 @@ def _steady(E: jax.Array, sample_time_min: float) -> jax.Array:
 
 
 def design_meal_kalman(
-    model: MealModel,
+    model: FedModel,
     habits: MealHabits | None = None,
     *,
     emptying_variance: float = 2500.0,
@@ -165,7 +165,7 @@ def design_meal_kalman(
 
     Parameters
     ----------
-    model : MealModel
+    model : FedModel
     habits : MealHabits, optional
         For what is likely still to come of a meal; the filter itself does without.
     emptying_variance : float

@@ -46,7 +46,7 @@ from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 
 LONGEST_HORIZON: Final = 100
 _LEAST: Final = 1e-12
@@ -91,7 +91,7 @@ class MealHorizon:
     waking: Waking
     horizon: int = static()
 
-    def init(self, model: MealModel, sensed: Sensed) -> MealHorizonState:
+    def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
         """Fasting, at rest."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         fasting = Hypothesis(
@@ -107,7 +107,7 @@ class MealHorizon:
             announced=nothing_announced(disturbance),
         )
 
-    def step(self, model: MealModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
+    def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
         """See `MealEstimator`."""
         announced, served = serve(state.announced, model.sample_time_min)
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
@@ -166,7 +166,7 @@ class MealHorizon:
         )
         return later, passed
 
-    def _carry(self, model: MealModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
+    def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
         """Each hypothesis through the sample that has passed."""
         h, eats = model.sample_time_min, self._eating()
         stomach, appearance = digest(held.stomach, announced + eats, h)
@@ -179,9 +179,7 @@ class MealHorizon:
             carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
         )
 
-    def _correct(
-        self, model: MealModel, held: Hypothesis, p: jax.Array, sensed: Sensed
-    ) -> tuple[Hypothesis, jax.Array]:
+    def _correct(self, model: FedModel, held: Hypothesis, p: jax.Array, sensed: Sensed) -> tuple[Hypothesis, jax.Array]:
         """By the reading: the states by the gain, the probabilities by Bayes' rule."""
         predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x)
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
@@ -219,7 +217,7 @@ class MealHorizon:
 
 
 def design_meal_horizon(
-    model: MealModel,
+    model: FedModel,
     habits: MealHabits | None = None,
     *,
     horizon: int = 10,
@@ -230,7 +228,7 @@ def design_meal_horizon(
 
     Parameters
     ----------
-    model : MealModel
+    model : FedModel
     habits : MealHabits, optional
     horizon : int
         L, samples over which the beginning or the end of a meal is searched for, 2 to 100.

@@ -9,7 +9,7 @@ import jax
 from glucoloop._pytree import pytree
 from glucoloop.meals.announced import Announced
 from glucoloop.meals.stomach import Stomach
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 
 
 @pytree
@@ -48,10 +48,10 @@ class Sensed:
 class MealEstimator(Protocol):
     """Readings in, estimates out. Designed once; `step` never raises. The state is any pytree."""
 
-    def init(self, model: MealModel, sensed: Sensed) -> Any:
+    def init(self, model: FedModel, sensed: Sensed) -> Any:
         """State before the first sample, of a person at rest."""
         ...
 
-    def step(self, model: MealModel, state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
+    def step(self, model: FedModel, state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
         """Carry the state to this sample and correct it by the reading."""
         ...

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
-from glucoloop.models.nonlinear import MealModel
+from glucoloop.models.nonlinear import FedModel
 
 _ON_GRID = 1e-6  # of a sample; times nearer than this are the same time
 
@@ -39,7 +39,7 @@ class MealEstimates:
 
 
 def replay(
-    model: MealModel,
+    model: FedModel,
     estimator: MealEstimator,
     t_min: jax.Array,
     readings_mg_dl: jax.Array,
@@ -52,7 +52,7 @@ def replay(
 
     Parameters
     ----------
-    model : MealModel
+    model : FedModel
     estimator : MealEstimator
     t_min : (samples,) array
     readings_mg_dl : (samples,) array
@@ -105,7 +105,7 @@ _replay = functools.partial(jax.jit, static_argnames="dead_time_samples")(replay
 @checked
 @on_host("the record is checked with NumPy")
 def estimate_meals(
-    model: MealModel,
+    model: FedModel,
     estimator: MealEstimator,
     t_min: npt.ArrayLike,
     readings_mg_dl: npt.ArrayLike,
@@ -119,7 +119,7 @@ def estimate_meals(
 
     Parameters
     ----------
-    model : MealModel
+    model : FedModel
         The person; `models.individual.individual_model` gives the nominal one a basal rate of his own.
     estimator : MealEstimator
         Designed for the model.
