@@ -20,6 +20,7 @@ of its own like .venv-3.13; ``test`` then runs only the tests.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -307,7 +308,29 @@ def setup(env: Environment, *, dev: bool) -> None:
 
 def check(env: Environment, heading: str, command: Sequence[str]) -> None:
     say(f"\n=== {heading} ===")
-    code = env.call(command, cwd=ROOT)
+    judge(heading, command, env.call(command, cwd=ROOT))
+
+
+@contextlib.contextmanager
+def check_beside(env: Environment, heading: str, command: Sequence[str]) -> Iterator[None]:
+    """A check that runs while others do, one of which may stop it, and is reported after them."""
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen(command, cwd=ROOT, env=env.variables(), stdout=said, stderr=subprocess.STDOUT) as running,
+    ):
+        try:
+            yield
+            say(f"\n=== {heading} ===")
+            running.wait()
+        finally:
+            running.kill()
+        said.seek(0)
+        print(said.read().decode(errors="replace"), end="", flush=True)
+    judge(heading, command, running.returncode)
+
+
+def judge(heading: str, command: Sequence[str], code: int) -> None:
+    """Stop if a check failed."""
     if code == 0:
         return
     if Path(command[0]).stem == "pytest" and code == 5:
@@ -326,11 +349,10 @@ def all_checks(env: Environment) -> None:
     check(env, "ruff check", [env.program("ruff"), "check"])
     check(env, "mypy", [env.program("mypy")])
     check(env, "lint-imports", [env.program("lint-imports"), "--no-logo"])
-    quick_tests(env)
     docs = ROOT / "docs"
-    if (docs / "conf.py").is_file():
-        sphinx = [env.program("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")]
-        check(env, "documentation", sphinx)
+    sphinx = [env.program("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")]
+    with check_beside(env, "documentation", sphinx):  # most of which is computed by one processor
+        quick_tests(env)
     say("\nAll checks passed.")
 
 

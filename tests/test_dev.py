@@ -199,6 +199,31 @@ def pins(lock):
     return re.findall(r"^([a-z0-9][a-z0-9._-]*)==([^ ;\\]+)(?: ; ([^\\\n]*\S))?", text, re.M)
 
 
+def beside(dev, code, others=lambda: None):
+    env = dev.Environment(Path(sys.prefix), dev.this_python())
+    with dev.check_beside(env, "slow", [sys.executable, "-c", code]):
+        others()
+
+
+def test_a_check_beside_others_is_told_after_them(dev, capfd):
+    beside(dev, "print('done')", lambda: print("meanwhile"))
+    assert capfd.readouterr().out == "meanwhile\n\n=== slow ===\ndone\n"
+
+
+def test_a_check_beside_others_fails_as_they_do(dev, capfd):
+    with pytest.raises(SystemExit) as left:
+        beside(dev, "print('why'); raise SystemExit(3)")
+    assert left.value.code == 3
+    told = capfd.readouterr()
+    assert "why" in told.out
+    assert "'slow' failed (exit status 3)." in told.err
+
+
+def test_a_check_beside_others_ends_with_the_first_that_fails(dev):
+    with pytest.raises(SystemExit, match="2"):
+        beside(dev, "import time; time.sleep(600)", lambda: sys.exit(2))
+
+
 def test_the_lock_of_developers_holds_that_of_users():
     assert set(pins("requirements.lock")) < set(pins("requirements-dev.lock"))
 
