@@ -280,7 +280,8 @@ def test_people_are_of_two_populations_by_turns_and_eat_up_to_four_meals():
     np.testing.assert_allclose(flow[1::2], 43.7 * weight[1::2] / 70.0, rtol=1e-12)
     np.testing.assert_allclose(flow[::2], 43.7, rtol=1e-12)
     assert draw_people(9, [4]).basal_insulin_mU_min == drawn.basal_insulin_mU_min[4]
-    t_min, carbs_g = draw_random_meals(9, np.arange(500), 300.0)
+    eaten = draw_random_meals(9, np.arange(500), 300.0)
+    t_min, carbs_g = eaten.t_min, eaten.carbs_g
     assert (t_min.min() > 0.0) & (t_min.max() < 300.0)
     assert set((carbs_g > 0.0).sum(axis=0)) == {0, 1, 2, 3, 4}
     assert (carbs_g[carbs_g > 0.0].min() > 5.0) & (carbs_g.max() < 120.0)
