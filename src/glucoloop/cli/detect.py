@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OUTPUT, Given, Option, names, with_options
+from glucoloop.cli.options import CASE, OF_OTHERS, OUTPUT, SETTINGS, Given, Option, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage, stages
 from glucoloop.cli.telling import print_json, where_written
@@ -85,7 +85,7 @@ _OWN: Final = (
         "controller",
         "--controller",
         str,
-        f"Who doses: {', '.join(CONTROLLERS)}.",
+        f"Who doses: {', '.join(CONTROLLERS)}, {OF_OTHERS}.",
         "Controller",
         metavar="NAME",
         default="meal-mpc",
@@ -102,7 +102,7 @@ def _options() -> Iterator[Option]:
                 default=_DEFAULTS.get(option.key, option.default),
             )
     yield from _OWN
-    settings = all_settings().keys() - {"estimator"}
+    settings = {*all_settings(), SETTINGS} - {"estimator"}
     for option in CASE:
         if option.key in _ESTIMATOR_SETTINGS:
             owner = CONTROLLERS["meal-mpc"].setting(option.key)

@@ -192,6 +192,7 @@ LAGUERRE_FUNCTIONS: Final = Option(
 )
 MEALS: Final = "meals"
 NO_MEAL: Final = "no_meal"
+SETTINGS: Final = "settings"
 FAULTS: Final = "faults"
 NO_FAULT: Final = "no_fault"
 
@@ -338,16 +339,28 @@ def _guard_options() -> Iterable[Option]:
         )
 
 
+OF_OTHERS: Final = "or one of another package, or module:attribute, whose settings are given by --setting"
+"""What else a controller can be, for help."""
+SETTING: Final = Option(
+    SETTINGS,
+    "--setting",
+    list[str],
+    "A setting of the controller, like gain=0.2; needed for a controller of another package, whose settings have no "
+    "options of their own. Repeat it for more.",
+    _CONTROLLER,
+    metavar="KEY=VALUE",
+)
 CASE: Final = (
     Option(
         "controller",
         "--controller",
         str,
-        "; ".join(f"{entry.name}: {entry.summary}" for entry in CONTROLLERS.values()) + ".",
+        "; ".join(f"{entry.name}: {entry.summary}" for entry in CONTROLLERS.values()) + f"; {OF_OTHERS}.",
         _CONTROLLER,
         metavar="NAME",
         default="mpc",
     ),
+    SETTING,
     *_setting_options(),
     Option(
         "known_dead_time",

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import FAULTS, MEALS, NO_FAULT, NO_MEAL, Given
+from glucoloop.cli.options import CASE, FAULTS, MEALS, NO_FAULT, NO_MEAL, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
+from glucoloop.registry.controllers import setting_names
+from glucoloop.registry.keyed_values import keyed_values
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -51,8 +53,16 @@ def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
 
 
 def with_lists(keys: Given) -> Given:
-    """Keys whose meals and faults are one list each; ``--no-meal`` and ``--no-fault`` are the empty ones."""
-    keys = dict(keys)
+    """Keys whose meals and faults are one list each; ``--no-meal`` and ``--no-fault`` are the empty ones.
+
+    What ``--setting KEY=VALUE`` gives becomes a key like the others.
+
+    Raises
+    ------
+    ValueError
+        For options that exclude one another, or a setting that is none.
+    """
+    keys = _with_settings(keys)
     for several, none, called in ((MEALS, NO_MEAL, "meal"), (FAULTS, NO_FAULT, "fault")):
         without = keys.pop(none, False)
         if not keys.get(several):
@@ -62,6 +72,18 @@ def with_lists(keys: Given) -> Given:
         if without:
             keys[several] = []
     return keys
+
+
+def _with_settings(keys: Given) -> Given:
+    keys = dict(keys)
+    given = keyed_values(keys.pop(SETTINGS, None) or (), "option --setting", "gain=0.2")
+    options = {option.key: option.name for option in (*SITUATION, *CASE)}
+    for key in given:
+        if key in keys:
+            raise ValueError(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
+        if key in options and key not in setting_names():
+            raise ValueError(f"{key} is no setting of a controller; give {options[key]} in place of --setting")
+    return {**keys, **given}
 
 
 _PATHS: Final = ("model", "data")

@@ -7,11 +7,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import CASE, FAULTS, NO_FAULT, OUTPUT, SITUATION, Given, Option, names, with_options
+from glucoloop.cli.options import (
+    CASE,
+    FAULTS,
+    NO_FAULT,
+    OF_OTHERS,
+    OUTPUT,
+    SITUATION,
+    Given,
+    Option,
+    names,
+    with_options,
+)
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage, stages
 from glucoloop.cli.telling import print_json, where_written, with_version
-from glucoloop.registry.controllers import CONTROLLERS, controller_entry
+from glucoloop.registry.controllers import CONTROLLERS, TUNABLE, controller_entry, setting_names
 from glucoloop.registry.guard import GUARD
 from glucoloop.registry.patients import USUAL_PATIENT
 
@@ -34,7 +45,6 @@ HELP: Final = (
     "  glucoloop tune --controller mpc-se --reference-filter .3:.8:.1 --top 5\n\n"
     "  glucoloop tune --noise 1.45 --seeds 20 --move-horizon 2 --prediction-horizon 10 --move-weight 0,1,3"
 )
-TUNED: Final = ("mpc", "mpc-se", "nlqdmc-se")
 MOST_SEEDS: Final = 1000
 _GRID: Final = "Grid"
 _SUMMARIES: Final = {
@@ -63,12 +73,12 @@ _NOT_TUNED: Final = ("guard", *GUARD)
 
 def _fixed() -> Iterator[Option]:
     """What a case can be given but is not tuned: no settings of controllers that are not tuned here."""
-    own = {setting.name for name in TUNED for setting in CONTROLLERS[name].settings}
-    foreign = {setting.name for entry in CONTROLLERS.values() for setting in entry.settings} - own
+    own = {setting.name for name in TUNABLE for setting in CONTROLLERS[name].settings}
+    foreign = setting_names() - own
     for option in CASE:
         if option.key == "controller":
-            told = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNED)
-            yield dataclasses.replace(option, help=f"{told}.")
+            told = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNABLE)
+            yield dataclasses.replace(option, help=f"{told}; {OF_OTHERS}.")
         elif option.key not in {*_SUMMARIES, *foreign, *_NOT_TUNED}:
             yield option
 
@@ -134,8 +144,8 @@ def _read(keys: Given, of_file: Given) -> _Asked:
     together = overlay(of_file, keys, called)
     controller = str(together.get("controller", "mpc"))
     entry = controller_entry(controller)
-    if controller not in TUNED:
-        raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNED)}")
+    if not entry.tunable:
+        raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
     told = {key: _text(together.pop(key), called.get(key, key)) for key in _SUMMARIES if key in together}
     for key in told:
         entry.setting(key)

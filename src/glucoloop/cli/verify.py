@@ -39,7 +39,7 @@ OPTIONS: Final = (
         "controllers",
         "--controller",
         list[str],
-        f"One of {', '.join(CONTROLLERS)}; repeat it for more.",
+        f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more.",
         _RUN,
         metavar="NAME",
         default="all",

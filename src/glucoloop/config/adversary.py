@@ -14,17 +14,17 @@ from glucoloop.config.run import STRICT, Seed, checked, whole_samples
 from glucoloop.config.stress import PAPER_CONTROLLERS
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
+from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.settings import Value
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.trials.adversary import Cell, Effort, ErrorSpace
-from glucoloop.trials.campaign.campaign import SLOW
 from glucoloop.trials.stress import Guards
 from glucoloop.trials.trial import Trial
 
 GENERATIONS: Final = 300
 FEW_GENERATIONS: Final = 30
-SEARCHED: Final = tuple(name for name in PAPER_CONTROLLERS if name not in SLOW)
+SEARCHED: Final = tuple(name for name in PAPER_CONTROLLERS if not controller_entry(name).slow)
 """Without options; what is slow is searched when it is named."""
 _USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
 _REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
@@ -66,7 +66,7 @@ class Adversary:
 
     def _effort(self, controller: str) -> Effort:
         own = self.own
-        usual = FEW_GENERATIONS if controller in SLOW else GENERATIONS
+        usual = FEW_GENERATIONS if controller_entry(controller).slow else GENERATIONS
         return Effort(
             generations=own.generations or usual, starts=own.starts, population=own.sequences, seed=own.search_seed
         )

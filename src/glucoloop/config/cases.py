@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from glucoloop.config.case_text import parse_case
-from glucoloop.config.run import case_key_names, overlay, refuse_limits_without_guard
+from glucoloop.config.run import case_key_names, controllers_of, overlay, refuse_limits_without_guard
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.guard import GUARD
 
@@ -67,9 +67,11 @@ def refuse_idle(
     """Refuse a setting beside the cases that none of them has."""
     refuse_limits_without_guard(keys, guarded=guarded, names=names)
     used = list(dict.fromkeys(controllers))
-    known = {setting.name for name in used for setting in catalogue.controller_entry(name).settings}
+    idle = catalogue.setting_names() - {
+        setting.name for name in used for setting in catalogue.controller_entry(name).settings
+    }
     for key in keys:
-        if key in catalogue.all_settings() and key not in known:
+        if key in idle:
             raise ValueError(
                 f"{(names or {}).get(key, key)} is a setting of none of these controllers: {', '.join(used)}; "
                 "leave it out, or add a controller that has it"
@@ -78,11 +80,11 @@ def refuse_idle(
 
 def _with(given: Mapping[str, Any], case: Mapping[str, Any], of_file: Mapping[str, Any]) -> dict[str, Any]:
     """A case of the file under what was given: of that, what its controller and its guard have."""
-    upper = {key: value for key, value in given.items() if key in case_key_names()}
-    told = {**of_file, **case, **upper}
-    entry = catalogue.CONTROLLERS.get(str(told.get("controller", "mpc")))
-    own = catalogue.all_settings() if entry is None else {setting.name for setting in entry.settings}
-    foreign = {*(catalogue.all_settings().keys() - own), *(() if told.get("guard") is True else GUARD)}
+    told = {**of_file, **case, **given}
+    controllers = ["mpc", *controllers_of(of_file, [told])]
+    upper = {key: value for key, value in given.items() if key in case_key_names(*controllers)}
+    own = {setting.name for setting in catalogue.controller_entry(controllers[-1]).settings}
+    foreign = {*(catalogue.setting_names(*controllers) - own), *(() if told.get("guard") is True else GUARD)}
     return overlay(case, {key: value for key, value in upper.items() if key not in foreign})
 
 

@@ -13,6 +13,7 @@ from glucoloop.config.run import (
     SituationKeys,
     case_key_names,
     case_keys,
+    controllers_of,
     read_case,
     read_run,
     refuse_unknown,
@@ -59,7 +60,7 @@ def read_comparison(
             f"a comparison of {len(cases)} {'case' if len(cases) == 1 else 'cases'} is not possible; "
             f"give from 2 to {MOST_CASES}, like --case mpc --case 'careful: mpc, move_weight=1'"
         )
-    refuse_unknown(keys)
+    refuse_unknown(keys, cases)
     shared_situation = read_run({key: value for key, value in keys.items() if key in SituationKeys.model_fields}, names)
     situation = shared_situation.situation
     shared = {key: value for key, value in keys.items() if key not in SituationKeys.model_fields}
@@ -84,8 +85,9 @@ def read_comparison(
 
 
 def _refuse_shared(case: Mapping[str, object]) -> None:
+    known = case_key_names(*controllers_of(case))
     for key in case:
         if key in SituationKeys.model_fields:
             raise ValueError(f"{key} belongs to the situation, which all cases share; give it outside the cases")
-        if key not in case_key_names():
-            raise ValueError(f"unknown key {key!r}; {known_names(key, case_key_names())}")
+        if key not in known:
+            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")

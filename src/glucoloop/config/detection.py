@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, Field
 
-from glucoloop.config.run import STRICT, checked
+from glucoloop.config.run import STRICT, checked, controllers_of
 from glucoloop.config.trial import SITUATION_KEYS, overlay_trial, read_trial, trial_keys
 from glucoloop.meals.plan import MOST_DAYS
 from glucoloop.registry import controllers as catalogue
@@ -83,7 +83,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     own = checked(_Own, {key: keys[key] for key in _Own.model_fields if key in keys}, names)
     of_trial = {key: keys[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in keys}
     check_estimators(own.estimators, (names or {}).get("estimators", "estimators"))
-    settings = {key: value for key, value in keys.items() if key in catalogue.all_settings()}
+    settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
     trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
     asked = {key: value for key, value in settings.items() if key in ESTIMATOR_SETTINGS}
     complete = catalogue.complete(ESTIMATING, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
@@ -111,7 +111,7 @@ def _cases(own: _Own, keys: Mapping[str, object], settings: Mapping[str, object]
 
 def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None) -> None:
     own = [*_Own.model_fields, *PEOPLE_KEYS, *(key for key in SITUATION_KEYS if key != NO_SITUATION)]
-    known = [*own, "known_dead_time", *catalogue.all_settings()]
+    known = [*own, "known_dead_time", *sorted(catalogue.setting_names(*controllers_of(keys)))]
     if NO_SITUATION in keys:
         called = (names or {}).get(NO_SITUATION, NO_SITUATION)
         raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")

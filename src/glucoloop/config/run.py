@@ -333,11 +333,13 @@ def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], na
 def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
     """Case from flat keys, completed for its situation."""
     own = _only(keys, CaseKeys)
-    controller = own.get("controller", "mpc")
-    settings = {key: value for key, value in keys.items() if key in catalogue.all_settings()}
+    controller = str(own.get("controller", "mpc"))
+    _refuse_reserved(catalogue.controller_entry(controller))
+    known = catalogue.setting_names(controller)
+    settings = {key: value for key, value in keys.items() if key in known}
     entry = patient_entry(situation.patient)
-    tuning = catalogue.complete(str(controller), settings, entry, situation.operating_point, noisy=situation.noisy)
-    if catalogue.controller_entry(str(controller)).uses_model and own.get("model") is None:
+    tuning = catalogue.complete(controller, settings, entry, situation.operating_point, noisy=situation.noisy)
+    if catalogue.controller_entry(controller).uses_model and own.get("model") is None:
         own = {**_identification(situation), **own}
     guard = _guard_limits(keys, bool(own.get("guard", False)), names)
     case = checked(CaseKeys, {**own, "tuning": tuning, "guard_limits": guard}, names)
@@ -345,6 +347,17 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
         ask_about(case, names)
         ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
     return case
+
+
+def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
+    """Refuse a controller of another package with a setting whose key means something else."""
+    reserved = {*SituationKeys.model_fields, *CaseKeys.model_fields, *GUARD, "label"}
+    for setting in entry.settings:
+        if setting.name in reserved:
+            raise ValueError(
+                f"the controller {entry.name} has a setting {setting.name!r}, which is a key of every run already; "
+                "its author has to give it another name"
+            )
 
 
 def _guard_limits(keys: Mapping[str, object], guarded: bool, names: Mapping[str, str] | None) -> dict[str, Value]:
@@ -425,7 +438,7 @@ def overlay(
     if "controller" in upper:
         entry = catalogue.controller_entry(str(upper["controller"]))
         own = {setting.name for setting in entry.settings}
-        foreign = catalogue.all_settings().keys() - own
+        foreign = catalogue.setting_names(*controllers_of(lower)) - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
     if "patient" in upper and upper["patient"] != lower.get("patient", USUAL_PATIENT.name):
         kept = _without_usual(kept)
@@ -451,23 +464,44 @@ def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
     }
 
 
-def refuse_unknown(keys: Mapping[str, object], more: tuple[str, ...] = ()) -> None:
-    """Refuse a key that neither a situation, a case nor any controller has."""
-    known = [*run_keys(), *more]
+def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> list[str]:
+    """Controllers that flat keys name, alone or in cases.
+
+    Raises
+    ------
+    ValueError
+        For an unknown one, with the label of its case.
+    """
+    named = []
+    for table in (keys, *cases):
+        name, label = table.get("controller"), table.get("label")
+        if not isinstance(name, str):
+            continue
+        try:
+            catalogue.controller_entry(name)
+        except ValueError as error:
+            raise ValueError(f"case {label!r}: {error}" if isinstance(label, str) else str(error)) from None
+        named.append(name)
+    return named
+
+
+def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> None:
+    """Refuse a key that neither a situation, a case nor a controller has: one of this package, or of the cases."""
+    known = run_keys(*controllers_of(keys, cases))
     for key in keys:
         if key not in known:
             raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
 
 
-def run_keys() -> list[str]:
-    """All flat keys of a run."""
-    return [*SituationKeys.model_fields, *case_key_names()]
+def run_keys(*controllers: str) -> list[str]:
+    """All flat keys of a run, with the settings of controllers of other packages that are named."""
+    return [*SituationKeys.model_fields, *case_key_names(*controllers)]
 
 
-def case_key_names() -> list[str]:
-    """The flat keys that a case of a comparison may set."""
+def case_key_names(*controllers: str) -> list[str]:
+    """The flat keys that a case of a comparison may set, likewise."""
     own = [key for key in CaseKeys.model_fields if key not in ("tuning", "guard_limits")]
-    return [*own, *catalogue.all_settings(), *GUARD]
+    return [*own, *sorted(catalogue.setting_names(*controllers)), *GUARD]
 
 
 def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead time") -> int:

@@ -19,6 +19,7 @@ from glucoloop.config.run import (
     ask_about_surroundings,
     case_key_names,
     checked,
+    controllers_of,
     faults_told,
     of_patient,
     overlay,
@@ -105,7 +106,9 @@ def read_trial(
         For a key that is unknown, wrong or at odds with another, a meal that does not fit into its day, or a label
         that is missing or used twice.
     """
-    _refuse_unknown(keys)
+    tables = [*_controllers(keys), *cases]
+    named = controllers_of({}, tables)
+    _refuse_unknown(keys, named)
     called = {key: (names or {}).get(key, key) for key in keys}
     if all(key in keys for key in _LENGTHS):
         raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
@@ -136,7 +139,7 @@ def read_trial(
         people=own.people,
         first_person=own.first_person,
         plan=plan,
-        cases=_cases(keys, cases, situation, names),
+        cases=_cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names),
         precision=own.precision,
         design=own.design,
         traces=traces,
@@ -215,13 +218,13 @@ def _case_keys(case: Case) -> dict[str, Any]:
     return {key: value for key, value in keys.items() if value is not None}
 
 
-def _own_case_keys() -> list[str]:
+def _own_case_keys(controllers: Sequence[str]) -> list[str]:
     """A model of one's own would be that of one person; the trial's are identified from its people."""
-    return [key for key in case_key_names() if key != "model"]
+    return [key for key in case_key_names(*controllers) if key != "model"]
 
 
-def _refuse_unknown(keys: Mapping[str, object]) -> None:
-    known = [*trial_key_names(), *(key for key in _own_case_keys() if key != "controller")]
+def _refuse_unknown(keys: Mapping[str, object], controllers: Sequence[str]) -> None:
+    known = [*trial_key_names(), *(key for key in _own_case_keys(controllers) if key != "controller")]
     for key in keys:
         if key not in known:
             raise ValueError(f"unknown key {key!r} of a trial; {known_names(key, known)}")
@@ -246,19 +249,22 @@ def _traces(told: object, name: str) -> Literal["none", "all"] | int:
     raise ValueError(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
 
 
-def _cases(
-    keys: Mapping[str, object],
-    cases: Sequence[Mapping[str, object]],
-    situation: SituationKeys,
-    names: Mapping[str, str] | None,
-) -> tuple[Case, ...]:
+def _controllers(keys: Mapping[str, object]) -> list[dict[str, object]]:
+    """A case for each controller that is named without settings."""
     named = keys.get(CONTROLLERS_KEY, [])
     if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
         raise ValueError(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
-    tables = [*({"label": name, "controller": name} for name in named), *cases]
+    return [{"label": name, "controller": name} for name in named]
+
+
+def _cases(
+    shared: Mapping[str, object],
+    tables: Sequence[Mapping[str, object]],
+    situation: SituationKeys,
+    names: Mapping[str, str] | None,
+) -> tuple[Case, ...]:
     if len(tables) > MOST_CASES:
         raise ValueError(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
-    shared = {key: value for key, value in keys.items() if key in _own_case_keys()}
     read = [_read_case(table, shared, situation) for table in tables or [{"label": "mpc"}]]
     guarded = any(case.guard is not None for case in read)
     refuse_idle(shared, [case.controller for case in read], guarded=guarded, names=names)
@@ -273,11 +279,12 @@ def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situat
         raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
     own = {key: value for key, value in table.items() if key != "label"}
     try:
+        known = _own_case_keys(controllers_of(own))
         for key in own:
             if key in trial_key_names():
                 raise ValueError(f"{key} belongs to the trial, which all cases share; give it outside the cases")
-            if key not in _own_case_keys():
-                raise ValueError(f"unknown key {key!r}; {known_names(key, _own_case_keys())}")
+            if key not in known:
+                raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
         case = read_case(under_shared(shared, own), situation)
     except ValueError as error:
         raise ValueError(f"case {label!r}: {error}") from None

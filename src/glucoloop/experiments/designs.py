@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
@@ -134,8 +136,15 @@ def pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
     return min(patient_entry(situation.patient).pulse_mU_min, basal_insulin_mU_min)
 
 
-def with_guard(controller: Controller, guard: Mapping[str, Value] | None, limits: DoseLimits) -> Controller:
-    """A controller with the guard that is asked for, if any: its limits as in `guard_catalogue`.
+def with_guard(
+    controller: Controller,
+    guard: Mapping[str, Value] | None,
+    limits: DoseLimits,
+    basal_insulin_mU_min: jax.Array | None = None,
+) -> Controller:
+    """A controller with the guard that is asked for, if any: its limits as in `registry.guard`.
+
+    The guard holds the basal rates ``(people,)`` that are given; None: the rate at which the loop starts.
 
     Raises
     ------
@@ -145,7 +154,10 @@ def with_guard(controller: Controller, guard: Mapping[str, Value] | None, limits
     if guard is None:
         return controller
     given = {key.removeprefix(PREFIX): float(value) for key, value in guard.items()}
-    return guarded(controller, GuardSettings(**given), limits)
+    guard_of_all = guarded(controller, GuardSettings(**given), limits)
+    if basal_insulin_mU_min is None:
+        return guard_of_all
+    return dataclasses.replace(guard_of_all, basal_mU_min=basal_insulin_mU_min)
 
 
 def with_individual_basal(controller: Controller, basal_insulin_mU_min: npt.ArrayLike) -> Controller:

@@ -1,8 +1,9 @@
 """Controllers designed for each person of a trial, many at a time.
 
-Linear MPC is designed on a model identified from each person's own pulse experiment, and MPC/SE on his own
-linearisation; both are carried out for a block of people at once. The model of the meal-aware controller is scaled to
-each one's own record. The others are designed one by one.
+The entry of a controller names the function that does it. Linear MPC is designed on a model identified from each
+person's own pulse experiment, and MPC/SE on the person's own linearisation; both are carried out for a block of people
+at once. The model of the meal-aware controller is scaled to each one's own record, in `individual_meal_mpc`. The others
+are designed one by one.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_records
 from glucoloop.experiments.designs import controller_of, process_noise_of
-from glucoloop.experiments.individual_meal_mpc import individual_meal_mpc
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
 from glucoloop.patients.population import VirtualPeople
+from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.patients import patient_entry
 from glucoloop.simulation.internal_model import linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
@@ -50,20 +51,22 @@ def individual_design(situation: Situation, case: Case, example: VirtualPeople) 
     Returns
     -------
     callable or None
-        None for a controller that is not designed on anything.
+        None for a controller that is the same for everybody.
+
+    Raises
+    ------
+    ValueError
+        For an unknown controller, or a design that is not possible.
     """
-    if case.controller == "basal":
+    designer = controller_entry(case.controller).individual_designer()
+    if designer is None:
         return None
-    if case.controller == "mpc":
-        return _linear_mpc(situation, case, example)
-    if case.controller == "mpc-se" and case.tuning["offset_free"] in _BY_FILTER:
-        return _mpc_se(situation, case, example)
-    if case.controller == "meal-mpc":
-        return individual_meal_mpc(situation, case, example)
-    return _one_by_one(situation, case)
+    design: Design = designer(situation, case, example)
+    return design
 
 
-def _linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    """Linear MPC on a model identified from each person's own pulse experiment."""
     memory, functions = case.memory or 0, case.laguerre_functions
     pulses = np.asarray(design_csrs(memory, 1.0))
     experiment = PulseExperiment(
@@ -99,7 +102,10 @@ def _linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Des
     return design
 
 
-def _mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    """MPC with state estimation on each person's own linearisation."""
+    if case.tuning["offset_free"] not in _BY_FILTER:
+        return one_by_one(situation, case, example)
     nominal = situation.nominal
     varies = varying(example.patient, nominal)
     noise = process_noise_of(nominal, case.tuning)
@@ -149,7 +155,10 @@ def _tuning(kind: Any, case: Case, late: int) -> Any:
     return kind(**{**own, "prediction_horizon": int(case.tuning["prediction_horizon"]) + late})
 
 
-def _one_by_one(situation: Situation, case: Case) -> Design:
+def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    """Any controller, designed for one person after the other."""
+    del example  # what varies need not be known
+
     def design(people: VirtualPeople) -> Controller:
         # a block is filled up by repetition, and nobody is designed for twice
         numbers, first, place = np.unique(people.draw.person, return_index=True, return_inverse=True)

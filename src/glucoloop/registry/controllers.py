@@ -1,32 +1,64 @@
 """Controllers by name: what each is, what can be set, and where it is designed.
 
-A controller joins the command line, the configuration files and the comparisons by one entry in `CONTROLLERS`; its
-settings become options. Nothing here imports a numerical library, so that help is shown at once.
+A controller joins the command line, the configuration files and the comparisons by one entry in `CONTROLLERS`, or by
+the entry point of another package in the group ``glucoloop.controllers``. The settings of an entry become keys of
+configuration files, and those of `CONTROLLERS` options too. Nothing here imports a numerical library, so that help is
+shown at once.
 """
 
 from __future__ import annotations
 
-import importlib
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.registry.patients import PatientEntry
+from glucoloop.registry.plugins import added, added_names, loaded
 from glucoloop.registry.settings import Default, Setting, Value, known_names
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A controller of the catalogue."""
+@dataclass(frozen=True, kw_only=True)
+class ControllerEntry:
+    """A controller, as far as it can be told without designing it.
+
+    Raises
+    ------
+    ValueError
+        For a place that is not written as ``module:function``, two settings of one name, or a default that its setting
+        does not allow.
+    """
 
     name: str
     summary: str
     design: str
-    """``module:function``; called with a `designs.DesignCase` and the settings by name, it returns a controller."""
+    """``module:function``; called with an `experiments.designs.DesignCase` and the settings by name, the function
+    returns a controller."""
     settings: tuple[Setting, ...] = ()
     uses_model: bool = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
+    individual: str | None = "glucoloop.experiments.individual:one_by_one"
+    """``module:function`` that designs it for each person of a trial, see `experiments.individual.individual_design`;
+    None for a controller that is the same for everybody."""
+    tunable: bool = False
+    """Whether it has horizons and weights of which `glucoloop tune` tries a grid; see `control.padding.Padded`."""
+    slow: bool = False
+    """Whether a decision takes it so long that studies of many loops close fewer and shorter ones with it."""
+
+    def __post_init__(self) -> None:
+        for place in (self.design, self.individual):
+            if place is not None and not all(place.partition(":")):
+                raise ValueError(f"{place!r} of the controller {self.name} is no place; write it like module:function")
+        names = [setting.name for setting in self.settings]
+        for setting in self.settings:
+            if names.count(setting.name) > 1:
+                raise ValueError(f"the controller {self.name} has two settings {setting.name!r}; leave one out")
+            for noisy in (False, True):
+                try:
+                    setting.check(setting.default.value(noisy=noisy))
+                except ValueError as error:
+                    raise ValueError(f"a default of the controller {self.name} is not allowed: {error}") from None
 
     def setting(self, name: str) -> Setting:
         """A setting by name.
@@ -42,10 +74,25 @@ class Entry:
         return known[name]
 
     def designer(self) -> Callable[..., Any]:
-        """The design function; importing it imports JAX."""
-        module, function = self.design.split(":")
-        designer: Callable[..., Any] = getattr(importlib.import_module(module), function)
+        """The design function; importing it imports JAX.
+
+        Raises
+        ------
+        ValueError
+            If there is no such function.
+        """
+        designer: Callable[..., Any] = loaded(self.design)
         return designer
+
+    def individual_designer(self) -> Callable[..., Any] | None:
+        """The function that designs it for each person, if it is not the same for everybody.
+
+        Raises
+        ------
+        ValueError
+            If there is no such function.
+        """
+        return None if self.individual is None else loaded(self.individual)
 
 
 def move_horizon(default: Default) -> Setting:
@@ -170,10 +217,10 @@ def fitted_step() -> Setting:
     )
 
 
-CONTROLLERS: Final[dict[str, Entry]] = {
+CONTROLLERS: Final[dict[str, ControllerEntry]] = {
     entry.name: entry
     for entry in (
-        Entry(
+        ControllerEntry(
             name="mpc",
             summary="linear model predictive control on the identified step response",
             design="glucoloop.experiments.designs:linear_mpc",
@@ -185,8 +232,10 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 constraints(Default("clip")),
                 *soft_floor(),
             ),
+            individual="glucoloop.experiments.individual:linear_mpc",
+            tunable=True,
         ),
-        Entry(
+        ControllerEntry(
             name="mpc-se",
             summary="linear MPC with a Kalman filter on the linearised patient",
             design="glucoloop.experiments.designs:mpc_se",
@@ -207,8 +256,10 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 *soft_floor(),
             ),
             uses_model=False,
+            individual="glucoloop.experiments.individual:mpc_se",
+            tunable=True,
         ),
-        Entry(
+        ControllerEntry(
             name="nlqdmc-se",
             summary="predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter",
             design="glucoloop.experiments.designs:nlqdmc_se",
@@ -221,8 +272,10 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 *soft_floor(),
             ),
             uses_model=False,
+            tunable=True,
+            slow=True,
         ),
-        Entry(
+        ControllerEntry(
             name="meal-mpc",
             summary="predictive control on the nonlinear patient that estimates meals nobody announced",
             design="glucoloop.experiments.designs:meal_mpc",
@@ -235,8 +288,10 @@ CONTROLLERS: Final[dict[str, Entry]] = {
                 *soft_floor(Default(65.0)),
             ),
             uses_model=False,
+            individual="glucoloop.experiments.individual_meal_mpc:individual_meal_mpc",
+            slow=True,
         ),
-        Entry(
+        ControllerEntry(
             name="imc",
             summary="internal model control with a filter, on a first-order model with dead time",
             design="glucoloop.experiments.designs:imc",
@@ -247,7 +302,7 @@ CONTROLLERS: Final[dict[str, Entry]] = {
             ),
             uses_model=False,
         ),
-        Entry(
+        ControllerEntry(
             name="pid",
             summary="PID in velocity form, tuned on a first-order model with dead time",
             design="glucoloop.experiments.designs:pid",
@@ -260,31 +315,57 @@ CONTROLLERS: Final[dict[str, Entry]] = {
             ),
             uses_model=False,
         ),
-        Entry(
+        ControllerEntry(
             name="basal",
             summary="no controller: the rate at which the loop starts",
             design="glucoloop.experiments.designs:basal",
             uses_model=False,
+            individual=None,
         ),
     )
 }
 
 
-def controller_entry(name: str) -> Entry:
-    """A controller by name.
+TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tunable)
+"""Controllers of which `glucoloop tune` tries a grid."""
+
+
+@functools.cache
+def controller_entry(name: str) -> ControllerEntry:
+    """A controller by name: of this package, of another one, or ``module:attribute``.
 
     Raises
     ------
     ValueError
-        For an unknown name.
+        For an unknown name, or a controller of another package that cannot be loaded.
     """
-    if name not in CONTROLLERS:
-        raise ValueError(f"unknown controller {name!r}; {known_names(name, CONTROLLERS)}")
-    return CONTROLLERS[name]
+    if name in CONTROLLERS:
+        return CONTROLLERS[name]
+    entry: ControllerEntry | None = added("controllers", name, ControllerEntry)
+    if entry is None:
+        raise ValueError(f"unknown controller {name!r}; {known_names(name, controller_names())}")
+    return entry
+
+
+def controller_names() -> list[str]:
+    """Names of all controllers, those of other packages included."""
+    return [*CONTROLLERS, *added_names("controllers")]
+
+
+def setting_names(*controllers: str) -> set[str]:
+    """Names of all settings of the controllers of this package, and of the controllers that are named.
+
+    Raises
+    ------
+    ValueError
+        For an unknown controller.
+    """
+    entries = [*CONTROLLERS.values(), *(controller_entry(name) for name in controllers)]
+    return {setting.name for entry in entries for setting in entry.settings}
 
 
 def all_settings() -> dict[str, dict[str, Setting]]:
-    """Setting name -> controller name -> that controller's setting of the name."""
+    """Setting name -> controller of this package -> its setting of the name."""
     settings: dict[str, dict[str, Setting]] = {}
     for entry in CONTROLLERS.values():
         for setting in entry.settings:

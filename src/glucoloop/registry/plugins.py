@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-GROUPS = ("patients",)
-"""What can be added; the entry points of a package are in the group ``glucoloop.patients``."""
+GROUPS = ("controllers", "patients")
+"""What can be added; the entry points of a package are in the groups ``glucoloop.controllers`` and so on."""
 
 
 def added_names(group: str) -> list[str]:
@@ -36,13 +36,20 @@ def added(group: str, name: str, kind: type) -> Any | None:
     """
     for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"):
         if point.name == name:
-            return _of_kind(_loaded(point.value), point.value, kind)
+            return _of_kind(loaded(point.value), point.value, kind)
     if ":" in name:
-        return _of_kind(_loaded(name), name, kind)
+        return _of_kind(loaded(name), name, kind)
     return None
 
 
-def _loaded(value: str) -> Any:
+def loaded(value: str) -> Any:
+    """What ``module:attribute`` names, of a module that Python finds or that lies in the current folder.
+
+    Raises
+    ------
+    ValueError
+        For a module that cannot be imported, or an attribute that it has not.
+    """
     module, _, attribute = value.partition(":")
     try:
         found: Any = _imported(module)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller, Guard
+from glucoloop.control import Controller
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
@@ -185,9 +185,7 @@ def _own_controllers(
 
         def with_own_guard(people: VirtualPeople) -> Controller:
             # the guard alone is told: what is inside was designed for each person already
-            controller = with_guard(own(people), case.guard, trial.limits)
-            basal = jnp.asarray(people.basal_insulin_mU_min)
-            return dataclasses.replace(controller, basal_mU_min=basal) if isinstance(controller, Guard) else controller
+            return with_guard(own(people), case.guard, trial.limits, jnp.asarray(people.basal_insulin_mU_min))
 
         return with_own_guard
     return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)

@@ -8,6 +8,7 @@ has a name, by which it is closed again to the bit.
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -30,10 +31,14 @@ from glucoloop.trials.campaign.result import Arm, Broken, CampaignResult, Guardi
 
 MOST_LOOPS: Final = 1_000_000_000
 HORIZON_MIN: Final = 1440.0
-SLOW: Final = {"nlqdmc-se": (300.0, 0.05), "meal-mpc": (300.0, 0.05)}
-"""Controllers on the nonlinear model: length of a loop, and how many there are for one of the others."""
+SLOW_HORIZON_MIN: Final = 300.0
+"""Length of a loop of a slow controller."""
+SLOW_SHARE: Final = 0.05
+"""Loops of a slow controller for one of the others."""
 REPEATED: Final = 8
 """Of so many loops one is closed again, in another order and other blocks."""
+_OTHERS: Final = 1_000_000_000
+"""Numbers that controllers of other packages share."""
 _TOLD: Final = 10
 """Broken loops that are kept of each promise and arm."""
 
@@ -75,7 +80,7 @@ class Campaign:
         """Controller -> people, each of whom makes a loop with a guard and one without."""
         if self.person is not None:
             return dict.fromkeys(self.controllers, 1)
-        shares = {name: SLOW.get(name, (0.0, 1.0))[1] for name in self.controllers}
+        shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in self.controllers}
         return {
             name: max(1, math.ceil(self.loops * share / sum(shares.values()) / 2.0 - 1e-9))
             for name, share in shares.items()
@@ -84,7 +89,7 @@ class Campaign:
 
 def horizon_min(controller: str) -> float:
     """How long its loops are."""
-    return SLOW.get(controller, (HORIZON_MIN, 1.0))[0]
+    return SLOW_HORIZON_MIN if controller_entry(controller).slow else HORIZON_MIN
 
 
 def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
@@ -130,7 +135,10 @@ def met(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.na
 
 
 def _order(seed: int, controller: str) -> Order:
-    return random_order(seed, list(CONTROLLERS).index(controller))
+    names = list(CONTROLLERS)
+    # one of another package has the number of its name, whatever else is installed
+    other = len(names) + zlib.crc32(controller.encode()) % _OTHERS
+    return random_order(seed, names.index(controller) if controller in names else other)
 
 
 def run_campaign(campaign: Campaign, progress: Progress | None = None) -> CampaignResult:

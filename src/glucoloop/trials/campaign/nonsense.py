@@ -28,7 +28,7 @@ from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.threefry import checked_counter, uniforms
 from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.campaign.campaign import SLOW, catalogue_controller
+from glucoloop.trials.campaign.campaign import catalogue_controller
 from glucoloop.trials.campaign.caps import Caps, Counted
 from glucoloop.trials.campaign.invariants import CAPS, COMMAND, CONTROLLER, RATE, STATUS
 from glucoloop.trials.campaign.watched import all_finite
@@ -40,7 +40,7 @@ Progress = Callable[[int], None]
 SAMPLES: Final = 96
 """Of a loop."""
 MOST_SAMPLES: Final = 100_000_000_000
-QUICK: Final = tuple(name for name in CONTROLLERS if name not in SLOW)
+QUICK: Final = tuple(name for name, entry in CONTROLLERS.items() if not entry.slow)
 PROMISES: Final = (COMMAND, RATE, STATUS, CONTROLLER, CAPS)
 _TOLD: Final = 10
 """Broken loops that are kept of each promise and controller."""
@@ -77,8 +77,7 @@ class Nonsense:
         if not self.controllers:
             raise ValueError(f"there is no controller to try; give at least one of {', '.join(QUICK)}")
         for name in self.controllers:
-            controller_entry(name)
-            if name in SLOW:
+            if controller_entry(name).slow:
                 raise ValueError(f"{name} takes too long for nonsense in masses; give some of {', '.join(QUICK)}")
 
     @property

@@ -1,6 +1,7 @@
 """Tuning searches: every tuning of a grid in the loop, and which of them are any good."""
 
-from glucoloop.trials.tuning.designers import TUNABLE, Designer, designer, uses_reference_filter
+from glucoloop.registry.controllers import TUNABLE
+from glucoloop.trials.tuning.designers import Designer, designer, uses_reference_filter
 from glucoloop.trials.tuning.grid import parse_integers, parse_numbers, tuning_grid
 from glucoloop.trials.tuning.oscillation import Oscillation, oscillation
 from glucoloop.trials.tuning.paper import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Final
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
@@ -24,12 +23,11 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise as noise_of_states
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.registry.controllers import TUNABLE, controller_entry
 from glucoloop.simulation import identify, linear_model, nonlinear_model
 
 Designer = Callable[[MPCTuning], Controller]
 """A controller of a tuning."""
-
-TUNABLE: Final = ("mpc", "mpc-se", "nlqdmc-se")
 
 
 def uses_reference_filter(controller: str) -> bool:
@@ -42,7 +40,7 @@ def uses_reference_filter(controller: str) -> bool:
     """
     if controller not in TUNABLE:
         raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
-    return controller != "mpc"
+    return any(setting.name == "reference_filter" for setting in controller_entry(controller).settings)
 
 
 def designer(
