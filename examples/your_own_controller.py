@@ -1,9 +1,10 @@
 """A controller of your own: proportional-integral control, written against `glucoloop.control.Controller`.
 
 A controller is a pure function of its state and of what it observes. The two lines above the class let JAX carry it
-through the loop as a constant.
+through the loop as a constant. `simulate` takes it as it is; its entry, at the end, makes it known to every command.
 
     python examples/your_own_controller.py
+    glucoloop run --controller your_own_controller:ENTRY --setting integral_min=200
 """
 
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.control import Decision, Observation, Status
+from glucoloop.experiments.designs import DesignCase
+from glucoloop.registry.controllers import ControllerEntry
+from glucoloop.registry.settings import Default, Setting
 
 
 @jax.tree_util.register_static
@@ -37,7 +41,29 @@ class ProportionalIntegral:
         return (basal, integral), Decision(insulin_mU_min=insulin, status=jnp.full(insulin.shape, Status.OK))
 
 
-scenario = gl.Scenario([gl.Meal(40.0, 60.0), gl.Meal(60.0, 420.0)], horizon_min=900.0)
-trace = gl.simulate(gl.patient(), ProportionalIntegral(), gl.white_noise(1.45), scenario=scenario, key=1)
-metrics = gl.summarise(trace)
-print(f"glucose from {float(metrics.minimum_mg_dl):.1f} to {float(metrics.peak_mg_dl):.1f} mg/dl")
+def design(case: DesignCase, *, proportional_gain: float, integral_min: float) -> ProportionalIntegral:
+    """The controller for a situation: `case` has the patient, the limits of the pump and the noise of the readings.
+
+    What is not possible is refused here, since `step` cannot raise.
+    """
+    if integral_min <= 0.0:
+        raise ValueError(f"integral_min is {integral_min:g}; give more than 0 min")
+    return ProportionalIntegral(proportional_gain, integral_min, case.sample_time_min)
+
+
+ENTRY = ControllerEntry(
+    name="your-own-pi",
+    summary="proportional-integral control",
+    design="your_own_controller:design",
+    settings=(
+        Setting("proportional_gain", float, "K, in mU/min per mg/dl.", Default(0.6)),
+        Setting("integral_min", float, "Integral time, in minutes.", Default(150.0)),
+    ),
+    uses_model=False,  # no model is identified for it
+)
+
+if __name__ == "__main__":
+    scenario = gl.Scenario([gl.Meal(40.0, 60.0), gl.Meal(60.0, 420.0)], horizon_min=900.0)
+    trace = gl.simulate(gl.patient(), ProportionalIntegral(), gl.white_noise(1.45), scenario=scenario, key=1)
+    metrics = gl.summarise(trace)
+    print(f"glucose from {float(metrics.minimum_mg_dl):.1f} to {float(metrics.peak_mg_dl):.1f} mg/dl")

@@ -1,0 +1,179 @@
+"""A controller that another package brings is at home in every command."""
+
+import importlib
+import shutil
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from glucoloop.cli.request import file_keys, with_lists
+from glucoloop.config.detection import detection_keys
+from glucoloop.config.toml import toml_text
+from glucoloop.config.trial import trial_keys
+from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
+from glucoloop.registry.settings import Default, Setting
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
+NAME = "your_own_controller:ENTRY"
+SHORT = ("--duration", "120", "--meal", "20g@20min")
+
+
+@pytest.fixture
+def outside(tmp_path, monkeypatch):
+    """A folder with the module, and an entry point that names it."""
+    shutil.copy(EXAMPLE, tmp_path)
+    package = tmp_path / "your_own_controller-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: your-own-controller\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(f"[glucoloop.controllers]\nyour-own-pi = {NAME}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    controller_entry.cache_clear()
+    yield tmp_path
+    controller_entry.cache_clear()
+    sys.modules.pop("your_own_controller", None)
+
+
+def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
+    assert "your-own-pi" in controller_names()
+    assert controller_entry("your-own-pi") == controller_entry(NAME)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--controller", "nobody"), "unknown controller 'nobody'; the known ones are: mpc, mpc-se"),
+        (("--controller", "no_such_module:X"), "no_such_module cannot be imported: ModuleNotFoundError"),
+        (("--controller", "your_own_controller:NO"), "your_own_controller has no NO; name what it defines"),
+        (
+            ("--controller", "your_own_controller:design"),
+            "your_own_controller:design is an instance of function; it has to be one of ControllerEntry",
+        ),
+        (("--controller", NAME, "--setting", "integral=9"), "unknown key 'integral'; did you mean 'integral_min'?"),
+        (("--controller", NAME, "--setting", "integral_min=-1"), "integral_min is -1; give more than 0 min"),
+        (("--controller", NAME, "--setting", "integral_min=much"), "integral_min is 'much'; give a number"),
+        (("--controller", NAME, "--move-weight", "1"), "your-own-pi has no setting 'move_weight'"),
+        (("--setting", "integral_min=9"), "unknown key 'integral_min'"),
+        (("--setting", "move_weight"), "'move_weight' in the option --setting is not a key with a value"),
+        (("--setting", "seed=3"), "seed is no setting of a controller; give --seed in place of --setting"),
+        (
+            ("--move-weight", "1", "--setting", "move_weight=2"),
+            "--setting move_weight and --move-weight say the same; leave one out",
+        ),
+    ],
+)
+def test_what_is_wrong_is_told(outside, refused, arguments, told):
+    assert told in refused("run", *arguments)
+
+
+def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
+    given = ("--controller", "your-own-pi", "--setting", "integral_min=60", *SHORT)
+    answer = glucoloop("run", *given, "--out", "a", "--json")
+    assert answer.code == 0, answer.err
+    config = answer.json["config"]
+    assert (config["controller"], config["integral_min"], config["proportional_gain"]) == ("your-own-pi", 60.0, 0.6)
+    assert keys_of("run", (), "a/run.toml") == config
+    assert "integral_min" not in keys_of("run", {"controller": "basal"}, "a/run.toml")
+
+
+def keys_of(command, given, file=None):
+    """The configuration of a command, from its options and its file."""
+    read = importlib.import_module(f"glucoloop.cli.{command}")._read
+    asked = read(with_lists(dict(given)), file_keys(None if file is None else Path(file)))
+    if command in ("trial", "detect"):
+        return {"trial": trial_keys, "detect": detection_keys}[command](asked)
+    return asked.keys()
+
+
+@pytest.mark.parametrize("command", ["compare", "trial", "stress", "adversary"])
+def test_cases_have_settings_of_their_own_and_take_shared_ones(outside, command):
+    cases = [f"quick: {NAME}, integral_min=30", f"slow: {NAME}", "none: basal"]
+    keys = keys_of(command, {"cases": cases, "settings": ["proportional_gain=0.3"]})
+    assert settings_of(keys) == {"quick": (30.0, 0.3), "slow": (150.0, 0.3), "none": (None, None)}
+    Path("asked.toml").write_text(toml_text(keys, ""))
+    assert keys_of(command, {}, "asked.toml") == keys
+    changed = keys_of(command, {"settings": ["integral_min=90"]}, "asked.toml")
+    assert settings_of(changed) == {"quick": (90.0, 0.3), "slow": (90.0, 0.3), "none": (None, None)}
+    with pytest.raises(ValueError, match=r"^case 'b': no_such_module cannot be imported"):
+        keys_of(command, {"cases": [f"a: {NAME}", "b: no_such_module:X"]})
+    with pytest.raises(ValueError, match=r"^case 'a': unknown key 'integral_min'"):
+        keys_of(command, {"cases": ["a: basal, integral_min=30", f"b: {NAME}"]})
+
+
+def settings_of(keys):
+    return {case["label"]: (case.get("integral_min"), case.get("proportional_gain")) for case in keys["case"]}
+
+
+def test_a_test_of_estimators_takes_its_settings(outside):
+    keys = keys_of("detect", {"controller": NAME, "settings": ["integral_min=30"]})
+    assert (keys["controller"], keys["integral_min"]) == (NAME, 30.0)
+    with pytest.raises(ValueError, match=r"^unknown key 'integral_min' of a test of estimators"):
+        keys_of("detect", {"settings": ["integral_min=30"]})
+
+
+def test_a_search_for_a_tuning_stands_beside_it(outside):
+    assert keys_of("robust", {"beside": [NAME]})["beside"] == [NAME]
+
+
+def test_it_is_not_tuned_unless_its_entry_says_so(outside):
+    with pytest.raises(ValueError, match=r"cannot be tuned; the known ones are: mpc, mpc-se, nlqdmc-se$"):
+        keys_of("tune", {"controller": NAME})
+
+
+def test_a_setting_that_is_a_key_of_every_run_is_refused(outside, refused):
+    Path("clash.py").write_text(
+        EXAMPLE.read_text().replace("integral_min", "seed").replace("your_own_controller:design", "clash:design")
+    )
+    told = refused("run", "--controller", "clash:ENTRY")
+    assert told.startswith("the controller your-own-pi has a setting 'seed', which is a key of every run already")
+
+
+def test_a_trial_designs_it_for_each_person(outside, glucoloop):
+    cases = ("--case", f"mine: {NAME}, integral_min=60", "--case", "none: basal", "--design", "individual")
+    answer = glucoloop("trial", "--people", "4", *cases, *SHORT, "--out", "t", "--json")
+    assert answer.code == 0, answer.err
+    people = pl.concat([pl.read_parquet(path) for path in sorted(Path("t").rglob("people*.parquet"))])
+    assert people.height == 8
+    varied = people.group_by("controller").agg(pl.col("insulin_total_variation_mU_min").min())
+    assert dict(varied.iter_rows())["mine"] > dict(varied.iter_rows())["none"] == 0.0
+
+
+def _entry(**changed):
+    return ControllerEntry(**{"name": "x", "summary": "", "design": "a:b", **changed})
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"design": "module"}, "'module' of the controller x is no place; write it like module:function"),
+        ({"individual": ":f"}, "':f' of the controller x is no place"),
+        ({"settings": (Setting("k", int, "", Default(1)),) * 2}, "has two settings 'k'; leave one out"),
+        (
+            {"settings": (Setting("k", int, "", Default("a")),)},
+            "a default of the controller x is not allowed: k is 'a'",
+        ),
+    ],
+)
+def test_an_entry_that_cannot_be_meant_is_refused(changed, told):
+    with pytest.raises(ValueError, match=told):
+        _entry(**changed)
+
+
+COMMANDS = {
+    "trial": ("--people", "8", "--setting", "integral_min=60", *SHORT),
+    "stress": ("--people", "4", "--fault", "missing, start_min=20, duration_min=30", *SHORT),
+    "adversary": ("--people", "4", "--generations", "2", "--error", "10", *SHORT),
+    "verify": ("--loops", "20"),
+    "detect": ("--days", "2", "--setting", "integral_min=60"),
+}
+WITH_FOLDER = ("trial", "stress", "adversary")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_takes_it(outside, glucoloop, command):
+    folder = ("--out", "out") if command in WITH_FOLDER else ()
+    answer = glucoloop(command, *COMMANDS[command], *folder, "--controller", NAME)
+    assert answer.code == 0, answer.err
