@@ -130,6 +130,7 @@ def test_a_setting_that_is_a_key_of_every_run_is_refused(outside, refused):
     assert told.startswith("the controller your-own-pi has a setting 'seed', which is a key of every run already")
 
 
+@pytest.mark.long
 def test_a_trial_designs_it_for_each_person(outside, glucoloop):
     cases = ("--case", f"mine: {NAME}, integral_min=60", "--case", "none: basal", "--design", "individual")
     answer = glucoloop("trial", "--people", "4", *cases, *SHORT, "--out", "t", "--json")
