@@ -67,16 +67,18 @@ def pytest_configure(config):
 
 
 LONG = {
-    "cli": ("test_stress", "test_tune"),
+    "cli": ("test_adversary", "test_bound", "test_stress", "test_tune"),
     "bounds": ("test_hedging",),
     "examples": ("test_long_examples",),
     "invariants": ("test_faults",),
     "meal_aware": ("test_experiments",),
     "optimize": ("test_moves_qp", "test_soft_floor"),
-    "simulation": ("test_transformations",),
+    "simulation": ("test_beyond_the_model", "test_transformations"),
     "storage": ("test_trial_cluster",),
     "trials": (
+        "test_adversary_attack",
         "test_campaign",
+        "test_individual",
         "test_individual_meal_mpc",
         "test_robust_loop",
         "test_tuning_oscillation",

@@ -58,6 +58,7 @@ def moved():
     return insulin, np.asarray(gl.excite(patient, insulin).glucose_mg_dl)[:300]
 
 
+@pytest.mark.long
 def test_a_record_in_which_insulin_raises_glucose_gives_no_model_to_use(glucoloop, refused, tmp_path, moved):
     insulin, glucose = moved
     written(tmp_path / "r.csv", insulin, 162.0 - glucose)
@@ -68,6 +69,7 @@ def test_a_record_in_which_insulin_raises_glucose_gives_no_model_to_use(glucoloo
     assert "more insulin would raise glucose" in refused("run", "--model", "m/model.json")
 
 
+@pytest.mark.long
 def test_a_record_that_says_nothing_of_insulin_gives_no_model_to_use(glucoloop, refused, tmp_path, moved):
     insulin, _ = moved
     written(tmp_path / "r.csv", insulin, 120.0 + np.cumsum(np.random.default_rng(1).normal(0, 2, 300)))
@@ -80,6 +82,7 @@ def test_a_record_that_says_nothing_of_insulin_gives_no_model_to_use(glucoloop, 
     assert f"Doubtful model: {answer.json['doubts'][0]}" in out
 
 
+@pytest.mark.long
 def test_meals_of_a_record_are_fitted_and_kept(glucoloop, tmp_path, moved):
     insulin, glucose = moved
     t_min = 5.0 * np.arange(300)
@@ -112,6 +115,7 @@ def test_an_experiment_that_drowns_in_noise_gives_no_model_to_use(glucoloop):
     assert "--samples" in out
 
 
+@pytest.mark.long
 def test_best_pole_dead_time_and_sample_time(glucoloop):
     report = glucoloop(
         "identify", "--best-pole", "--dead-time", 20, "--sample-time", 10, "--samples", 60, "--json"
@@ -126,6 +130,7 @@ def test_unsmoothed_model(glucoloop):
     assert report["fit"]["laguerre_coefficients"] == []
 
 
+@pytest.mark.long
 def test_where_to_use_it(glucoloop):
     out = glucoloop("identify", "--sample-time", 10, "--dead-time", 10, "--out", "m").out
     line = next(line for line in out.splitlines() if line.startswith("Use it: glucoloop "))

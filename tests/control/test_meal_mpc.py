@@ -60,6 +60,7 @@ def test_an_announced_meal_shows_less(unannounced):
     assert announced.insulin_mU_min[early].mean() > unannounced.insulin_mU_min[early].mean() + 2.0
 
 
+@pytest.mark.long
 def test_a_known_dead_time_is_bridged(unannounced):
     """What was read 15 min ago tells of a meal 15 min later; for the rest the loop is the same."""
     late = simulate(PATIENT, dataclasses.replace(CALM, dead_time_samples=3), dead_time(3))
@@ -109,6 +110,7 @@ def forecast_by_hand(controller, told, rates, serving):
     return np.array(glucose)
 
 
+@pytest.mark.long
 def test_the_plan_minimises_the_objective_of_the_docstring():
     """Solved to the end, the program's first move is that of SciPy on a forecast made by other means."""
     tuning = MealTuning(
@@ -140,6 +142,7 @@ def test_the_plan_minimises_the_objective_of_the_docstring():
     assert abs(delivered - before) > 1.0
 
 
+@pytest.mark.long
 def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain():
     other = CALM.for_person(20.0, 1.3, 1.5)
     assert float(other.model.insulin_mU_min) == 20.0

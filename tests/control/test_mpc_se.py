@@ -144,6 +144,7 @@ def medians(patient_81):
 
 
 @pytest.mark.parametrize("case", TABLE_II)
+@pytest.mark.long
 def test_medians_in_noise_with_and_without_dead_time(medians, case):
     assert 81.1 - medians[case] == pytest.approx(TABLE_II[case], abs=1.0)
 

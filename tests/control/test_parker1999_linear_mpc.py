@@ -64,6 +64,7 @@ def noisy_models(record_81, patient_81):
         (3, True, 25.5, 382),
     ],
 )
+@pytest.mark.long
 def test_medians_in_noise_with_and_without_dead_time(
     patient_81, noisy_models, undershoot_and_settling, samples, known, undershoot, settling
 ):

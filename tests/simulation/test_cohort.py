@@ -187,6 +187,7 @@ def reference(varied, mpc):
     ]
 
 
+@pytest.mark.long
 def test_a_day_under_feedback_is_that_of_the_adaptive_method(day, reference):
     _, runs = day
     errors = []
@@ -333,6 +334,7 @@ def test_meals_of_ones_own_are_asked_for(noisy):
         made["native"].run(dataclasses.replace(people, meals=None))
 
 
+@pytest.mark.long
 def test_people_whose_volumes_and_flows_differ(nominal, mpc):
     """Their glucose transport is not that of the exponentials; the difference is integrated with the rest."""
     virtual = virtual_people(TRANSPORT, 2, np.arange(8))

@@ -50,6 +50,7 @@ def test_adaptive_is_scipys_solver_from_kink_to_kink(patient_81, varied, sorense
     np.testing.assert_allclose(varied.states[30], x, rtol=2e-8)
 
 
+@pytest.mark.long
 def test_exponential_is_of_fourth_order(patient_81, script):
     rates, scenario = 25.6 + 5.0 * np.sin(np.arange(72) / 12.0), Scenario([Meal(20.0, 17.3)], 360.0)
     reference = simulate(patient_81, script(rates), scenario=scenario, integrator=Adaptive(1e-12))
@@ -85,6 +86,7 @@ def test_exponential_carries_insulin_exactly(patient_81, script, varied):
 
 
 @pytest.mark.parametrize("tuning", [MPCTuning(2, 8, 1.0, 0.0), MPCTuning(2, 10, 3.0, 1.0)], ids=["noise-free", "noisy"])
+@pytest.mark.long
 def test_a_day_under_control(patient_81, identified_81, tuning):
     """Large meals, so that insulin is at its limit for hours and glucose falls to 60 mg/dl."""
     controller = design_linear_mpc(identified_81.model, tuning)

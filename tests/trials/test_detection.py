@@ -122,6 +122,7 @@ def result(asked):
     return evaluate(asked)
 
 
+@pytest.mark.long
 def test_true_meals_are_all_found_and_sized(result):
     (of,) = result.estimators
     assert of.meals.carbs_g.size == 6

@@ -46,6 +46,7 @@ def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
 
 
 @pytest.mark.parametrize("fault", [FAULTS[0], FAULTS[4], FAULTS[5]])
+@pytest.mark.long
 def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
     cell = next(cell for cell in asked.stress.tried if cell.fault == fault)
     alone = dataclasses.replace(asked.base, faults=(fault,) if fault else ())
