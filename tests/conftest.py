@@ -70,6 +70,7 @@ LONG = {
     "cli": ("test_adversary", "test_bound", "test_stress", "test_tune"),
     "bounds": ("test_hedging",),
     "examples": ("test_long_examples",),
+    "experiments": ("test_individual", "test_individual_meal_mpc"),
     "invariants": ("test_faults",),
     "meal_aware": ("test_experiments",),
     "optimize": ("test_moves_qp", "test_soft_floor"),
@@ -78,8 +79,6 @@ LONG = {
     "trials": (
         "test_adversary_attack",
         "test_campaign",
-        "test_individual",
-        "test_individual_meal_mpc",
         "test_robust_loop",
         "test_tuning_oscillation",
         "test_tuning_search",
