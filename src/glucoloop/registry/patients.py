@@ -136,6 +136,7 @@ _OF_HOVORKA_2004: Final = {
         "glucose_process_noise": Default(0.01),
         "other_process_noise": Default(1e-6),
     },
+    "meal-mpc": {"prediction_horizon": Default(48), "move_weight": Default(3.0)},
     "imc": {"filter_min": Default(120.0), "delay_min": Default(100.0), "step_mU_min": _SMALL_STEP},
     "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
 }
