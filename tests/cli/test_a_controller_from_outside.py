@@ -149,6 +149,7 @@ def _entry(**changed):
     ("changed", "told"),
     [
         ({"design": "module"}, "'module' of the controller x is no place; write it like module:function"),
+        ({"tunable": True}, "the controller x cannot be tunable: it has no setting 'move_horizon'"),
         ({"individual": ":f"}, "':f' of the controller x is no place"),
         ({"settings": (Setting("k", int, "", Default(1)),) * 2}, "has two settings 'k'; leave one out"),
         (

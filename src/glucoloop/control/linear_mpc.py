@@ -5,6 +5,7 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV, eq. (15
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -47,6 +48,18 @@ class LinearMPC:
     def gain(self) -> jax.Array:
         """(p,) the controller in closed form: the move for a unit error at each sample ahead."""
         return self.plan.gain
+
+    @property
+    def horizons(self) -> tuple[int, int]:
+        """Moves that are planned and samples that are looked ahead, as the arrays have them."""
+        return self.plan.hessian.shape[0], self.plan.gain.shape[0]
+
+    def padded(self, moves: int, horizon: int) -> LinearMPC:
+        """The same with room for more moves and more samples, none of which has any weight."""
+        S = self.step_response
+        # Where the model ends, its answer stays, and so do the samples that the controller now looks at in vain.
+        longer = jnp.pad(S, (0, max(0, horizon + 1 - S.shape[0])), mode="edge")
+        return dataclasses.replace(self, step_response=longer, plan=self.plan.padded(moves, horizon))
 
     def init(self, observation: Observation) -> LinearMPCState:
         """At rest under what the pump delivers; the first reading is all that is known of glucose."""

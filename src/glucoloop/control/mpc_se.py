@@ -66,6 +66,23 @@ class MPCSE:
     heals: ClassVar[bool] = True
     """A step leaves a finite state whatever the one before was, so that a guard need not look."""
 
+    @property
+    def horizons(self) -> tuple[int, int]:
+        """Moves that are planned and samples that are looked ahead, as the arrays have them."""
+        return self.plan.hessian.shape[0], self.plan.gain.shape[0]
+
+    def padded(self, moves: int, horizon: int) -> MPCSE:
+        """The same with room for more moves and more samples, none of which has any weight."""
+        more_samples = horizon - self.horizons[1]
+        return dataclasses.replace(
+            self,
+            free_state=jnp.pad(self.free_state, ((0, more_samples), (0, 0))),
+            free_input=jnp.pad(self.free_input, (0, more_samples)),
+            free_innovation=jnp.pad(self.free_innovation, (0, more_samples)),
+            reference=jnp.pad(self.reference, (0, more_samples)),
+            plan=self.plan.padded(moves, horizon),
+        )
+
     def with_basal(self, insulin_mU_min: jax.Array) -> MPCSE:
         """The same controller for somebody else, whose basal rate is the one given: deviations are from that."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)

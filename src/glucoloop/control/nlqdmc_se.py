@@ -69,6 +69,26 @@ class NLQDMC:
     heals: ClassVar[bool] = True
     """A step leaves a finite state whatever the one before was, so that a guard need not look."""
 
+    @property
+    def horizons(self) -> tuple[int, int]:
+        """Moves that are planned and samples that are looked ahead, as the arrays have them."""
+        return self.move_horizon, self.reference.shape[0]
+
+    def padded(self, moves: int, horizon: int) -> NLQDMC:
+        """The same with room for more moves and more samples, none of which has any weight."""
+        own_moves, own_horizon = self.horizons
+        more_moves, more_samples = moves - own_moves, horizon - own_horizon
+        weight = jnp.broadcast_to(jnp.asarray(self.output_weight, float), (own_horizon,))
+        planned = jnp.broadcast_to(jnp.asarray(self.planned, float), (own_moves,))
+        return dataclasses.replace(
+            self,
+            reference=jnp.pad(self.reference, (0, more_samples)),
+            output_weight=jnp.pad(weight, (0, more_samples)),
+            planned=jnp.pad(planned, (0, more_moves)),
+            floor=None if self.floor is None else self.floor.padded(own_horizon, horizon),
+            move_horizon=moves,
+        )
+
     def with_basal(self, insulin_mU_min: jax.Array) -> NLQDMC:
         """The same controller for somebody else, whose basal rate is the one given."""
         return dataclasses.replace(self, beyond_model_mU_min=insulin_mU_min - self.model.insulin_mU_min)

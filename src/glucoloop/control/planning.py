@@ -55,6 +55,11 @@ class GlucoseFloor:
     weight: jax.Array | float
     """w; one, or (p,) one for each sample ahead."""
 
+    def padded(self, own_horizon: int, horizon: int) -> GlucoseFloor:
+        """The same for a longer horizon, whose further samples have no weight."""
+        weight = jnp.broadcast_to(jnp.asarray(self.weight, float), (own_horizon,))
+        return dataclasses.replace(self, weight=jnp.pad(weight, (0, horizon - own_horizon)))
+
 
 def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
     """A floor under predicted glucose, or None at 0 mg/dl, which asks for nothing.
@@ -149,6 +154,21 @@ class MovePlan:
         if self.constraints == "qp":
             return minimise_within(self.hessian, self.gradient @ error_mg_dl, delivered_mU_min, self.limits)
         return self.gain @ error_mg_dl, jnp.ones(jnp.shape(delivered_mU_min), bool)
+
+    def padded(self, moves: int, horizon: int) -> MovePlan:
+        """The same with room for more moves and more samples, none of which has any weight."""
+        own_moves, own_horizon = self.gradient.shape
+        more_moves, more_samples = moves - own_moves, horizon - own_horizon
+        idle = np.diag(np.repeat([0.0, 1.0], [own_moves, more_moves]))
+        return dataclasses.replace(
+            self,
+            gain=jnp.pad(self.gain, (0, more_samples)),
+            # An idle move has curvature but no slope and no part in the others' cost: the best it can do is nothing.
+            hessian=jnp.pad(self.hessian, (0, more_moves)) + idle,
+            gradient=jnp.pad(self.gradient, ((0, more_moves), (0, more_samples))),
+            floor=None if self.floor is None else self.floor.padded(own_horizon, horizon),
+            response=None if self.response is None else jnp.pad(self.response, ((0, more_samples), (0, more_moves))),
+        )
 
 
 def plan_moves(

@@ -18,6 +18,8 @@ from glucoloop.registry.patients import PatientEntry
 from glucoloop.registry.plugins import added, added_names, loaded
 from glucoloop.registry.settings import Default, Setting, Value, known_names
 
+_TUNED: Final = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
+
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerEntry:
@@ -26,8 +28,8 @@ class ControllerEntry:
     Raises
     ------
     ValueError
-        For a place that is not written as ``module:function``, two settings of one name, or a default that its setting
-        does not allow.
+        For a place that is not written as ``module:function``, two settings of one name, a default that its setting
+        does not allow, or a tunable controller without horizons and weights.
     """
 
     name: str
@@ -42,7 +44,8 @@ class ControllerEntry:
     """``module:function`` that designs it for each person of a trial, see `experiments.individual.individual_design`;
     None for a controller that is the same for everybody."""
     tunable: bool = False
-    """Whether it has horizons and weights of which `glucoloop tune` tries a grid; see `control.padding.Padded`."""
+    """Whether `glucoloop tune` tries a grid of it: it has the settings of a predictive controller, and `horizons` and
+    `padded` as `control.LinearMPC` has them."""
     slow: bool = False
     """Whether a decision takes it so long that studies of many loops close fewer and shorter ones with it."""
 
@@ -51,6 +54,9 @@ class ControllerEntry:
             if place is not None and not all(place.partition(":")):
                 raise ValueError(f"{place!r} of the controller {self.name} is no place; write it like module:function")
         names = [setting.name for setting in self.settings]
+        lacking = [name for name in _TUNED if name not in names]
+        if self.tunable and lacking:
+            raise ValueError(f"the controller {self.name} cannot be tunable: it has no setting {lacking[0]!r}")
         for setting in self.settings:
             if names.count(setting.name) > 1:
                 raise ValueError(f"the controller {self.name} has two settings {setting.name!r}; leave one out")

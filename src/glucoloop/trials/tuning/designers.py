@@ -38,7 +38,7 @@ def uses_reference_filter(controller: str) -> bool:
     ValueError
         For a controller that is not known here.
     """
-    if controller not in TUNABLE:
+    if not controller_entry(controller).tunable:
         raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
     return any(setting.name == "reference_filter" for setting in controller_entry(controller).settings)
 
