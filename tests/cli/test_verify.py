@@ -24,7 +24,12 @@ KEPT = Arm(
 FIGURE = Guarding(
     controller="pid", pairs=50, bare_pct=4.0, guarded_pct=0.5, better=20, worse=1, worst_pct=1.7, worst_person=31
 )
-HOLDS = CampaignResult(seed=3, arms=(KEPT, dataclasses.replace(KEPT, guarded=True)), guarding=(FIGURE,))
+HOLDS = CampaignResult(
+    patient=campaign.Campaign().patient,
+    seed=3,
+    arms=(KEPT, dataclasses.replace(KEPT, guarded=True)),
+    guarding=(FIGURE,),
+)
 BREACH = Broken(
     promise=DOSE, person=17, samples=4, first_min=35.0, faults=("nonsense, key=11, start_min=30, value=nan",)
 )

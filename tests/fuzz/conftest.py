@@ -15,7 +15,7 @@ from glucoloop.cli.mistakes import sentence
 _STOPS = (
     "glucoloop.cli.bounded.optimal_doses",
     "glucoloop.cli.bounded.hedged_doses",
-    "glucoloop.cli.closed_loop.identify",
+    "glucoloop.cli.closed_loop.identified_model",
     "glucoloop.cli.closed_loop.controller_for",
     "glucoloop.cli.identified._method",
     "glucoloop.cli.identified._from_patient",
