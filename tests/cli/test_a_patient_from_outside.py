@@ -106,7 +106,20 @@ COMMANDS = {
     "stress": ("--people", "4", "--controller", "pid", "--fault", "missing, start_min=60, duration_min=30"),
     "verify": ("--loops", "20", "--controller", "pid"),
     "detect": ("--days", "2"),
-    "robust": ("--people", "4", "--seeds", "2", "--check-people", "4", "--check-seeds", "2", "--candidates", "4"),
+    "robust": (
+        "--people",
+        "4",
+        "--seeds",
+        "2",
+        "--check-people",
+        "4",
+        "--check-seeds",
+        "2",
+        "--rounds",
+        "1",
+        "--batch",
+        "4",
+    ),
     "adversary": ("--controller", "pid", "--people", "10", "--generations", "2", "--error", "10"),
 }
 WITH_FOLDER = ("trial", "stress", "robust", "adversary")
