@@ -1,6 +1,7 @@
 """People around the nominal Hovorka patient, and the integrator that carries many of them."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -134,16 +135,20 @@ def test_soundness_sees_an_amount_below_zero_and_interstitial_glucose_below_all_
 
 
 @pytree
-class Nothing:
-    """A fold that keeps nothing."""
+class Extremes:
+    """Lowest and highest glucose on the fine grid, which is what metrics are made of."""
 
     def init(self, glucose_mg_dl, insulin_mU_min):
-        del glucose_mg_dl, insulin_mU_min
-        return ()
+        del insulin_mU_min
+        return {"least": glucose_mg_dl, "most": glucose_mg_dl}
 
     def step(self, state, happened, t_min):
-        del happened, t_min
-        return state
+        del t_min
+        inside = happened.inside_mg_dl
+        return {
+            "least": jnp.minimum(state["least"], jnp.min(inside, axis=0)),
+            "most": jnp.maximum(state["most"], jnp.max(inside, axis=0)),
+        }
 
 
 def test_native_code_carries_people_as_finer_steps_carry_each(published, open_pump):
@@ -158,7 +163,7 @@ def test_native_code_carries_people_as_finer_steps_carry_each(published, open_pu
         IdealSensor(),
         open_pump,
         SampleGrid(sample_time_min=5.0, samples=180),
-        Nothing(),
+        Extremes(),
         setpoint_mg_dl=120.0,
         meals=eaten(meals),
         engine="native",
@@ -174,3 +179,6 @@ def test_native_code_carries_people_as_finer_steps_carry_each(published, open_pu
         )
         assert np.ptp(trace.glucose_mg_dl) > 100.0
         np.testing.assert_allclose(run.glucose_mg_dl[:-1, i], trace.glucose_mg_dl, rtol=0.0, atol=0.02)
+        fine = np.asarray(trace.fine_glucose_mg_dl)
+        assert run.fold["least"][i] == pytest.approx(fine.min(), abs=0.05)
+        assert run.fold["most"][i] == pytest.approx(fine.max(), abs=0.05)

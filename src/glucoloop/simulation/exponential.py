@@ -83,7 +83,9 @@ class Matrices:
     wanted: jax.Array
     """(points,) which of the ``substeps * times`` readings are not padding."""
     transport: jax.Array | None = None
-    """(n, n) T, if it is not the patient's own: what his differs by is then left to the nonlinear part."""
+    """(n, n) T, if it is not the patient's own: what the patient's differs by is left to the nonlinear part."""
+    probe: jax.Array | None = None
+    """(n,) a slow block of which `dense` reads 1 mg/dl, if glucose is read otherwise from the patient's own state."""
 
 
 def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
@@ -237,6 +239,8 @@ def step(
     s_m = (s_a + s_b) / 2.0
     y_end = base + matrices.end[0] @ s_0 + matrices.end[1] @ s_m + matrices.end[2] @ s_1
     glucose = dense[:, 0] @ y + dense[:, 1] @ s_0 + dense[:, 2] @ s_m + dense[:, 3] @ s_1
+    if matrices.probe is not None:
+        glucose = glucose * patient.glucose_mg_dl(patient.join(matrices.probe, jnp.zeros_like(z)))
     return patient.join(y_end, matrices.driven_end @ drive), glucose
 
 

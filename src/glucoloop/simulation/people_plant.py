@@ -12,6 +12,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
 
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.simulation import driven_block
@@ -40,6 +42,8 @@ class PeoplePlant:
         y, z = nominal.split(nominal.working_state())
         if _depends(lambda p: p.transport(y), nominal, patient_varies):
             matrices = dataclasses.replace(matrices, transport=jax.jacfwd(nominal.transport)(y))
+        if _depends(lambda p: p.glucose_mg_dl(p.join(y, z)), nominal, patient_varies):
+            matrices = dataclasses.replace(matrices, probe=_probe(nominal, varied))
         self._own_driven = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
         self._doublings = driven_block.doublings_for(nominal, self.step_min)
         self.single = ExponentialPlant(patient=nominal, matrices=matrices)
@@ -70,6 +74,36 @@ class PeoplePlant:
         """A person's plant."""
         plant: ExponentialPlant = replaced(self.single, self._varies, own)
         return plant
+
+
+def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
+    """A slow block of which the nominal patient's glucose is 1 mg/dl; that of others is their scale.
+
+    Raises
+    ------
+    ValueError
+        Where glucose of others is not in proportion to the nominal patient's whatever the state: then what is read
+        inside a step would not be theirs.
+    """
+    y, z = nominal.split(nominal.working_state())
+    blocks = np.eye(y.size)
+    row = np.array([float(nominal.glucose_mg_dl(nominal.join(jnp.asarray(block), 0.0 * z))) for block in blocks])
+    probe = row / (row @ row)
+    people = np.shape(varied.basal_insulin_mU_min)
+
+    def read(block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        own = jnp.broadcast_to(jnp.asarray(block).reshape(-1, *[1] * len(people)), (block.size, *people))
+        glucose = varied.glucose_mg_dl(varied.join(own, jnp.zeros((z.size, *people))))
+        return np.broadcast_to(np.asarray(glucose, float), people)
+
+    scale = read(probe)
+    for block, of_nominal in zip(blocks, row, strict=True):
+        if not np.allclose(read(block), of_nominal * scale, rtol=1e-9, atol=0.0):
+            raise ValueError(
+                "glucose of these people is not in proportion to that of the nominal patient in the same state, so it "
+                "cannot be read between samples; write the patient's slow block as concentrations"
+            )
+    return jnp.asarray(probe)
 
 
 def varying(many: Any, one: Any) -> list[bool]:
