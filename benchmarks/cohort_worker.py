@@ -25,6 +25,7 @@ from closed_loop import MEALS
 
 from glucoloop._pytree import pytree
 from glucoloop.config.trial import read_trial
+from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
 from glucoloop.simulation.cohort import CohortRun, People
@@ -151,15 +152,14 @@ def without_metrics(precision: str) -> cohort.Cohort:
     """The loop of linear MPC that keeps nothing."""
     prepared = trial("plain", precision)
     given = prepared.trial
-    nominal = engine.patient(given.operating_point)
     example = engine.virtual_people(given.population, given.seed, [0], setpoint_mg_dl=prepared.setpoint_mg_dl)
-    limits = prepared.fold.limits
+    around = surroundings_of(given)
     return cohort.Cohort(
-        nominal,
+        given.nominal,
         example.patient,
         prepared.cases["mpc"].controller,
-        engine.sensor_of(0.0, given.noise_bound_mg_dl, 0),
-        engine.pump_of(limits, None),
+        around.sensor,
+        around.pump,
         prepared.grid,
         Nothing(),
         setpoint_mg_dl=prepared.setpoint_mg_dl,
@@ -210,7 +210,7 @@ def accuracy(people: int, tolerance: float) -> dict[str, float]:
 
         return jax.lax.scan(sample, x, (insulin, times))[1]
 
-    nominal = engine.patient(prepared.trial.operating_point)
+    nominal = prepared.trial.nominal
     patients = [block.patient for block in blocks]
 
     def error(person: int) -> float:

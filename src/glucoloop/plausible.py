@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -63,6 +64,8 @@ class Quantity:
 
     def meant(self, value: float) -> Iterator[tuple[OtherUnit, float]]:
         """The other units in which the value would be plausible, each with the value in the quantity's own unit."""
+        if abs(value) > sys.float_info.max:  # a whole number beyond all floats
+            return
         for other in self.others:
             converted = value * other.factor
             if value != 0.0 and self.plausible(converted):

@@ -30,7 +30,7 @@ def test_of_people_in_native_code(monkeypatch):
 
     _, plain = run()
     design = engine.controller_of
-    monkeypatch.setattr(engine, "controller_of", lambda *given: guarded(design(*given), OPEN, given[-1]))
+    monkeypatch.setattr(engine, "controller_of", lambda *given: guarded(design(*given), OPEN, trial.limits))
     prepared, behind_guard = run()
     assert isinstance(prepared.cases["mpc"].controller, Guard)
     np.testing.assert_array_equal(behind_guard.insulin_mU_min, plain.insulin_mU_min)

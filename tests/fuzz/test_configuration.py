@@ -77,6 +77,7 @@ def test_identification(refusal, keys):
 @given(keys_among({"guard", *trial_key_names()}), st.lists(keys_among({"label", *run_keys()}), max_size=2))
 @example({"traces": "9" * 5000}, [])
 @example({"sample_time_min": 1e-310}, [])
+@example({"dead_time_min": 10**400}, [])
 @settings(max_examples=200)
 def test_trial(refusal, keys, cases):
     if refusal(read_trial, keys, cases) is None:
