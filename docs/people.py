@@ -5,7 +5,12 @@
     ... --noise 1.45 --out noisy
     python docs/people.py quiet/summary.json noisy/summary.json
 
-It rewrites ``guide/people.md``.
+It rewrites ``guide/people.md``; with ``--page NAME`` another page, as that of another patient's people:
+
+    glucoloop trial --patient hovorka-2004 --people 200 --meal 50g@50min --controller imc --controller pid \
+        --controller mpc --controller mpc-se --seed 1 --out quiet
+    ... --noise 1.45 --out noisy
+    python docs/people.py --page people_of_hovorka quiet/summary.json noisy/summary.json
 """
 
 import json
@@ -49,11 +54,12 @@ def table(summary):
     return "\n".join(lines)
 
 
-def main(paths):
+def main(arguments):
+    page, paths = (arguments[1], arguments[2:]) if arguments[0] == "--page" else ("people", arguments)
     summaries = [json.loads(Path(path).read_text(encoding="utf-8")) for path in paths]
     text = "\n\n".join(table(summary) for summary in summaries)
     text += f"\n\nMade with glucoloop {summaries[0]['version']}.\n"
-    (Path(__file__).resolve().parent / "guide" / "people.md").write_text(text, encoding="utf-8")
+    (Path(__file__).resolve().parent / "guide" / f"{page}.md").write_text(text, encoding="utf-8")
     print(text)
 
 
