@@ -109,6 +109,15 @@ def test_mmol_per_litre_stands_on_the_right(quiet):
     np.testing.assert_allclose(right.get_ylim(), np.array(above.get_ylim()) / MG_DL_PER_MMOL_L)
 
 
+def test_units_per_hour_stand_on_the_right(quiet):
+    figure = plot(quiet, units_per_hour=True)
+    figure.draw_without_rendering()
+    below = figure.axes[1]
+    (right,) = below.child_axes
+    assert right.get_ylabel() == "Insulin (U/h)"
+    np.testing.assert_allclose(right.get_ylim(), np.array(below.get_ylim()) * 0.06)
+
+
 @pytest.mark.parametrize(("width", "mm"), [("single", 88.0), ("double", 180.0)])
 def test_a_column_has_its_width_and_its_words_fit(quiet, noisy, width, mm):
     long = "A controller whose name will not fit on one line of a single column, nor should it have to"

@@ -14,12 +14,14 @@ from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.metrics import Metrics, summarise
+from glucoloop.patients.capabilities import SUBCUTANEOUS, insulin_route
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace, simulate
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
+from glucoloop.units import u_h_from_mu_min
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def close_the_loop(run: Run) -> Outcome:
         trace=trace,
         metrics=metrics,
         limits=situation.limits,
-        notes=(*notes_on(run, model), *notes_on_trace(trace, metrics)),
+        notes=(*notes_on(run, model), *notes_on_patient(situation), *notes_on_trace(trace, metrics)),
     )
 
 
@@ -158,6 +160,17 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
         )
     elif case.known_dead_time:
         yield "There is no dead time to know of; --dead-time adds one."
+
+
+def notes_on_patient(situation: Situation) -> Iterator[str]:
+    """The basal rate in the unit of pumps, where insulin is given under the skin."""
+    person = situation.nominal
+    if insulin_route(person) == SUBCUTANEOUS:
+        basal = float(person.basal_insulin_mU_min)
+        yield (
+            f"Insulin is given under the skin; the basal rate is {u_h_from_mu_min(basal):.4g} U/h, "
+            f"which is {basal:.4g} mU/min."
+        )
 
 
 def notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from glucoloop.cli.screen import note
+from glucoloop.patients.capabilities import SUBCUTANEOUS, insulin_route
 from glucoloop.report import interactive_page, plot, plots_lack
 
 if TYPE_CHECKING:
@@ -37,9 +38,10 @@ def tell_what_plots_lack() -> None:
 
 def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:
     """The figure for print and the page to zoom into, of runs in the same situation."""
-    limits = next(iter(outcomes.values())).limits
+    first = next(iter(outcomes.values()))
+    limits, under_the_skin = first.limits, insulin_route(first.run.situation.surroundings().nominal) == SUBCUTANEOUS
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
-    write_figure(folder, "figure", plot(traces, title=title, mmol=mmol, limits=limits))
+    write_figure(folder, "figure", plot(traces, title=title, mmol=mmol, units_per_hour=under_the_skin, limits=limits))
     tell_what_plots_lack()
     folder.write("figure.html", interactive_page(traces, metrics, title=title, limits=limits))

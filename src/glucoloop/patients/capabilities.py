@@ -15,6 +15,8 @@ import numpy.typing as npt
 from glucoloop.patients.protocol import Patient
 
 USUAL_SITE: Final = "plasma"
+INTRAVENOUS: Final = "intravenous"
+SUBCUTANEOUS: Final = "subcutaneous"
 
 
 def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
@@ -30,6 +32,12 @@ def sites(patient: Patient) -> tuple[str, ...]:
     """Where glucose can be read, the site of the glucose that is controlled first; one alone if nothing is told."""
     told: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
     return told
+
+
+def insulin_route(patient: Patient) -> str:
+    """How insulin is given: ``"intravenous"``, as if nothing is told, or ``"subcutaneous"``."""
+    route: str = getattr(patient, "insulin_route", INTRAVENOUS)
+    return route
 
 
 def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:

@@ -16,7 +16,7 @@ from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.report.people_figure import plot_people
 from glucoloop.simulation import Trace
 from glucoloop.trials.people_run import PeopleRun
-from glucoloop.units import MG_DL_PER_MMOL_L
+from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -34,6 +34,7 @@ def plot(
     title: str | None = None,
     width: Width = "double",
     mmol: bool = False,
+    units_per_hour: bool = False,
     limits: DoseLimits = PARKER_1999_LIMITS,
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
 ) -> Figure:
@@ -53,6 +54,8 @@ def plot(
         Of a printed column: 88 or 180 mm.
     mmol : bool
         Whether a second axis shows glucose in mmol/l.
+    units_per_hour : bool
+        Whether a second axis shows insulin in U/h, as pumps do that give it under the skin.
     limits : DoseLimits
         Of the pump.
     lowest_glucose_mg_dl : float
@@ -94,7 +97,9 @@ def plot(
     below.xaxis.set_major_locator(_style.every(tick))
     figure.align_ylabels([above, below])
     if mmol:
-        _add_mmol_axis(above)
+        _add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
+    if units_per_hour:
+        _add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
 
@@ -216,15 +221,16 @@ def _extent(shown: Sequence[Floats]) -> tuple[float, float]:
     return low, max(high, low + 1.0)
 
 
-def _add_mmol_axis(axes: Axes) -> None:
+def _add_axis(axes: Axes, factor: float, name: str) -> None:
+    """A second axis, on the right: the unit of the left one is so many of its own."""
     right = axes.secondary_yaxis(
         "right",
         functions=(
-            lambda mg_dl: np.asarray(mg_dl, float) / MG_DL_PER_MMOL_L,
-            lambda mmol_l: np.asarray(mmol_l, float) * MG_DL_PER_MMOL_L,
+            lambda left: np.asarray(left, float) * factor,
+            lambda right: np.asarray(right, float) / factor,
         ),
     )
-    right.set_ylabel("Glucose (mmol/l)")
+    right.set_ylabel(name)
     right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
     right.spines["right"].set_linewidth(0.6)
     right.yaxis.label.set_fontsize(FONT_PT)
