@@ -61,7 +61,7 @@ class Experiment:
     """The rows' loops: one person, one identified model and one record of noise for each seed."""
 
     def __init__(self, seeds=SEEDS):
-        self.person = patient(OPERATING_POINT)
+        self.person = patient(operating_point=OPERATING_POINT)
         self.tuning = PARKER_1999[OPERATING_POINT, True]
         self.linear = linear_model(self.person)
         records, loops = jax.random.split(jax.random.key(SEED))
@@ -73,7 +73,7 @@ class Experiment:
         """The controller of each seed, and the axis of the seeds."""
         samples = int(dead_time.removesuffix("M")) // SAMPLE_TIME_MIN if dead_time.endswith("M") else 0
         if name == "mpc-se":
-            noise = self.tuning.process_noise()
+            noise = self.person.process_noise(*self.tuning.noise)
             tuning = self.tuning.mpc_se
             return design_mpc_se(self.linear, noise, tuning, dead_time_samples=samples, **settings), None
         tuning = self.tuning.mpc

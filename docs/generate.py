@@ -11,6 +11,7 @@ import inspect
 import pkgutil
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -24,6 +25,7 @@ from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.registry.controllers import CONTROLLERS
 from glucoloop.registry.faults import FAULTS
+from glucoloop.registry.patients import PATIENTS
 
 # The everyday interface stands on the page "api"; what the command line is made of is no interface.
 LEFT_OUT = ("cli", "config")
@@ -155,9 +157,7 @@ def controllers() -> str:
             [
                 code(setting.name),
                 setting.default.text,
-                "; ".join(
-                    f"{point}: {quiet}, with noise {loud}" for point, (quiet, loud) in setting.default.at.items()
-                ),
+                "; ".join(elsewhere(entry.name, setting.name)),
                 setting.summary,
             ]
             for setting in entry.settings
@@ -167,6 +167,17 @@ def controllers() -> str:
             rows, columns = [[*row[:2], row[3]] for row in rows], [*columns[:2], columns[3]]
         parts.append(table(columns, rows) if rows else "It has no settings.\n")
     return "\n".join(parts)
+
+
+def elsewhere(controller: str, setting: str) -> Iterator[str]:
+    """Where a setting has another default than the controller's own: a patient, or one of its operating points."""
+    for patient in PATIENTS.values():
+        for place, tunings in (
+            (patient.name, patient.tunings),
+            *((point.name, point.tunings) for point in patient.operating_points),
+        ):
+            if setting in tunings.get(controller, {}):
+                yield f"{place}: {tunings[controller][setting].text}"
 
 
 def metrics() -> str:

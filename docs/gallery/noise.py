@@ -10,7 +10,7 @@ patient = gl.patient()
 tuning = PARKER_1999["setpoint-81", True]
 controllers = {
     "linear MPC": gl.design_linear_mpc(gl.identify(patient).model, tuning.mpc),
-    "MPC/SE": gl.design_mpc_se(gl.linear_model(patient), tuning.process_noise(), tuning.mpc_se),
+    "MPC/SE": gl.design_mpc_se(gl.linear_model(patient), patient.process_noise(*tuning.noise), tuning.mpc_se),
 }
 sensor = gl.white_noise(1.45)
 traces = {name: gl.simulate(patient, controller, sensor, key=3) for name, controller in controllers.items()}

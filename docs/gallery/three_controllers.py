@@ -12,7 +12,7 @@ tuning = PARKER_1999["setpoint-81", False]
 first_order = gl.fit_step(patient)
 controllers = {
     "linear MPC": gl.design_linear_mpc(gl.identify(patient).model, tuning.mpc),
-    "MPC/SE": gl.design_mpc_se(gl.linear_model(patient), tuning.process_noise(), tuning.mpc_se),
+    "MPC/SE": gl.design_mpc_se(gl.linear_model(patient), patient.process_noise(*tuning.noise), tuning.mpc_se),
     "IMC": gl.design_imc(first_order.gain, first_order.tau_min, first_order.delay_min),
 }
 traces = {name: gl.simulate(patient, controller) for name, controller in controllers.items()}

@@ -7,9 +7,9 @@ gathered, which may change the last digit (but not through `exact_sub`).
 
 A target carries these operations out, each rounded to nearest in the program's precision:
 
-=====================================  ==========================================================================
+====================================== ==========================================================================
 operation                              value
-=====================================  ==========================================================================
+====================================== ==========================================================================
 ``input``, ``constant``                a number or a truth from outside, or known
 ``add sub mul div neg abs sqrt floor`` as IEEE 754 has them; ``exact_sub`` is ``sub``
 ``max min``                            the larger or smaller; not a number if either is not
@@ -21,7 +21,7 @@ operation                              value
 ``mantissa exponent``                  ``x = mantissa 2^exponent`` with a mantissa in [1, 2), for normal x above 0
 ``power_of_two``                       two to the whole number which stands in the last bits of a number
 ``ratio``                              a quotient; `divisions` replaces all of them before a target sees them
-=====================================  ==========================================================================
+====================================== ==========================================================================
 """
 
 from __future__ import annotations
