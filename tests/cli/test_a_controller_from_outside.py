@@ -178,4 +178,5 @@ WITH_FOLDER = ("trial", "stress", "adversary")
 def test_every_command_takes_it(outside, glucoloop, command):
     folder = ("--out", "out") if command in WITH_FOLDER else ()
     answer = glucoloop(command, *COMMANDS[command], *folder, "--controller", NAME)
-    assert answer.code == 0, answer.err
+    # it leaves the pump's limits to the pump, and verify finds that: the promise about what is asked for is broken
+    assert answer.code == (1 if command == "verify" else 0), answer.err

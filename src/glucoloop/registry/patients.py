@@ -7,12 +7,11 @@ point of another package in the group ``glucoloop.patients``.
 from __future__ import annotations
 
 import functools
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.registry.plugins import added, added_names
+from glucoloop.registry.plugins import added, added_names, loaded
 from glucoloop.registry.settings import Default, Tunings, known_names
 
 _PRINTED_SAMPLE_TIME_MIN: Final = 5.0
@@ -100,9 +99,14 @@ class PatientEntry:
         }
 
     def load(self) -> Any:
-        """The model; importing it imports JAX."""
-        module, attribute = self.model.split(":")
-        return getattr(importlib.import_module(module), attribute)
+        """The model; importing it imports JAX.
+
+        Raises
+        ------
+        ValueError
+            If there is no such model.
+        """
+        return loaded(self.model)
 
 
 def _process_noise(glucose: Default, other: Default, glucagon: Default) -> dict[str, Default]:
