@@ -16,6 +16,7 @@ from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
+from glucoloop.patients.sorensen.soundness import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.pumps.faults import occlusion
 from glucoloop.registry.fault_text import parse_fault
@@ -85,7 +86,7 @@ def happened(**others):
 
 
 def broken_by(sampled, lowest=GLUCOSE):
-    held = Promises().held(sampled, jnp.asarray(lowest))
+    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest))
     assert tuple(held) == PROMISES
     return {name for name, holds in held.items() if not bool(holds)}
 
@@ -111,7 +112,7 @@ def with_state(**values):
         ({"of_sensor": False}, invariants.FAULTS),
         *(({"x": with_state(**{name: -1e-6})}, invariants.INSULIN_THERE) for name in ("I_B", "I_PI", "N")),
         *(({"x": with_state(**{name: GLUCOSE - 20.0})}, invariants.GLUCOSE_THERE) for name in ("G_BV", "G_G")),
-        ({"x": with_state(G_BI=GLUCOSE - 45.0)}, invariants.GLUCOSE_THERE),
+        ({"x": with_state(G_BI=GLUCOSE - 75.0)}, invariants.GLUCOSE_THERE),  # 70 for the lightest person
         *(({"x": with_state(**{name: -0.2})}, invariants.GLUCOSE_THERE) for name in ("G_L", "G_K", "G_PV", "G_PI")),
     ],
 )
@@ -132,7 +133,7 @@ def test_nothing_is_broken_at_rest_and_what_is_no_number_breaks_what_it_is_in():
 
 
 def test_breaches_are_counted_and_dated():
-    fold, place = Promises(), PROMISES.index(invariants.DOSE)
+    fold, place = Promises(sound=sound), PROMISES.index(invariants.DOSE)
     kept = fold.init(jnp.asarray(GLUCOSE), jnp.asarray(20.0))
     low = jnp.asarray([80.0, 59.9, 70.0, 60.0, 50.0])
     for number, (dose, inside) in enumerate([(20.0, low), (-1.0, low), (20.0, low + 20.0), (-1.0, low)]):
@@ -315,14 +316,14 @@ def closed():
     made = {}
     real = campaign.Loops
 
-    def once(seed, controller, order, horizon):
+    def once(seed, controller, order, horizon, situation):
         guarded = isinstance(controller, Guard)
         if guarded not in made:
-            made[guarded] = real(seed, controller, order, horizon)
+            made[guarded] = real(seed, controller, order, horizon, situation)
         return made[guarded]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(campaign, "catalogue_controller", lambda name: Rogue())
+        patch.setattr(campaign, "catalogue_controller", lambda name, patient: Rogue())
         patch.setattr(campaign, "horizon_min", lambda name: 300.0)
         patch.setattr(campaign, "Loops", once)
         patch.setattr(campaign_loops, "block_size", lambda engine: 256)
@@ -426,8 +427,8 @@ def test_what_cannot_be_tried_is_refused(given, told):
 
 
 def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
-    def nobody(seed, person):
-        drawn = draw_people(seed, person)
+    def nobody(seed, person, patient):
+        drawn = draw_people(seed, person, patient)
         return dataclasses.replace(drawn, able=np.zeros_like(drawn.able))
 
     monkeypatch.setattr(campaign, "draw_people", nobody)
@@ -436,8 +437,8 @@ def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
 
 
 def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
-    def odd(seed, person):
-        drawn = draw_people(seed, person)
+    def odd(seed, person, patient):
+        drawn = draw_people(seed, person, patient)
         return dataclasses.replace(drawn, able=np.asarray(person) % 2 == 1)
 
     monkeypatch.setattr(campaign_people, "draw_people", odd)

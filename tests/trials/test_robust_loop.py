@@ -27,8 +27,8 @@ MINUTES = 150.0
 def _designed_at_once():
     """The least controller with a number to tune in place of one whose design takes seconds."""
 
-    def design(trial, case, nominal, limits):
-        del trial, nominal, limits
+    def design(trial, case):
+        del trial
         if case.tuning["filter_min"] <= 0.0:
             raise ValueError("a filter of no length is not possible")
         return proportional(case.tuning["filter_min"])
