@@ -8,9 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-GROUPS = ("controllers", "patients")
-"""What can be added; the entry points of a package are in the groups ``glucoloop.controllers`` and so on."""
-
 
 def added_names(group: str) -> list[str]:
     """Names that installed packages add to a group; nothing of them is imported."""
@@ -23,7 +20,7 @@ def added(group: str, name: str, kind: type) -> Any | None:
     Parameters
     ----------
     group : str
-        One of `GROUPS`.
+        ``"controllers"`` or ``"patients"``; the entry points of a package are in ``glucoloop.controllers`` and so on.
     name : str
         Of an entry point, or ``module:attribute`` of a module that Python finds or that lies in the current folder.
     kind : type
