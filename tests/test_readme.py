@@ -21,9 +21,10 @@ def blocks(page, *languages):
 
 
 def commands(page):
-    """Lines of blocks and spans of text that are calls of the program."""
+    """Lines of blocks and spans of text that are calls of the program; a backslash joins a line to the next."""
     text = page.read_text(encoding="utf-8")
-    lines = [line.strip() for block in blocks(page, "", "text") for line in block.splitlines()]
+    joined = [re.sub(r"\\\n\s*", "", block) for block in blocks(page, "", "text")]
+    lines = [line.strip() for block in joined for line in block.splitlines()]
     spans = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", FENCE.sub("", text))
     found = [line for line in [*lines, *spans] if COMMAND.match(line)]
     return [line.replace("python3 dev.py run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
