@@ -1,4 +1,4 @@
-"""Bounds: the best that any controller could do for a patient, his meals and a pump, and what noise lets one know."""
+"""Bounds: the best that any controller could do for a patient, given the meals, the pump and the sensor noise."""
 
 from glucoloop.bounds.distance import Distance, bound_of_situation, distance_to_bound
 from glucoloop.bounds.hedging import HedgedDoses, hedged_doses

@@ -1,4 +1,4 @@
-"""What glucose does under a sequence of doses, and how it changes with each of them.
+"""Glucose under a sequence of doses, and its derivative with respect to each dose.
 
 The patient is carried by the exponential integrator of the simulation, with its own meals, so that a plan that is
 found here does the same in `simulate`. Several meals can be followed: people trail, and here they are the same person
@@ -31,36 +31,36 @@ _MEALS_TOGETHER: Final = 3  # numbers of meals are multiples of it, since each n
 
 @dataclass(frozen=True)
 class Course:
-    """A patient at the start of a run, and what reaches him from outside, in one circumstance or several."""
+    """A patient at the start of a run with the meals to come, in one circumstance or several."""
 
     plant: ExponentialPlant
     exogenous: Values
     """(samples, substeps, 3, members) moments of the meals."""
     state: Values
-    """(states, 1) at the start: at rest."""
+    """(states, 1) state at the start, at rest."""
     grid: SampleGrid
     setpoint_mg_dl: float
     resting_mU_min: float
-    """Rate at which he rests before the run."""
+    """Rate at which the patient rests before the run."""
 
     @property
     def samples(self) -> int:
-        """Doses of a plan."""
+        """Number of doses of a plan."""
         return self.grid.samples
 
     @property
     def at_rest(self) -> bool:
-        """Whether he starts at his setpoint."""
+        """Whether the patient starts at the setpoint."""
         glucose = self.plant.patient.glucose_mg_dl(jnp.asarray(self.state))
         return bool(abs(float(glucose[0]) - self.setpoint_mg_dl) <= _AT_REST_MG_DL)
 
     @property
     def members(self) -> int:
-        """Circumstances that are followed at once."""
+        """Number of circumstances that are followed at once."""
         return int(self.exogenous.shape[-1])
 
     def of_members(self, *members: int, samples: int | None = None) -> Course:
-        """Some of the circumstances, over the first samples."""
+        """The course restricted to some of the circumstances and to the first samples."""
         samples = self.samples if samples is None else samples
         grid = sample_grid(samples * self.grid.sample_time_min, self.grid.sample_time_min)
         return replace(self, exogenous=self.exogenous[:samples, ..., list(members)], grid=grid)
@@ -76,7 +76,7 @@ class Course:
         )
 
     def sensitivity(self, insulin_mU_min: Values) -> Values:
-        """Change of each of them with each dose, ``(points, members, samples)``, mg/dl per mU/min."""
+        """Derivative of glucose with respect to each dose, ``(points, members, samples)``, mg/dl per mU/min."""
         return np.concatenate(
             [
                 _sensitivity(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
@@ -120,7 +120,7 @@ def course_of(
 
 
 def _padded(meals: Eaten, most: int) -> Eaten:
-    """Meals of one member, with as many of 0 g as it takes."""
+    """Meals of one member, padded with meals of 0 g to a common number."""
     padded: Eaten = jax.tree.map(lambda part: np.pad(part, (0, most - part.size))[:, None], meals)
     return padded
 

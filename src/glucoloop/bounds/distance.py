@@ -1,4 +1,4 @@
-"""How far a controller is from the best that there is in its situation."""
+"""Distance of a controller from the bound of its situation."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from glucoloop.pumps.limits import DoseLimits
 
 @dataclass(frozen=True)
 class Distance:
-    """The largest deviation of a run, and how much of it any controller would have had."""
+    """The largest deviation of a run, and the part of it that no controller could have avoided."""
 
     deviation_mg_dl: float
-    """Of the run, from its setpoint, to either side."""
+    """Largest deviation of the run from its setpoint, to either side."""
     bound_mg_dl: float
     distance_mg_dl: float
-    """What is above the bound."""
+    """Part of the deviation that is above the bound."""
 
 
 def distance_to_bound(glucose_mg_dl: ArrayLike, bound: OptimalDoses) -> Distance:
@@ -31,9 +31,9 @@ def distance_to_bound(glucose_mg_dl: ArrayLike, bound: OptimalDoses) -> Distance
     Parameters
     ----------
     glucose_mg_dl : (points,) array
-        Free of noise, on the grid of one minute.
+        Glucose free of noise, on the grid of one minute.
     bound : OptimalDoses
-        Of the objective ``deviation``.
+        Bound for the objective ``deviation``.
 
     Raises
     ------
@@ -62,15 +62,15 @@ def bound_of_situation(
 ) -> OptimalDoses:
     """The bound that holds for every controller of a situation, however it learns of meals.
 
-    Meals that are announced are known at the sample before they begin, others a dead time after, when the first
-    reading that they change is told: with noise nobody knows of them so early.
+    Announced meals are known at the sample before they begin. Other meals are known a dead time after their start, at
+    the first reading that they change; with sensor noise no controller knows of them so early.
 
     Parameters
     ----------
     patient, scenario, pump_limits
         As for `optimal_doses`.
     dead_time_min : float
-        Of the readings.
+        Dead time of the readings.
     sample_time_min : float
     """
     known_after_min = dead_time_min

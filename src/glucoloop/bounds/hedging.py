@@ -1,9 +1,9 @@
-"""What noise lets anybody know of a meal, and how close he can then come who prepares for both things it may be.
+"""Two-scenario minimax bound: how closely glucose can be kept when sensor noise hides whether a meal is under way.
 
-Two worlds: nobody eats, and the meal begins; or, later, it ends, and it goes on, being a fifth larger. Until the
-readings tell the worlds apart the doses must be the same in both, and from then on everything is given away. Sought are
-the doses that make the largest deviation of the worse world as small as can be: a scenario program. It allows hedging,
-that is to act on what is but likely.
+There are two worlds: either no meal begins or the meal begins; or, later, the meal ends or it goes on and is a fifth
+larger. Until the readings tell the worlds apart the doses must be the same in both; from then on the true world is
+taken as known. The doses sought are those that make the largest deviation of the worse world as small as possible,
+which is a scenario program. Hedging, which means acting on what is only likely, is allowed.
 
 Readings are those of white noise of the standard deviation s. Worlds whose readings differ by d_k are told apart by the
 best test, if both are as likely, with the error ::
@@ -40,12 +40,15 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 Values = npt.NDArray[np.float64]
 
 TOLD_ERRORS: Final = (0.25, 0.05)
-"""Errors at which worlds count as told apart: from the first on some know, from the second on nearly all."""
+"""Errors of the test at which worlds count as told apart. At the first some controllers know the world, at the second
+nearly all do.
+"""
 LARGER: Final = 1.2
-"""Times as large is the meal that this one could be as well: one that goes on until then, and hardly longer. A much
-larger one may ask for more than the pump can give, and then it is the pump that is seen."""
+"""Size of the alternative meal relative to the true one. A larger meal lasts longer, so its readings differ only after
+the true meal has ended. With a much larger factor the limits of the pump, not the noise, would decide the result.
+"""
 _FOLLOWED_MIN: Final = 120.0
-"""After the worlds are told apart; the largest deviation is long past then."""
+"""Time that is followed after the worlds are told apart; by then the largest deviation is long past."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +56,17 @@ class HedgedDoses:
     """The best doses for two worlds that are told apart at one moment; both are followed for two hours from then on."""
 
     question: str
-    """What is told late: whether the meal ``begins``, or whether it ``ends``."""
+    """The fact that is known late: whether the meal ``begins``, or whether it ``ends``."""
     error: float
-    """Of the best test, at the moment at which the worlds count as told apart."""
+    """Error of the best test at the moment at which the worlds count as told apart."""
     told_after_min: float
-    """From the start of the meal until then; infinite if it is not within the run."""
+    """Time from the start of the meal until the worlds are told apart; infinite if that is not within the run."""
     deviation_mg_dl: float
-    """Largest deviation from the setpoint, of the worse world: the least that was found."""
+    """Least value that was found for the largest deviation from the setpoint in the worse world."""
     meal: OptimalDoses
-    """In the world of the meal as it is."""
+    """Doses and glucose in the world of the true meal."""
     other: OptimalDoses
-    """In the other one: no meal, or the larger one."""
+    """Doses and glucose in the other world: no meal, or the larger one."""
 
     @property
     def converged(self) -> bool:
@@ -81,33 +84,34 @@ def hedged_doses(
     dead_time_min: float = 0.0,
     sample_time_min: float = 5.0,
 ) -> Iterator[HedgedDoses]:
-    """How close anybody could keep a patient whose readings have noise, and who does not announce his meal.
+    """The best doses for a patient whose readings have noise and whose meal is not announced.
 
-    First for whether the meal begins, then for whether it ends, for each error. Doses before its start are basal.
+    For each error the first result is about whether the meal begins, the second about whether it ends. Doses before the
+    start of the meal are basal.
 
     Parameters
     ----------
     patient : SemilinearPatient
-        One person, who rests at his setpoint until he eats.
+        One person, who rests at the setpoint until the meal.
     scenario : Scenario
-        With one meal.
+        A scenario with exactly one meal.
     noise_variance : float
-        Of white noise on the readings, (mg/dl)^2. Bounds of the noise are left out.
+        Variance of the white noise on the readings, (mg/dl)^2. Bounds of the noise are left out.
     pump_limits : DoseLimits
     errors : sequence of float
         Each above 0 and below 0.5.
     dead_time_min : float
-        By which readings are late, rounded to samples.
+        Delay of the readings, rounded to samples.
     sample_time_min : float
 
     Returns
     -------
     iterator of HedgedDoses
-        Worked out one after the other. For the two worlds there is this bound (Le Cam): doses are one function of the
-        readings in both, so that whoever stays below ``deviation_mg_dl`` has told by his doses which world it is. He
-        fails in the one or the other with probabilities that sum up to at least twice ``error``: nobody is below it in
-        both with a certainty of more than ``1 - error``. It is an estimate all the same: the differences of readings
-        are taken under basal doses, and the minimum is a local one.
+        Results, computed one after the other. For the two worlds there is this bound (Le Cam): doses are one function
+        of the readings in both, so that a controller that stays below ``deviation_mg_dl`` has told by its doses which
+        world it is. It fails in the one or the other with probabilities that sum up to at least twice ``error``: no
+        controller is below it in both with a certainty of more than ``1 - error``. It is an estimate all the same: the
+        differences of readings are taken under basal doses, and the minimum is a local one.
 
     Raises
     ------
@@ -124,7 +128,7 @@ def hedged_doses(
     worlds = course_of(patient, scenario, sample_time_min, [[meal], [], [larger]])
     if not worlds.at_rest:
         raise ValueError(
-            "the patient does not rest at his setpoint, so that insulin changes before the meal is known; "
+            "the patient does not rest at the setpoint, so that insulin changes before the meal is known; "
             "leave out the other setpoint or initial glucose"
         )
     basal = np.clip(worlds.resting_mU_min, float(pump_limits.min_mU_min), float(pump_limits.max_mU_min))
@@ -145,7 +149,7 @@ def hedged_doses(
 
 
 def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[float]) -> None:
-    """Refuse what hedging cannot be worked out for.
+    """Refuse a scenario, a noise or errors for which hedging cannot be computed.
 
     Raises
     ------
@@ -167,12 +171,12 @@ def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[fl
 
 
 def told_apart(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
-    """The first sample whose reading brings the best test of two worlds to an error; their number if none does.
+    """First sample whose reading brings the best test of two worlds to an error; the number of samples if none does.
 
     Parameters
     ----------
     difference_mg_dl : (samples,) array
-        Of the readings of the two, without noise.
+        Difference of the noise-free readings of the two worlds.
     noise_variance : float
     error : float
         Probability of the wrong answer, where both worlds are as likely.

@@ -1,9 +1,10 @@
-"""The best doses that there are for a patient, his meals and a pump, by optimal control on the nonlinear patient.
+"""The best doses for a patient with given meals and pump, by optimal control of the nonlinear patient.
 
-A direct method, single shooting: the rates at the samples are what is sought, the simulation is carried along, and the
-limits of the pump are linear constraints. A first minimisation finds how small the deviation can be. Many plans come
-as close; a second takes the one with the least sum of squared moves and squared deviations at the samples, in mU/min
-and mg/dl, so that there is one plan, and a sane one: moves alone would be least if glucose stayed at the edge.
+The method is direct single shooting: the rates at the samples are the unknowns, the simulation is carried along, and
+the limits of the pump are linear constraints. A first minimisation finds how small the deviation can be. Many plans
+come as close; a second minimisation takes the one with the least sum of squared moves and squared deviations at the
+samples, in mU/min and mg/dl, so that the plan is unique and realistic: with moves alone the least sum would leave
+glucose at the edge.
 
 References
 ----------
@@ -39,11 +40,11 @@ OBJECTIVES: Final = {
     "peak": "the peak, and the undershoot with a hundredth of its weight",
     "sse": "the sum of squared deviations over samples, those below the setpoint weighted",
 }
-"""What a plan can make as small as can be."""
+"""Objectives that a plan can minimise, each with its meaning."""
 IN_ADVANCE: Final = -math.inf
-"""As `known_after_min`: all meals are known from the start."""
+"""Value of `known_after_min` for meals that are all known from the start."""
 MOST_SAMPLES: Final = 600
-"""A plan of so many doses takes minutes."""
+"""Largest number of doses of a plan; a plan of so many takes minutes."""
 
 TOLERANCE_MG_DL: Final = 1e-4
 _LESS_WEIGHT: Final = 0.01
@@ -56,19 +57,19 @@ _CALM: Final = 1e-5  # weight of squares in the second minimisation, beside 1 fo
 
 @dataclass(frozen=True)
 class OptimalDoses:
-    """The best doses found, and what they do; NumPy arrays of one person."""
+    """The best doses found and the glucose under them; NumPy arrays of one person."""
 
     t_min: Values
-    """(samples,)"""
+    """(samples,) times of the doses."""
     insulin_mU_min: Values
-    """(samples,) from each sample to the next, within the limits of the pump."""
+    """(samples,) rates from each sample to the next, within the limits of the pump."""
     fine_t_min: Values
     """(points,) a grid of one minute, from 0 to the horizon."""
     glucose_mg_dl: Values
-    """(points,) on it."""
+    """(points,) glucose on the fine grid."""
     setpoint_mg_dl: float
     basal_insulin_mU_min: float
-    """Rate at which he rests before the run."""
+    """Rate at which the patient rests before the run."""
     known_after_min: float
     objective: str
     bound: float
@@ -77,17 +78,18 @@ class OptimalDoses:
     """Largest deviation from the setpoint under this plan; the second minimisation may have raised it by a thousandth
     and 0.001 mg/dl."""
     undershoot_mg_dl: float
-    """Setpoint less least glucose."""
+    """Setpoint less the least glucose."""
     peak_mg_dl: float
     settling_min: float
-    """From the first meal until glucose is within 2 % of the setpoint for good."""
+    """Time from the first meal until glucose stays within 2 % of the setpoint."""
     settled: bool
     converged: bool
     """Whether the plan is stationary: `optimality` is at most 0.002 mg/dl or half a percent of `bound`."""
     iterations: int
     optimality: float
-    """By how much a linear program foretells that the objective could fall if every dose were changed by up to
-    1 mU/min; in its unit."""
+    """Decrease of the objective that a linear program predicts if every dose may change by up to 1 mU/min; in the unit
+    of the objective.
+    """
 
     def within(self, limits: DoseLimits, slack_mU_min: float = 1e-9) -> bool:
         """Whether the plan keeps the limits of a pump that rested at the rate of the patient."""
@@ -108,7 +110,7 @@ def optimal_doses(
     sample_time_min: float = 5.0,
     start_mU_min: ArrayLike | None = None,
 ) -> OptimalDoses:
-    """Doses that keep a patient as close to his setpoint as anything could that a controller may do.
+    """Doses that keep a patient as close to the setpoint as any controller could.
 
     With glucose deviations ``e_k`` on a grid of one minute, ``deviation`` solves ::
 
@@ -125,16 +127,16 @@ def optimal_doses(
         The 50 g oral glucose test by default. The patient starts at rest. Whether meals are announced does not matter.
     pump_limits : DoseLimits
     known_after_min : float
-        When each meal becomes known, with its size, counted from its start: 0 is perfect information from its first
-        minute, a negative value is knowledge in advance, and `IN_ADVANCE` from the start of the run. What is known is
-        acted on at the next sample. Delays of readings and of action add up here.
+        Time at which each meal and its size become known, counted from its start: 0 is perfect information from its
+        first minute, a negative value is knowledge in advance, and `IN_ADVANCE` from the start of the run. What is
+        known is acted on at the next sample. Delays of readings and of action add up here.
     objective : str
         One of `OBJECTIVES`.
     undershoot_weight : float
-        For ``sse``, of the squares below the setpoint.
+        Weight of the squares below the setpoint, for ``sse``.
     sample_time_min : float
     start_mU_min : (samples,) array, optional
-        Where the search begins; at the basal rate by default. It is brought within the limits.
+        Doses from which the search begins; the basal rate by default. They are brought within the limits.
 
     Returns
     -------
@@ -173,7 +175,7 @@ def optimal_doses(
 
 
 def check_objective(objective: str, undershoot_weight: float) -> None:
-    """Refuse what is no objective.
+    """Refuse an unknown objective or a weight that is not positive.
 
     Raises
     ------
@@ -187,7 +189,7 @@ def check_objective(objective: str, undershoot_weight: float) -> None:
 
 
 def check_known_after(known_after_min: float) -> None:
-    """Refuse what is no time.
+    """Refuse a time that is not a number or that is infinite.
 
     Raises
     ------
@@ -216,12 +218,12 @@ def check_samples(horizon_min: float, sample_time_min: float) -> None:
 
 
 def first_free_sample(t_min: Values, known_at_min: float) -> int:
-    """The first sample at which something can be done about what becomes known then."""
+    """First sample whose dose can react to a fact that becomes known at the given time."""
     return int(np.searchsorted(t_min, known_at_min - 1e-9))
 
 
 def _stages(scenario: Scenario, course: Course, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
-    """The meals known at each stage, and the first dose that may reckon with them; if none is left, all are given."""
+    """Meals known at each stage and the first dose that may react to them; all doses are given if no meal is left."""
     stages: dict[int, tuple[Meal, ...]] = {}
     if not course.at_rest:
         stages[0] = ()
@@ -232,7 +234,7 @@ def _stages(scenario: Scenario, course: Course, known_after_min: float) -> list[
 
 
 def _allowed(resting_mU_min: float, limits: DoseLimits) -> float:
-    """As a pump begins that has long delivered a rate."""
+    """Rate within the pump's limits that the pump has delivered for a long time before the run."""
     return float(np.clip(resting_mU_min, float(limits.min_mU_min), float(limits.max_mU_min)))
 
 
@@ -243,16 +245,16 @@ class Plan:
     course: Course
     limits: Limits
     place: Indices
-    """(samples, members) where in the vector each dose stands; circumstances share doses until they are told apart."""
+    """(samples, members) position of each dose in the vector; circumstances share doses until they are told apart."""
 
     @classmethod
     def of_one(cls, course: Course, limits: DoseLimits, first: int) -> Plan:
-        """A plan whose doses before a sample are what they are."""
+        """A plan whose doses before a sample are fixed."""
         return cls.of_several(course, limits, first, course.samples)
 
     @classmethod
     def of_several(cls, course: Course, limits: DoseLimits, first: int, apart: int) -> Plan:
-        """Circumstances whose doses are given before the sample `first`, and the same before the sample `apart`."""
+        """Plan for several circumstances: doses before `first` are fixed, and doses before `apart` are shared."""
         n, members = course.samples, course.members
         place = np.arange(n * members).reshape(n, members)
         place[:apart] = place[:apart, :1]
@@ -278,7 +280,7 @@ class Plan:
         return cls(course=course, limits=within, place=place)
 
     def vector(self, doses: Values) -> Values:
-        """The vector of doses ``(samples,)`` of all members alike, within the limits."""
+        """The vector of doses ``(samples,)``, the same for all members, within the limits."""
         v = np.zeros(self.limits.free.size)
         v[self.place] = self._clipped(doses)[:, None]
         return v
@@ -296,7 +298,7 @@ class Plan:
         return clipped
 
     def deviation(self, v: Values) -> Values:
-        """Of all members from the setpoint, one after the other."""
+        """Deviations of all members from the setpoint, one member after the other."""
         return (self.course.glucose_mg_dl(self.doses(v)) - self.course.setpoint_mg_dl).T.ravel()
 
     def jacobian(self, v: Values) -> Values:
@@ -321,7 +323,7 @@ class Plan:
         return replace(found, value=measure.value(found.g, np.zeros(1)))
 
     def calm(self, found: Minimum, objective: str) -> Minimum:
-        """Of all plans that come nearly as close as a minimum, the one with the least squares."""
+        """The plan with the least squares among all that come nearly as close as a minimum."""
         measure = self._measure(objective, 1.0)
         if measure.weight is not None:  # there is but one
             return found
@@ -342,7 +344,7 @@ class Plan:
         return Measure(weight=2.0 * self._at_samples(), below=undershoot_weight, moves=1e-6)
 
     def _at_samples(self) -> Values:
-        """1 for each point that is a sample, 0 for those between, of all members."""
+        """Indicator of the points that are samples, 1 there and 0 between them, for all members."""
         weight = np.zeros(self.course.grid.fine_t_min.size)
         weight[: -1 : self.course.grid.inside_min.size] = 1.0
         return np.tile(weight, self.course.members)
@@ -360,7 +362,7 @@ def told(
     known_after_min: float,
     objective: str,
 ) -> OptimalDoses:
-    """What a plan does, in numbers."""
+    """Collect the results of a plan in a record."""
     glucose = course.glucose_mg_dl(doses[:, None])[:, 0]
     t_min, setpoint = course.grid.fine_t_min, course.setpoint_mg_dl
     from_min = scenario.meals[0].t_min if scenario.meals else 0.0

@@ -1,6 +1,6 @@
-"""Smallest largest deviation, or another convex measure, of what depends nonlinearly on a plan: the prox-linear method.
+"""Prox-linear method: minimise the largest value, or another convex measure, of a nonlinear function of a plan.
 
-To be minimised over the plan v within linear limits is::
+The problem is to minimise over the plan v, within linear limits::
 
     F(v) = sum_j c_j max(0, max_k(+-g_k(v)) - cap_j) + 1/2 sum_k w_k g_k(v)^2 + rho/2 |D v - d|^2
 
@@ -9,9 +9,9 @@ adds ``lambda/2 |dv|^2``, which makes it a strictly convex quadratic program for
 the linearisation foretold the decrease well, and grows until there is one. At the end an independent linear program
 (SciPy's HiGHS) tells how far from stationary the plan is.
 
-Why this? A sequence of linear programs within a trust region comes as low, but its steps go to corners, and it needs
-three times as many. SciPy's SLSQP meets more than a thousand constraints at each step as one dense system and takes
-minutes, and the functions of a minimum have kinks, of which `trust-constr` knows nothing.
+This method was chosen by comparison. A sequence of linear programs within a trust region comes as low, but its steps go
+to corners, and it needs three times as many. SciPy's SLSQP meets more than a thousand constraints at each step as one
+dense system and takes minutes, and the functions of a minimum have kinks, of which `trust-constr` knows nothing.
 
 References
 ----------
@@ -39,7 +39,7 @@ _QP_SOUND: Final = 1e-7
 _LEAST_LAMBDA, _LARGEST_LAMBDA = 1e-8, 1e6
 _REACH: Final = 1.0
 _MANY_ROWS: Final = 2500
-"""A larger program is solved with those of its constraints that matter: it costs as much as it has rows."""
+"""Number of rows above which only the constraints that matter are kept; the cost of a program grows with its rows."""
 _ROWS_TOGETHER: Final = 512  # numbers of rows are multiples of it, since each number is compiled for
 _BROKEN: Final = 1e-8
 _FIRST_ROWS: Final = 5
@@ -48,60 +48,63 @@ _NEAR_MU_MIN: Final = 1.0
 
 @dataclass(frozen=True)
 class Measure:
-    """What is minimised; see the head of the file. Below the setpoint first, above it second."""
+    """The measure to be minimised; see the head of the file.
+
+    The first entry of a pair is for values below the setpoint.
+    """
 
     cost: tuple[float, float] = (0.0, 0.0)
     cap_mg_dl: tuple[float, float] = (0.0, 0.0)
     joint: bool = False
-    """Whether one maximum is taken of both sides, at the first cost."""
+    """Whether one common maximum of both sides is taken, at the first cost."""
     weight: Values | None = None
-    """(points,) of squares of deviations, times `below` where glucose is below the setpoint."""
+    """(points,) weights of squared deviations, multiplied by `below` where glucose is below the setpoint."""
     below: float = 1.0
     moves: float = 0.0
-    """rho"""
+    """Weight rho of the squared moves."""
 
     def excess(self, g: Values) -> tuple[float, float]:
-        """How far glucose is beyond each cap."""
+        """Amount by which glucose is beyond each cap."""
         low = max(0.0, float(-g.min()) - self.cap_mg_dl[0])
         high = max(0.0, float(g.max()) - self.cap_mg_dl[1])
         return (max(low, high), 0.0) if self.joint else (low, high)
 
     def weights(self, g: Values) -> Values:
-        """Of the squares."""
+        """Weights of the squared deviations."""
         if self.weight is None:
             return np.zeros_like(g)
         weights: Values = self.weight * np.where(g < 0.0, self.below, 1.0)
         return weights
 
     def value(self, g: Values, moves: Values) -> float:
-        """F itself."""
+        """Value of the measure F."""
         largest = float(np.dot(self.cost, self.excess(g)))
         return largest + 0.5 * float(self.weights(g) @ g**2) + 0.5 * self.moves * float(moves @ moves)
 
 
 @dataclass(frozen=True)
 class Limits:
-    """``low <= v <= high`` and ``|D v - d| <= most``; what is not free stays as it is."""
+    """Limits ``low <= v <= high`` and ``|D v - d| <= most``; variables that are not free keep their values."""
 
     low: float
     high: float
     most: float
     D: Values
-    """(rows, n); rows without a free variable are zero."""
+    """(rows, n) matrix of the moves; rows without a free variable are zero."""
     d: Values
     free: npt.NDArray[np.bool_]
-    """(n,)"""
+    """(n,) whether each variable is free."""
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """What was found."""
+    """Result of a minimisation."""
 
     v: Values
     g: Values
     value: float
     optimality: float
-    """By how much a linear program foretells that F could fall if each variable moved by up to 1; 0 if stationary."""
+    """Decrease of F that a linear program predicts if each variable may move by up to 1; 0 for a stationary plan."""
     iterations: int
 
 
@@ -120,7 +123,7 @@ def minimise(
     tolerance: float,
     most_iterations: int = 60,
 ) -> Minimum:
-    """A local minimum.
+    """Find a local minimum of a measure within linear limits.
 
     Parameters
     ----------
@@ -131,9 +134,9 @@ def minimise(
     start : (n,) array
         A plan within the limits.
     tolerance : float
-        It ends when a step foretells a smaller decrease of F.
+        The search ends when a step predicts a smaller decrease of F.
     most_iterations : int
-        Steps tried.
+        Largest number of steps that are tried.
     """
 
     def evaluate(v: Values) -> tuple[Values, float]:
@@ -186,7 +189,7 @@ def _model(measure: Measure, limits: Limits, v: Values, g: Values, J: Values, dv
 
 
 def _rows(measure: Measure, limits: Limits, v: Values, g: Values, J: Values) -> tuple[Values, Values]:
-    """``G (dv, s) <= h``: beyond the caps by no more than s, and within the limits."""
+    """Constraints ``G (dv, s) <= h``: beyond the caps by no more than s, and within the limits."""
     n, points = v.size, g.size
     low, high = np.eye(2)
     if measure.joint:
@@ -213,18 +216,18 @@ def _rows(measure: Measure, limits: Limits, v: Values, g: Values, J: Values) -> 
 
 
 def _cost(measure: Measure) -> Values:
-    """Of s; where a side has none, a little, so that the program is bounded."""
+    """Cost of s; a side without a cost gets a small one, so that the program is bounded."""
     return np.maximum(measure.cost, 1e-6)
 
 
 class _Rows:
-    """The constraints of a large program that matter, kept from step to step; of a small one, all of them."""
+    """The constraints that matter, kept from step to step of a large program; all constraints of a small one."""
 
     def __init__(self) -> None:
         self._kept: npt.NDArray[np.bool_] | None = None
 
     def solve(self, H: Values, f: Values, G: Values, h: Values) -> QPSolution:
-        """Minimiser, with as many rows added as it takes to keep all of them."""
+        """Minimiser of the program; rows are added until all constraints hold."""
         if h.size <= _MANY_ROWS:
             small: QPSolution = _solve(H, f, G, h)
             return small

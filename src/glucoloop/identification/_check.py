@@ -1,4 +1,4 @@
-"""Refusals shared by this layer; values that JAX is tracing have none and pass."""
+"""Checks shared by this layer; values that JAX traces are not checked."""
 
 from __future__ import annotations
 

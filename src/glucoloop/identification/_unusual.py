@@ -1,4 +1,4 @@
-"""Questions about a record whose columns are hardly in the units that they should be in.
+"""Questions about a record whose columns are probably in other units than they should be.
 
 A whole column is in another unit, not one row of it. So a column is judged by one number that is the same for all
 people within a factor of some tens: the usual step of time, the median of glucose, the mean rate of insulin.
@@ -71,7 +71,7 @@ def ask_about_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: floa
 
 
 def _ask(value: float, quantity: Quantity, told: str) -> None:
-    """Refuse a column that one number of it shows to be in another unit, or in none that is known."""
+    """Refuse a column of which one number shows that it is in another unit, or in no known unit."""
     if quantity.plausible(value):
         return
     confirm = f"or {CONFIRM_ARGUMENT} if {quantity.unit} are meant"

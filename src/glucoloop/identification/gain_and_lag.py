@@ -1,8 +1,8 @@
-"""Gain and lag of insulin of a person, relative to somebody whose answer to insulin is known.
+"""Gain and lag of a person's response to insulin, relative to a person whose response is known.
 
-The person answers as the known one would to another rate: his own, times the gain, through the lag of
-`models.individual.IndividualModel`. Two numbers are found in a record in which a whole step response would drown in
-noise; a prior about (1, 1) keeps them where the record says little.
+The person responds as the known one would to another rate: the person's own rate, times the gain, through the lag of
+`models.individual.IndividualModel`. Two numbers can be found in a record in which a whole step response would be lost
+in noise; a prior about (1, 1) keeps them where the record says little.
 
 The fit is Levenberg and Marquardt's, in the logarithms of the two: K. Levenberg, Q. Appl. Math. 2, 1944; D. W.
 Marquardt, J. SIAM 11(2), 1963.
@@ -25,25 +25,25 @@ from glucoloop.models.individual import LAG_MIN
 GAIN_SPREAD: Final = 0.35
 """Standard deviation of the logarithm of the gain over the people of parker2000, about."""
 LAG_SPREAD: Final = 0.2
-"""The same of the lag."""
+"""Standard deviation of the logarithm of the lag over the people of parker2000, about."""
 FARTHEST: Final = math.log(5.0)
-"""No gain or lag beyond five times the known one's, or below a fifth, is believed."""
+"""Largest absolute logarithm of a believed gain or lag: five times the known one's, or a fifth of it."""
 _ITERATIONS: Final = 30
 
 
 @pytree
 class GainAndLag:
-    """What was found; people trailing."""
+    """Identified gain and lag; people trailing."""
 
     gain: jax.Array
-    """Of insulin, relative to the known person's."""
+    """Gain of insulin, relative to the known person's."""
     lag: jax.Array
-    """Likewise."""
+    """Lag of insulin, relative to the known person's."""
     gain_error: jax.Array
-    """Standard error, of record and prior together."""
+    """Standard error of the gain, from record and prior together."""
     lag_error: jax.Array
     residual_rms_mg_dl: jax.Array
-    """What the fit leaves."""
+    """Root mean square of the residuals of the fit."""
 
 
 def identify_gain_and_lag(
@@ -56,7 +56,7 @@ def identify_gain_and_lag(
     gain_spread: float = GAIN_SPREAD,
     lag_spread: float = LAG_SPREAD,
 ) -> GainAndLag:
-    """Least squares over a record, with a weak prior.
+    """Gain and lag by least squares over a record, with a weak prior.
 
     The gain a and the lag b are the least of::
 
@@ -70,12 +70,12 @@ def identify_gain_and_lag(
     glucose_deviation_mg_dl : (N + 1,) or (N + 1, people) array
         Readings less the setpoint, from a person who was at rest. A reading that is not finite counts for nothing.
     impulse_response : (M,) array
-        h_1..h_M of the known person; what it answers after M samples is left out, so M is best as long as the record.
+        h_1..h_M of the known person; the response after M samples is left out, so M is best as long as the record.
     sample_time_min : float
     noise_variance : float
         R of a reading, (mg/dl)^2, above 0. Where the fit leaves more than that, the standard errors are as much larger.
     gain_spread, lag_spread : float
-        Of the prior: standard deviations of the logarithms of gain and lag, above 0.
+        Standard deviations of the logarithms of gain and lag in the prior, above 0.
 
     Returns
     -------

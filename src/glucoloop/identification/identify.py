@@ -1,4 +1,4 @@
-"""From a record to the model that a controller is designed on."""
+"""Identification of the model that a controller is designed on, from a record."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LARGEST_CORRELATION = 0.05
 
 @pytree
 class Identification:
-    """A step-response model, and how it came about.
+    """A step-response model, and how it was obtained.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Identification:
     method: str = static()
 
     def doubts(self) -> tuple[str, ...]:
-        """Why no controller should be designed on the model, one sentence each; empty for a model that will do."""
+        """Reasons why no controller should be designed on the model, one sentence each; empty for a sound model."""
         return doubts(
             float(self.model.gain),
             self.reliability,
@@ -219,12 +219,12 @@ def identify_record(
 
 
 def _basis(pole: float, functions: int | None, memory: int) -> Array | None:
-    """Rows in whose span the impulse response is sought, or None where it is left as it is estimated."""
+    """Rows in whose span the impulse response is sought; None if it is not smoothed."""
     return None if functions is None else laguerre_functions(pole, functions, memory)
 
 
 def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
-    """What a fit of the columns leaves of the readings, and its coefficients."""
+    """Residuals of the readings after a fit of the columns, and the coefficients of the fit."""
     if not columns.shape[1]:
         return readings, jnp.zeros(0)
     coefficients = jnp.linalg.lstsq(columns, readings)[0]

@@ -145,6 +145,6 @@ def least_squares(
 
 
 def _rank(columns: NDArray[np.float64], size: float) -> int:
-    """Rank of what is left of columns whose norm was `size`: rounding is no information."""
+    """Rank of columns after a projection; parts below the rounding of their former norm `size` do not count."""
     left = np.linalg.svd(columns, compute_uv=False)
     return int(np.sum(left > max(columns.shape) * np.finfo(float).eps * size))

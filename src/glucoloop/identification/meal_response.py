@@ -1,7 +1,7 @@
-"""The answer of glucose to meals, fitted beside that to insulin.
+"""Response of glucose to meals, fitted together with the response to insulin.
 
-People take insulin when they eat. A fit that knows nothing of meals puts the rise of glucose after them down to that
-insulin, and finds too small a gain or one of the wrong sign.
+People take insulin when they eat. A fit that does not know of meals attributes the rise of glucose after them to that
+insulin, and finds a gain that is too small or has the wrong sign.
 
 The answer to a gram is a sum of Laguerre functions over six hours. Their pole is that of a time constant of 97.5 min,
 .95 at samples of 5 min: slower than insulin's, since digestion takes hours. With it four functions leave no more of
@@ -47,7 +47,7 @@ def meal_impulse_response(coefficients: Array, sample_time_min: float) -> Array:
 
 
 def meal_answer(record: Record, impulse_response: Array) -> Array:
-    """What the meals of a record add to its readings, ``(N + 1,)`` [mg/dl]."""
+    """Contribution of the meals of a record to its readings, ``(N + 1,)`` [mg/dl]."""
     if record.carbs_g is None or not impulse_response.size:
         return jnp.zeros(np.shape(record.insulin_mU_min)[0] + 1)
     return lagged_inputs(record.carbs_g, impulse_response.size) @ impulse_response

@@ -1,4 +1,4 @@
-"""A record to identify from: what was infused, and what was read."""
+"""Record for identification: insulin infused and glucose read."""
 
 from __future__ import annotations
 

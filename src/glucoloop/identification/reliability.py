@@ -1,4 +1,4 @@
-"""How far an identified gain can be trusted: the delete-block jackknife and cross-validation.
+"""Reliability of an identified gain, by the delete-block jackknife and cross-validation.
 
 The readings are divided into contiguous blocks. The response is fitted again without each block in turn; how the gain
 differs from fit to fit gives its standard error, and how well each fit predicts the block that it has not seen gives
@@ -24,7 +24,8 @@ Floats = npt.NDArray[np.float64]
 BLOCKS: Final = 10
 CONFIDENCE: Final = 0.95
 _NEGLIGIBLE: Final = 1e-9
-"""Singular values below this part of the largest are left out of a fit: without a block, a column may be empty."""
+"""Share of the largest singular value below which others are left out of a fit: without a block, a column may be empty.
+"""
 
 
 @pytree
@@ -47,9 +48,9 @@ class Reliability:
 def doubts(
     gain: float, reliability: Reliability | None, *, basal_insulin_mU_min: float, glucose_mg_dl: float
 ) -> tuple[str, ...]:
-    """Why no controller should be designed on a model, one sentence each; empty for a model that will do.
+    """Reasons why no controller should be designed on a model, one sentence each; empty for a sound model.
 
-    A gain is told from 0 if its confidence interval does not reach 0. The true gain is then at most twice the model's,
+    A gain differs from 0 if its confidence interval does not reach 0. The true gain is then at most twice the model's,
     so a loop designed with the customary gain margin of 2 is stable on the person as well. A gain is too large if a
     tenth of the basal rate more would take all glucose away.
 
@@ -60,7 +61,7 @@ def doubts(
     reliability : Reliability or None
         None if it is not known.
     basal_insulin_mU_min, glucose_mg_dl : float
-        Where the model holds.
+        Operating point at which the model holds.
     """
     told = f"The gain is {gain:+.3g} mg/dl per mU/min"
     found = []

@@ -17,7 +17,7 @@ from glucoloop.models.step_response import StepResponseModel
 
 @pytree
 class Validation:
-    """How a model's prediction from rest compares with the readings.
+    """Comparison of a model's prediction from rest with the readings.
 
     Attributes
     ----------

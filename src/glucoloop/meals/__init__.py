@@ -1,4 +1,4 @@
-"""Meals: how they are eaten, emptied and absorbed."""
+"""Meals: eating, gastric emptying and absorption."""
 
 from glucoloop.meals.absorption import (
     Absorption,

@@ -17,7 +17,7 @@ NODES, WEIGHTS = (_GAUSS[0] + 1.0) / 2.0, _GAUSS[1] / 2.0
 
 @pytree
 class Absorption:
-    """Meals, and the gut that absorbs them."""
+    """Meals together with the gut that absorbs them."""
 
     model: MealModel
     jumps: Jumps
@@ -29,19 +29,19 @@ def _jumps(model: MealModel, eaten: Eaten) -> Jumps:
 
 
 def absorb(model: MealModel, eaten: Eaten) -> Absorption:
-    """Meals as a meal model absorbs them.
+    """Combine meals with the meal model that absorbs them.
 
     Parameters
     ----------
     model : MealModel
-        Of one person, or of people: then meals trail people too.
+        Meal model of one person, or of people; in that case the meals have a trailing axis of people too.
     eaten : Eaten
     """
     return Absorption(model=model, jumps=_jumps(model, eaten))
 
 
 def fasting(model: MealModel) -> Absorption:
-    """No meal."""
+    """Absorption without any meal."""
     none = jnp.zeros(0)
     return absorb(model, Eaten(t_min=none, carbs_g=none, eating_min=none))
 

@@ -55,7 +55,7 @@ class HovorkaGut:
         )
 
     def propagator(self, z_min: jax.Array) -> jax.Array:
-        """See `MealModel`."""
+        """Matrix exponential of the two compartments and the rate of eating, in closed form."""
         x = z_min / self.time_to_maximum_min
         decay, rise = jnp.exp(-x), -jnp.expm1(-x)
         return matrix(

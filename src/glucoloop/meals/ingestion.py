@@ -1,4 +1,4 @@
-"""Meals of a patient who digests in states of its own: what is eaten enters the patient as it is eaten."""
+"""Ingestion of meals by a patient model that includes digestion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glucoloop.meals.protocol import Eaten, Jumps
 from glucoloop.units import MG_PER_G
 
 SHORTEST_EATING_MIN: Final = 1.0
-"""Of a meal that takes time; none is shorter but one that is eaten at once."""
+"""Shortest time over which a meal is eaten, apart from a meal that is eaten at once."""
 
 
 @pytree
@@ -35,5 +35,5 @@ class Ingestion:
         )
 
     def propagator(self, z_min: jax.Array) -> jax.Array:
-        """See `MealModel`: a rate lasts."""
+        """Matrix exponential of a rate that stays constant between jumps."""
         return jnp.ones((1, 1, *jnp.shape(z_min)))

@@ -41,7 +41,7 @@ class LehmannDeutsch:
     ramp_min: jax.Array | float = RAMP_MIN
     """Length of each ramp."""
     gut_time_constant_min: jax.Array | float = GUT_TIME_CONSTANT_MIN
-    """T."""
+    """Time constant T of the gut."""
 
     def jumps(self, eaten: Eaten) -> Jumps:
         """Jumps of the slope E' [mg/min^2], ``4 * meals``.
@@ -63,7 +63,7 @@ class LehmannDeutsch:
         )
 
     def propagator(self, z_min: jax.Array) -> jax.Array:
-        """See `MealModel`."""
+        """Matrix exponential of emptying and gut, in closed form."""
         T = self.gut_time_constant_min
         rise = -jnp.expm1(-z_min / T)
         return matrix(

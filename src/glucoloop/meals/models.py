@@ -1,4 +1,4 @@
-"""The meal models by name, and which of them is a patient's."""
+"""Meal models by name, and the meal model of a patient."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MEAL_MODELS: Final[Mapping[str, Callable[[], MealModel]]] = {
     "lehmann-deutsch": LehmannDeutsch,
     "hovorka": HovorkaGut,
 }
-"""Those that can take the place of a patient's own, with their published numbers."""
+"""Meal models that can replace a patient's own, with their published numbers."""
 
 
 def meal_model(name: str) -> MealModel:
@@ -40,9 +40,9 @@ def meal_model_of(patient: object, instead: MealModel | None = None) -> MealMode
     Parameters
     ----------
     patient : Patient
-        Its attribute ``meal_model`` is its own; one that has none takes Lehmann and Deutsch's with published numbers.
+        Patient whose attribute ``meal_model`` is used; without one, Lehmann and Deutsch's model with published numbers.
     instead : MealModel, optional
-        To be taken in place of the patient's own.
+        Meal model to use in place of the patient's own.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Meals of many people, each with meals and a gut of its own, as the moments that the exponential integrator takes.
+"""Meals of many people, each with own meals and gut, as the moments that the exponential integrator takes.
 
 `appearance_moments` sums over all jumps at every step; here each jump is taken once, at the step in which it lies, and
 the state of the meal model is carried from step to step.
@@ -23,16 +23,16 @@ MOMENTS: Final = 3
 
 @pytree
 class DigestionMatrices:
-    """What a step without jumps does, computed once per gut and step length; people trail."""
+    """Matrices of a step without jumps, computed once per gut and step length; people trail."""
 
     moments: jax.Array
     """(3, states, ...) Legendre moments of the appearance over the step, from the state at its start."""
     transition: jax.Array
-    """(states, states, ...) the state at its end."""
+    """(states, states, ...) transition to the state at the end of the step."""
 
 
 def digestion_matrices(model: MealModel, step_min: float) -> DigestionMatrices:
-    """Matrices of a step of a meal model."""
+    """Compute the matrices of a step of a meal model."""
     x = 2.0 * NODES - 1.0
     legendre = np.stack([np.ones_like(x), x, 1.5 * x * x - 0.5]) * WEIGHTS
     path = jnp.stack([model.propagator(jnp.asarray(step_min * node))[0] for node in NODES])
@@ -42,20 +42,20 @@ def digestion_matrices(model: MealModel, step_min: float) -> DigestionMatrices:
 
 
 def digest(state: jax.Array, matrices: DigestionMatrices, inside: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """One step of one person.
+    """Digestion of one person over one step.
 
     Parameters
     ----------
     state : (states,) array
-        Of the meal model at the start of the step.
+        State of the meal model at the start of the step.
     matrices : DigestionMatrices
     inside : (3 + states,) array
-        What the jumps within the step add to the moments over it and to the state at its end; see `jump_table`.
+        Contribution of the jumps within the step to its moments and to the state at its end; see `jump_table`.
 
     Returns
     -------
     state : (states,) array
-        At its end.
+        State at the end of the step.
     moments : (3,) array
         Legendre moments of the appearance, as `appearance_moments` gives them, mg/min.
     """
@@ -63,19 +63,19 @@ def digest(state: jax.Array, matrices: DigestionMatrices, inside: jax.Array) -> 
 
 
 def jump_table(absorption: Absorption, *, steps: int, step_min: float) -> npt.NDArray[np.float64]:
-    """What the jumps within each step add to it.
+    """Contribution of the jumps within each step.
 
     Parameters
     ----------
     absorption : Absorption
-        With jumps ``(jumps, people)``; those after the last step are passed over.
+        Absorption with jumps ``(jumps, people)``; jumps after the last step are ignored.
     steps : int
     step_min : float
 
     Returns
     -------
     (steps, 3 + states, people) array
-        Added to the three moments over the step, and to the state at its end.
+        Contributions to the three moments over the step, then to the state at its end.
     """
     number, added = (np.asarray(part) for part in _of_jumps(absorption, step_min))
     people = np.arange(number.shape[1])
@@ -90,7 +90,7 @@ def jump_table(absorption: Absorption, *, steps: int, step_min: float) -> npt.ND
 
 @functools.partial(jax.jit, static_argnames="step_min")
 def _of_jumps(absorption: Absorption, step_min: float) -> tuple[jax.Array, jax.Array]:
-    """The step of each jump ``(jumps, people)``, and what the jump adds to it ``(3 + states, jumps, people)``."""
+    """Step of each jump ``(jumps, people)``, and the contribution of the jump ``(3 + states, jumps, people)``."""
     model, jumps = absorption.model, absorption.jumps
     number = jnp.floor(jumps.t_min / step_min).astype(int)
     since = jumps.t_min - number * step_min

@@ -1,4 +1,4 @@
-"""What people eat: the meals of a day, the days, and by how much meals differ from person to person and day to day."""
+"""Meals of a day, repeated daily, and their variation from person to person and from day to day."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class MealPlan:
     Parameters
     ----------
     meals : iterable of Meal
-        Of one day; times from its start.
+        Meals of one day; times count from its start.
     days : int
-        How often the day is repeated.
+        Number of days.
     size_spread_pct : float
         Carbohydrate is uniform within this percentage of each meal's own, drawn anew for every person and meal.
     time_spread_min : float
-        So is its time, within these minutes.
+        The time of each meal is uniform within these minutes, drawn likewise.
     horizon_min : float, optional
         Length of the run; the days by default. A run of one day may be shorter or longer than 24 h.
 
@@ -113,7 +113,7 @@ class MealPlan:
 
     @property
     def day_min(self) -> float:
-        """Length of what is repeated: a day, or a run of its own length."""
+        """Length of the repeated part: a day, or a run of another length."""
         return MIN_PER_DAY if self.days > 1 else self.horizon_min
 
     @property
@@ -131,7 +131,7 @@ class MealPlan:
 
 
 def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
-    """Meals of some persons.
+    """Draw the meals of given persons.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     seed : int
         From 0 to 2**32 - 1.
     person : (n,) array of int
-        Their numbers, from 0 to 2**32 - 1, in any order.
+        Numbers of the persons, from 0 to 2**32 - 1, in any order.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a meal model is: how what a person eats appears as glucose in the blood.
+"""Protocol of a meal model: from eating to the appearance of glucose in the blood.
 
 A meal model is a linear system whose input are jumps::
 
@@ -24,36 +24,36 @@ Values = jax.Array | npt.NDArray[np.float64]
 
 @pytree
 class Eaten:
-    """Meals as arrays ``(meals, ...)``, people trailing. A meal of 0 g is none."""
+    """Meals as arrays ``(meals, ...)``, people trailing. A meal of 0 g counts as no meal."""
 
     t_min: Values
-    """When each meal begins."""
+    """Time at which each meal begins."""
     carbs_g: Values
-    """Its carbohydrate."""
+    """Carbohydrate of each meal."""
     eating_min: Values
-    """How long it is eaten, at a constant rate; 0 for a meal that is eaten at once."""
+    """Time over which each meal is eaten at a constant rate; 0 for a meal that is eaten at once."""
 
 
 @pytree
 class Jumps:
-    """When and by how much meals change the state of a meal model, people trailing."""
+    """Jumps by which meals change the state of a meal model, people trailing."""
 
     t_min: jax.Array
     """(jumps, ...) time of each jump."""
     size: jax.Array
-    """(inputs, jumps, ...) by how much the last ``inputs`` states jump then."""
+    """(inputs, jumps, ...) jump of each of the last ``inputs`` states at that time."""
 
 
 @runtime_checkable
 class MealModel(Protocol):
-    """A person's gut: a pytree whose numbers are those of one person, or trail people.
+    """Model of a person's gut: a pytree whose numbers are those of one person, or have a trailing axis of people.
 
     The first state is the rate at which glucose from meals appears in the blood [mg/min]; the second, where there is
     one, is the rate at which the stomach empties into the gut [mg/min].
     """
 
     def jumps(self, eaten: Eaten) -> Jumps:
-        """What meals do to the state; a meal has as many jumps as any other."""
+        """Jumps of the state due to meals; every meal has the same number of jumps."""
         ...
 
     def propagator(self, z_min: jax.Array) -> jax.Array:
@@ -62,6 +62,6 @@ class MealModel(Protocol):
 
 
 def matrix(*rows: tuple[jax.Array | float, ...]) -> jax.Array:
-    """A matrix from its entries, each a number or an array over people."""
+    """Build a matrix from its entries, each a number or an array over people."""
     entries = jnp.broadcast_arrays(*(entry for row in rows for entry in row))
     return jnp.stack(entries).reshape(len(rows), len(rows[0]), *entries[0].shape)

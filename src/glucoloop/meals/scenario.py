@@ -1,4 +1,4 @@
-"""A scenario: what is eaten, when, and for how long the loop runs."""
+"""Scenario of a run: the meals, their times, the horizon and the setpoint."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Meal:
     ----------
     carbs_g : float
     t_min : float
-        When eating begins.
+        Time at which eating begins.
     eating_min : float
-        How long it takes; 0 for a meal that is eaten at once.
+        Duration of eating; 0 for a meal that is eaten at once.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class Meal:
 @checked
 @dataclass(frozen=True)
 class Scenario:
-    """Meals, a horizon, and where glucose should be.
+    """Meals, a horizon, and the setpoint of glucose.
 
     Parameters
     ----------
@@ -75,11 +75,11 @@ class Scenario:
     setpoint_mg_dl : float, optional
         Target of the controller; the patient's own by default.
     initial_glucose_mg_dl : float, optional
-        The patient starts at rest at this value; at his setpoint by default.
+        The patient starts at rest at this value; by default at the patient's setpoint.
     announced : bool
         Whether the controller is told of each meal when it begins.
     meal_model : MealModel or str, optional
-        How meals are absorbed, or its name; the patient's own meal model by default.
+        Model of absorption, or its name; the patient's own meal model by default.
     allow_unusual : bool
         Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
 
@@ -173,7 +173,7 @@ def eaten(meals: Sequence[Meal]) -> Eaten:
 
 
 def in_order(meals: Iterable[Meal]) -> tuple[Meal, ...]:
-    """Meals by their times; as they are given where a time is not known yet.
+    """Meals sorted by time; in the given order if a time is not known yet.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Digestion sample by sample, for somebody who does not know how large a meal will be: Lehmann and Deutsch (1992).
+"""Digestion sample by sample, for an observer to whom the size of a meal is unknown: Lehmann and Deutsch (1992).
 
-`lehmann_deutsch` gives the rate of appearance of a meal whose beginning and size are known. Here the same meal is told
-as it comes. As long as a meal lasts it is *served*, and a meal of D mg lasts D / 360 min. The stomach empties at 360
-mg/min times the share of the last 30 min in which there was something served: a ramp, a plateau and a ramp::
+`lehmann_deutsch` gives the rate of appearance of a meal whose beginning and size are known. Here the same meal is
+described sample by sample. As long as a meal lasts it is *served*, and a meal of D mg lasts D / 360 min. The stomach
+empties at 360 mg/min times the share of the last 30 min in which food was served: a ramp, a plateau and a ramp::
 
     E(t) = 360 s(t),    s(t) = mean of what was served over [t - 30, t],    q' = E - q / 60,    appearance = q / 60
 
@@ -29,23 +29,23 @@ SERVED_G_PER_MIN: Final = PLATEAU_MG_MIN / MG_PER_G
 
 @pytree
 class Stomach:
-    """What has been eaten and has not appeared yet; people trailing."""
+    """Carbohydrate that has been eaten and has not appeared yet; people trailing."""
 
     served: jax.Array
     """(n, ...) share of each of the last n samples, which make 30 min, in which a meal was served; the oldest first."""
     emptying_mg_min: jax.Array
-    """(...) E at this moment."""
+    """(...) present rate of emptying E."""
     gut_mg: jax.Array
-    """(...) q at this moment."""
+    """(...) present content of the gut q."""
 
 
 def ramp_samples(sample_time_min: float) -> int:
-    """Samples of a ramp of the emptying, at least one."""
+    """Number of samples of a ramp of the emptying, at least one."""
     return max(1, round(RAMP_MIN / sample_time_min))
 
 
 def empty_stomach(like: jax.Array, sample_time_min: float) -> Stomach:
-    """Nothing has been eaten."""
+    """Stomach and gut of a person who has eaten nothing."""
     nothing = jnp.zeros_like(like)
     return Stomach(
         served=jnp.zeros((ramp_samples(sample_time_min), *nothing.shape)), emptying_mg_min=nothing, gut_mg=nothing
@@ -53,7 +53,7 @@ def empty_stomach(like: jax.Array, sample_time_min: float) -> Stomach:
 
 
 def digest(stomach: Stomach, served: jax.Array, sample_time_min: float) -> tuple[Stomach, jax.Array]:
-    """One sample of digestion.
+    """Digestion over one sample.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def digest(stomach: Stomach, served: jax.Array, sample_time_min: float) -> tuple
     Returns
     -------
     stomach : Stomach
-        At the sample's end.
+        State at the end of the sample.
     appearance_mg_min : (3, ...) array
         Legendre moments of the rate of appearance, as `appearance_moments` gives them: those of the parabola through
         its beginning, middle and end.

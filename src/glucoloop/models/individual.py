@@ -1,4 +1,4 @@
-"""A model of somebody made of the model of somebody else: another basal rate, gain and lag of insulin."""
+"""Model of a person made from the nominal model, with another basal rate, gain and lag of insulin."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import FedModel
 
 LAG_MIN: Final = 55.0
-"""Dominant lag of insulin on glucose that is stretched, min: Parker, Doyle and Peppas (1999), Sec. III."""
+"""Dominant lag of glucose behind insulin that is stretched, min: Parker, Doyle and Peppas (1999), Sec. III."""
 
 
 @pytree
 class IndividualModel:
-    """The nominal person, given another rate than the one that is asked about; implements `FedModel`.
+    """The nominal person under a rate that is transformed by gain and lag; implements `FedModel`.
 
-    In place of u he is given::
+    The nominal model gets, in place of u::
 
         u0 + gain v,    v = w + (u - basal - w) / lag,    55 lag w' = u - basal - w
 
     v lags behind u by one time constant more and one less, so that a lag of ``55 lag`` min takes the place of one of 55
-    min. With a gain and a lag of 1 nothing but the basal rate is another's. The state is the nominal one, and w.
+    min. With a gain and a lag of 1 only the basal rate differs. The state is the nominal one, then w.
     """
 
     nominal: FedModel
     insulin_mU_min: jax.Array
     """Basal rate of the person."""
     gain: jax.Array
-    """Of insulin, relative to the nominal person's."""
+    """Gain of insulin, relative to the nominal person's."""
     lag: jax.Array
-    """Of insulin, relative to the nominal person's."""
+    """Lag of insulin, relative to the nominal person's."""
 
     @property
     def sample_time_min(self) -> float:
-        """The nominal person's."""
+        """Time between samples, that of the nominal model."""
         return self.nominal.sample_time_min
 
     @property
     def state(self) -> jax.Array:
-        """At rest at the basal rate."""
+        """State at rest at the basal rate."""
         return jnp.append(self.nominal.state, 0.0)
 
     def _forget(self) -> jax.Array:
@@ -52,7 +52,7 @@ class IndividualModel:
         return self.nominal.insulin_mU_min + self.gain * (w + (away - w) / self.lag)
 
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-        """The nominal person's, under the rate that he is given."""
+        """Rate of change of the state, per minute, under the transformed rate."""
         w = x[-1]
         lagging = (insulin_mU_min - self.insulin_mU_min - w) / (LAG_MIN * self.lag)
         return jnp.append(self.nominal.derivative(x[:-1], self._given(w, insulin_mU_min)), lagging)
@@ -62,7 +62,7 @@ class IndividualModel:
         return self.advance_fed(x, insulin_mU_min, jnp.zeros(3))
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
-        """As `FedModel.advance_fed`; the nominal person is given the mean of v over the sample."""
+        """State one sample on with glucose from meals; the nominal model gets the mean of v over the sample."""
         w, away = x[-1], insulin_mU_min - self.insulin_mU_min
         z = self._forget()
         mean = away + (w - away) * -jnp.expm1(-z) / z
@@ -71,7 +71,7 @@ class IndividualModel:
         return jnp.append(self.nominal.advance_fed(x[:-1], given, appearance_mg_min), later)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """The nominal person's."""
+        """Glucose of a state, by the nominal model."""
         return self.nominal.glucose_mg_dl(x[:-1])
 
 
@@ -85,7 +85,7 @@ def individual_model(
     nominal : FedModel
     basal_insulin_mU_min : () array
     gain, lag : () array
-        Relative to the nominal person's, above 0.
+        Gain and lag of insulin relative to the nominal person's, above 0.
     """
     return IndividualModel(
         nominal=nominal,

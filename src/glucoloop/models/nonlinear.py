@@ -1,4 +1,4 @@
-"""What a controller may ask of a nonlinear internal model."""
+"""Protocols of a nonlinear internal model of a controller."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import jax
 
 
 class NonlinearModel(Protocol):
-    """A fasting person as a controller imagines him: a pytree of pure functions of a state vector ``(n,)``."""
+    """Internal model of a fasting person: a pytree of pure functions of a state vector ``(n,)``."""
 
     @property
     def sample_time_min(self) -> float:

@@ -1,4 +1,4 @@
-"""Step-response model: the finite memory by which linear predictive control sees a patient.
+"""Step-response model: the finite-memory model of a patient that linear predictive control uses.
 
 Parker, Doyle & Peppas, IEEE Trans. Biomed. Eng. 46(2), 148-157, 1999, eq. (1)-(4).
 """
@@ -24,7 +24,7 @@ class StepResponseModel:
 
         y_k = sum_{i=1..M} h_i u_(k-i),    S_i = h_1 + ... + h_i
 
-    where u_k is held from t_k to t_(k+1), so that glucose at t_k knows insulin up to u_(k-1).
+    where u_k is held from t_k to t_(k+1), so that glucose at t_k depends on insulin up to u_(k-1).
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class StepResponseModel:
 
 
 def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
-    """Past inputs that each reading knows, one row per reading; the record starts from rest.
+    """Past inputs on which each reading depends, one row per reading; the record starts from rest.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 Mehrotra's predictor-corrector with equilibrated data. Everything has a fixed shape and one `lax.while_loop`, so it runs
 inside `jit`, `vmap` and `lax.scan`.
 
-Why not the published JAX solver `qpax` (0.1.4)? It keeps slacks and multipliers above the square root of machine
+The published JAX solver `qpax` (0.1.4) is not used. It keeps slacks and multipliers above the square root of machine
 epsilon in every iteration, so the complementarity of a constraint with multiplier z cannot fall below 1.5e-8 z, and it
 stops on absolute residuals. Of 150 programs of a predictive controller, most with little or no move penalty and brought
 to one scale, at a tolerance of 1e-7 it reported failure in 45, where its moves were right, and success in 105, of which

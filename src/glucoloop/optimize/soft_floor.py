@@ -137,7 +137,7 @@ def minimise_moves_above_floor(
         return jnp.sum(A * moves, axis=1)
 
     def minimum(active: Array) -> MovesSolution:
-        """Of the piece on which these samples lie below the floor."""
+        """Minimum of the piece on which the given samples lie below the floor."""
         pull = jnp.where(active, weight2, 0.0)
         weighted = A * pull[:, None]
         more = jnp.sum(weighted[:, :, None] * A[:, None], axis=0)

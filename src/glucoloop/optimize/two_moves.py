@@ -28,7 +28,7 @@ def _clip(x: Array, low: Array, high: Array) -> Array:
 
 
 def _room(u_prev: ArrayLike, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike) -> tuple[Array, Array, Array]:
-    """Rate limit, and how far the input may fall and rise from where it is: `(r, low <= 0, high >= 0)`."""
+    """Rate limit, and room of the input to fall and to rise: ``(r, low <= 0, high >= 0)``."""
     u = jnp.clip(jnp.asarray(u_prev), u_min, u_max)
     return jnp.asarray(max_move), jnp.asarray(u_min) - u, jnp.asarray(u_max) - u
 

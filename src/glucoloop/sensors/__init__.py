@@ -1,4 +1,4 @@
-"""Glucose sensors and their faults: small objects around one another."""
+"""Glucose sensors and their faults: small objects that wrap one another."""
 
 from glucoloop.sensors.dead_time import DeadTime, dead_time
 from glucoloop.sensors.erring import Erring, erring

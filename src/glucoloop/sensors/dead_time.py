@@ -1,4 +1,4 @@
-"""A sensor that answers late by whole samples."""
+"""Sensor with a dead time of whole samples."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _LONGEST: Final = 288  # a day of 5-min samples
 class _Line:
     inner: Any
     waiting: Reading
-    """Readings not yet told, the oldest first."""
+    """Readings that are not yet given, the oldest first."""
 
 
 @pytree
 class DeadTime:
-    """Tells what the sensor inside read `samples` ago; before the first such reading, glucose at the start."""
+    """Gives the reading of the inner sensor from `samples` ago; before the first such reading, the initial glucose."""
 
     inner: Sensor
     samples: int = static()
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _Line:
-        """A line filled with glucose at the start."""
+        """A delay line filled with the initial glucose."""
         glucose = jnp.broadcast_to(glucose_mg_dl, (self.samples, *jnp.shape(glucose_mg_dl)))
         return _Line(
             inner=self.inner.init(glucose_mg_dl, key),
@@ -39,7 +39,7 @@ class DeadTime:
         )
 
     def read(self, state: _Line, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_Line, Reading]:
-        """Put a new reading at the end of the line and tell the one at its head."""
+        """Append a new reading to the delay line and give the one at its head."""
         inner, newest = self.inner.read(state.inner, glucose_mg_dl, key)
         line = jax.tree.map(lambda waiting, new: jnp.concatenate([waiting, new[None]]), state.waiting, newest)
         told: Reading = jax.tree.map(operator.itemgetter(0), line)

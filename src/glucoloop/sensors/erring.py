@@ -1,7 +1,7 @@
-"""A sensor whose errors are given, sample by sample, and which sticks for given stretches of time.
+"""Sensor with given errors, sample by sample, whose reading is stuck during given stretches of time.
 
-It is what a search for the worst errors puts around a sensor: the errors are data, so that thousands of sequences are
-tried by one compiled program.
+A search for the worst errors puts it around a sensor: the errors are data, so that one compiled program tries thousands
+of sequences.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from glucoloop.sensors.protocol import Reading, Sensor
 class _State:
     inner: Any
     errors: jax.Array
-    """(samples, ...) those still to come, the next first."""
+    """(samples, ...) errors of the coming samples, the next first."""
     index: jax.Array
     """Number of the next sample, as a float."""
     held: Reading
@@ -30,7 +30,7 @@ class _State:
 
 @pytree
 class Erring:
-    """Multiplies what the sensor inside reads by one plus an error; make it with `erring`."""
+    """Multiplies the reading of the inner sensor by one plus an error; make it with `erring`."""
 
     inner: Sensor
     errors: jax.Array
@@ -38,10 +38,10 @@ class Erring:
     stuck_from: jax.Array
     """(stretches, ...) number of the sample from which on the reading stays as it is."""
     stuck_samples: jax.Array | float
-    """Readings that are the same in each stretch, the first one included."""
+    """Number of equal readings in each stretch, the first one included."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """Before the first reading."""
+        """State before the first reading."""
         zero = jnp.zeros_like(glucose_mg_dl)
         return _State(
             inner=self.inner.init(glucose_mg_dl, key),
@@ -51,7 +51,7 @@ class Erring:
         )
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
-        """Read what is inside with the error of this sample, or tell the last reading again while it is stuck."""
+        """Read the inner sensor with the error of this sample, or repeat the last reading while it is stuck."""
         inner, reading = self.inner.read(state.inner, glucose_mg_dl, key)
         since = state.index - self.stuck_from
         stuck = jnp.any((since > 0.0) & (since < self.stuck_samples), axis=0)
@@ -78,9 +78,9 @@ def erring(
     stuck_from : (stretches,) or (stretches, people) array
         Numbers of the samples from which on the reading stays as it is; the first sample is number 0.
     stuck_samples : int
-        Readings that are the same in each stretch, the first one included.
+        Number of equal readings in each stretch, the first one included.
     inner : Sensor, optional
-        What errs; an ideal sensor by default.
+        Sensor to which the errors are added; an ideal sensor by default.
 
     Raises
     ------

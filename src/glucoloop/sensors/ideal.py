@@ -1,4 +1,4 @@
-"""A sensor that tells the truth at once."""
+"""Sensor without error or delay."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class IdealSensor:
     """Reads glucose without noise or delay."""
 
     site: str | None = static(default=None)
-    """Where it sits, one of the patient's `capabilities.sites`; None: where the glucose is that is controlled."""
+    """Site of the sensor, one of the patient's `capabilities.sites`; None is where glucose is controlled."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
-        """There is no state."""
+        """Empty state, since the sensor has no memory."""
         del glucose_mg_dl, key
         return ()
 
     def read(self, state: tuple[()], glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[tuple[()], Reading]:
-        """Read the truth."""
+        """Read the true glucose of this moment."""
         del key
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))

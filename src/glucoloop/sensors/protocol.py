@@ -1,4 +1,4 @@
-"""What the loop asks of a glucose sensor."""
+"""Protocol of a glucose sensor in the loop."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from glucoloop._pytree import pytree
 
 @pytree
 class Reading:
-    """One answer of a sensor."""
+    """One reading of a sensor, with its validity."""
 
     glucose_mg_dl: jax.Array
     valid: jax.Array
-    """False where the sensor knows that it has nothing to say."""
+    """False where the sensor reports that it has no reading."""
 
 
 class Sensor(Protocol):
     """Turns the patient's glucose into readings. The state is any pytree; randomness comes from the key alone."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
-        """State of a sensor that has long been seeing the given glucose."""
+        """State of a sensor that has read the given glucose for a long time."""
         ...
 
     def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, Reading]:
@@ -31,7 +31,7 @@ class Sensor(Protocol):
 
 
 def site_of(sensor: Sensor) -> str | None:
-    """Where a sensor sits: as the innermost of nested sensors tells; None: where glucose is controlled."""
+    """Site of a sensor, that of the innermost of nested sensors; None is where glucose is controlled."""
     inner: Any = sensor
     while hasattr(inner, "inner"):
         inner = inner.inner

@@ -20,7 +20,7 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 @pytree
 class WhiteNoise:
-    """Adds ``N(0, variance)``, clipped to ``+-bound``, to what the sensor inside reads."""
+    """Adds ``N(0, variance)``, clipped to ``+-bound``, to the reading of the inner sensor."""
 
     inner: Sensor
     variance: jax.Array | float
@@ -31,7 +31,7 @@ class WhiteNoise:
         return self.inner.init(glucose_mg_dl, key)
 
     def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, Reading]:
-        """Read what is inside, with noise."""
+        """Read the inner sensor, with added noise."""
         own, inner = jax.random.split(key)
         state, reading = self.inner.read(state, glucose_mg_dl, inner)
         glucose = reading.glucose_mg_dl
@@ -47,11 +47,11 @@ def white_noise(variance: float = 1.45, bound_mg_dl: float = 5.0, inner: Sensor 
     Parameters
     ----------
     variance : float
-        Of each reading, (mg/dl)^2.
+        Variance of the noise of each reading, (mg/dl)^2.
     bound_mg_dl : float
         Largest deviation.
     inner : Sensor, optional
-        What is read; an ideal sensor by default.
+        Inner sensor; an ideal one by default.
 
     Raises
     ------

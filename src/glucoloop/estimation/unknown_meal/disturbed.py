@@ -14,19 +14,19 @@ from glucoloop.meals.stomach import Stomach, steadily
 from glucoloop.models.nonlinear import FedModel
 
 LARGEST_INNOVATION_MG_DL: Final = 30.0
-"""By which a reading corrects an estimate at most."""
+"""Largest innovation by which a reading corrects an estimate."""
 _REST_MG: Final = 2000.0
-"""Content of the gut that is little beside a meal's: the plateau of the emptying fills it to 21 600 mg."""
+"""Content of the gut that is small beside a meal's: the plateau of the emptying fills it to 21 600 mg."""
 _FARTHEST_MG_DL: Final = 300.0
-"""From where the model rests; a reading beyond that is not believed."""
+"""Largest distance of a believed reading from the glucose at which the model rests."""
 _BELIEVED: Final = 5.0
-"""Standard deviations of a reading; what lies beyond is no noise."""
+"""Number of standard deviations within which a reading is believed; more is not explained by noise."""
 
 
 def fading(disturbance_mg_min: jax.Array, before: Stomach, after: Stomach) -> jax.Array:
-    """The disturbance a sample later: what appears beyond a meal while it is digested goes with it.
+    """The disturbance a sample later: the part that appears beyond a meal fades as the meal is digested.
 
-    The meal of the model may be smaller or slower than the person's. What it lacks is in the disturbance, and would
+    The meal of the model may be smaller or slower than the person's. The difference is in the disturbance, and would
     stay there after the meal if it did not shrink as the gut empties. At rest it stays as it is.
     """
     share = (after.gut_mg + _REST_MG) / (before.gut_mg + _REST_MG)
@@ -38,9 +38,9 @@ class Linearised:
     """A model about its rest, with the disturbance as its last state: ``x+ = Phi x,  y = C x``."""
 
     Phi: npt.NDArray[np.float64]
-    """(n + 1, n + 1)"""
+    """(n + 1, n + 1) transition matrix."""
     C: npt.NDArray[np.float64]
-    """(n + 1,)"""
+    """(n + 1,) output row."""
     Gamma: npt.NDArray[np.float64]
     """(n,) effect of insulin."""
 
@@ -54,7 +54,7 @@ def _slopes(model: FedModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...
 
 
 def linearised(model: FedModel) -> Linearised:
-    """A model about its rest, by forward-mode differentiation of one sample."""
+    """Linearise a model about its rest, by forward-mode differentiation of one sample."""
     x, u = model.state, jnp.asarray(model.insulin_mU_min, float)
     Phi, Gamma, Psi, C = (np.asarray(part) for part in _slopes(model, x, u))
     n = x.shape[0]
@@ -67,7 +67,7 @@ def linearised(model: FedModel) -> Linearised:
 
 @pytree
 class Waking:
-    """Where an estimator begins that wakes beside a person whose glucose is not the model's."""
+    """Initial estimate for a person whose glucose is not that at which the model rests."""
 
     by_insulin: jax.Array
     """(n,) state at rest per mU/min."""
@@ -80,7 +80,7 @@ class Waking:
     def wake(
         self, model: FedModel, insulin_mU_min: jax.Array, glucose_mg_dl: jax.Array, known: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """State and disturbance at rest under a rate, which explain a reading as far as noise does not."""
+        """State and disturbance at rest under a rate that explain the part of a reading that noise does not explain."""
         x = model.state + self.by_insulin * (insulin_mU_min - model.insulin_mU_min)
         away = jnp.where(known, glucose_mg_dl - model.glucose_mg_dl(x), 0.0)
         away = jnp.clip(away, -_FARTHEST_MG_DL, _FARTHEST_MG_DL)
@@ -90,7 +90,7 @@ class Waking:
 
 
 def waking(linear: Linearised, measurement_variance: float) -> Waking:
-    """Made ready from a linearised model."""
+    """Prepare the initial estimate from a linearised model."""
     n = linear.Gamma.size
     still = np.eye(n) - linear.Phi[:n, :n]
     by_disturbance = np.linalg.solve(still, linear.Phi[:n, n])

@@ -1,4 +1,4 @@
-"""What an estimator expects of meals when nothing tells of any, and an estimate without it."""
+"""Expectation of an estimator of meals at rest, and an estimate from which it is removed."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from glucoloop.meals.stomach import Stomach
 from glucoloop.models.nonlinear import FedModel
 
 _SAMPLES: Final = 60
-"""After which the expectation of a person at rest has settled."""
+"""Number of samples after which the expectation of a person at rest has settled."""
 
 
 @pytree
 class Expectation:
-    """A person at rest, as an estimator describes him who knows that meals begin now and then."""
+    """A person at rest as described by an estimator that assumes that meals begin now and then."""
 
     eating: jax.Array
     x: jax.Array
-    """Beyond the model's rest."""
+    """State, as its difference from the model's rest."""
     stomach: Stomach
 
     def without(self, estimate: MealEstimate, taken: jax.Array | float = 1.0) -> MealEstimate:
-        """What readings tell of meals, without a share `taken` of what is always expected.
+        """Estimate without a share `taken` of the meal that is always expected.
 
         Expecting a little of a meal at every sample would hold glucose a little below the setpoint. The expectation is
-        taken out in proportion to the chance that there is no meal: at rest nothing of it is left, and of a meal that
-        is certain nothing is taken.
+        removed in proportion to the probability that there is no meal: all of it at rest, and nothing during a meal
+        that is certain.
         """
         share = taken * (1.0 - estimate.eating) / (1.0 - self.eating)
         return dataclasses.replace(
@@ -43,7 +43,7 @@ class Expectation:
 
 
 def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
-    """Of an estimator that reads, sample by sample, what it predicts for a person at rest."""
+    """Expectation of an estimator whose readings are, sample by sample, those that it predicts for a person at rest."""
     rest = jnp.asarray(model.glucose_mg_dl(model.state))
     sensed = Sensed(
         glucose_mg_dl=rest,

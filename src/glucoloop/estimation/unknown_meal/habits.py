@@ -1,4 +1,4 @@
-"""What is known of meals before glucose tells: how often they begin, and how large they are."""
+"""Prior knowledge of meals: how often they begin, and how large they are."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from glucoloop.meals.stomach import SERVED_G_PER_MIN
 @checked
 @dataclass(frozen=True)
 class MealHabits:
-    """A prior: meals begin at any time alike, and end at any time alike once they have begun.
+    """Prior of meals: they begin with the same probability at any time, and so do they end once they have begun.
 
     Parameters
     ----------
     meals_per_h : float
-        How often one is to be expected, above 0. A higher figure makes an estimator quicker and less certain.
+        Expected number of meals in an hour, above 0. A higher figure makes an estimator quicker and less certain.
     mean_carbs_g : float
         Mean size, above 0.
 
@@ -36,9 +36,9 @@ class MealHabits:
                 raise ValueError(f"{value:g} {what} are not possible; give a finite value above 0")
 
     def begins(self, sample_time_min: float) -> float:
-        """Chance that a meal begins in a sample."""
+        """Probability that a meal begins in a sample."""
         return -math.expm1(-self.meals_per_h * sample_time_min / 60.0)
 
     def ends(self, sample_time_min: float) -> float:
-        """Chance that a meal under way ends in a sample."""
+        """Probability that a meal under way ends in a sample."""
         return -math.expm1(-SERVED_G_PER_MIN * sample_time_min / self.mean_carbs_g)

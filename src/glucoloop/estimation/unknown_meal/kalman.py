@@ -1,12 +1,12 @@
-"""Estimation of meals that nobody announced, by an extended Kalman filter with an unknown input.
+"""Estimation of meals that are not announced, by an extended Kalman filter with an unknown input.
 
 The rate E at which the stomach empties is a state that walks at random; the gut follows it as Lehmann and Deutsch say,
 and the nonlinear model follows the gut::
 
     E+ = E + w,    q' = E - q / 60,    x' = f(x, u, q / 60),    y = g(x) + v
 
-The filter knows nothing of how a meal goes on: it takes the present rate for the coming one. It is the plain way, and
-the measure for `moving_horizon`.
+The filter has no model of the course of a meal: it predicts that the present rate goes on. It is the simple method with
+which `moving_horizon` is compared.
 
 References
 ----------
@@ -40,44 +40,44 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.units import MG_PER_G
 
 _NOTHING: Final = 0.1
-"""Share of the plateau below which a rate of emptying is no meal; above one half it is one."""
+"""Share of the plateau below which a rate of emptying is no meal; above one half it is a meal."""
 _LARGEST_COVARIANCE: Final = 1e9
-"""Without readings for days the covariance must stay a number."""
+"""Largest covariance, so that it stays finite through days without readings."""
 
 
 @pytree
 class MealKalmanState:
-    """What the estimator remembers."""
+    """State of the estimator."""
 
     mean: jax.Array
-    """(n + 2,) state of the model, gut content q mg, and E mg/min of what nobody announced."""
+    """(n + 2,) state of the model, gut content q mg, and E mg/min of meals that are not announced."""
     covariance: jax.Array
-    """(n + 2, n + 2)"""
+    """(n + 2, n + 2) covariance of the mean."""
     of_announced: Stomach
     announced: Announced
     emptied_g: jax.Array
-    """Since E was last nothing."""
+    """Carbohydrate emptied since E was last near zero."""
     sure: jax.Array
-    """Whether that is a meal."""
+    """Whether the present emptying counts as a meal."""
     carbs_g: jax.Array
-    """Emptied of the latest meal."""
+    """Carbohydrate emptied of the latest meal."""
 
 
 @pytree
 class MealKalman:
-    """The estimator; see `design_meal_kalman`. Implements `MealEstimator`."""
+    """Extended Kalman filter for meals; see `design_meal_kalman`. Implements `MealEstimator`."""
 
     start: jax.Array
-    """(n + 2, n + 2) covariance to begin with."""
+    """(n + 2, n + 2) initial covariance."""
     process_noise: jax.Array
-    """(n + 2, n + 2)"""
+    """(n + 2, n + 2) covariance of the process noise."""
     measurement_variance: jax.Array
     ends: jax.Array
-    """Chance that a meal ends in a sample."""
+    """Probability that a meal ends in a sample."""
     waking: Waking
 
     def init(self, model: FedModel, sensed: Sensed) -> MealKalmanState:
-        """Fasting, at rest; what is unexplained of the first reading is taken for emptying that lasts."""
+        """State of a fasting person at rest; the unexplained part of the first reading counts as lasting emptying."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         none = jnp.zeros_like(disturbance)
         gut = disturbance * GUT_TIME_CONSTANT_MIN
@@ -92,7 +92,7 @@ class MealKalman:
         )
 
     def step(self, model: FedModel, state: MealKalmanState, sensed: Sensed) -> tuple[MealKalmanState, MealEstimate]:
-        """See `MealEstimator`."""
+        """Predict the state, correct it by the reading, and derive the estimate of the meal."""
         h = model.sample_time_min
         announced, served = serve(state.announced, h)
         of_announced, known_appearance = digest(state.of_announced, served, h)
@@ -149,7 +149,7 @@ class MealKalman:
 
 
 def _steady(E: jax.Array, sample_time_min: float) -> jax.Array:
-    """As if the present emptying had lasted for a ramp."""
+    """Shares of the samples of a ramp in which food was served, if the present rate of emptying lasts."""
     return jnp.full(ramp_samples(sample_time_min), E / PLATEAU_MG_MIN)
 
 
@@ -167,9 +167,9 @@ def design_meal_kalman(
     ----------
     model : FedModel
     habits : MealHabits, optional
-        For what is likely still to come of a meal; the filter itself does without.
+        Habits from which the remainder of a meal is predicted; the filter itself does not use them.
     emptying_variance : float
-        By how much E is expected to walk from sample to sample, (mg/min)^2, above 0.
+        Variance of the change of E from sample to sample, (mg/min)^2, above 0.
     state_variance : float
         Process noise of each state of the model, per sample, above 0.
     measurement_variance : float

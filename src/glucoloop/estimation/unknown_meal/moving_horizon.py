@@ -1,4 +1,4 @@
-"""Moving-horizon estimation of meals that nobody announced, by enumeration.
+"""Moving-horizon estimation of meals that are not announced, by enumeration.
 
 A meal of Lehmann and Deutsch is two events: it begins, and it ends. Over the last L samples one of them may have
 happened, at any sample or not at all. Each possibility is a hypothesis with a state of its own, which the nonlinear
@@ -7,7 +7,7 @@ model carries on with the meal that it stands for, and with a probability, which
     fasting    no meal for L samples, or more             begun j ago    j = 1 .. L
     eating     a meal for L samples, or more              ended j ago    j = 1 .. L
 
-What is older than L samples makes no difference between hypotheses any more: those that meet are merged to their mean.
+Events older than L samples no longer distinguish hypotheses: those that meet are merged to their mean.
 Within a hypothesis a steady Kalman gain corrects the state and a disturbance, glucose that appears for no known
 reason, which takes up what the model gets wrong.
 
@@ -52,47 +52,47 @@ LONGEST_HORIZON: Final = 100
 _LEAST: Final = 1e-12
 """Probability below which no hypothesis falls, so that each can come back."""
 _STRAY: Final = 1e-3
-"""Likelihood that is added for each hypothesis: a reading far from all of them tells them apart no further."""
+"""Likelihood that is added to each hypothesis, so that a reading far from all of them does not tell them apart."""
 
 
 @pytree
 class Hypothesis:
-    """What one hypothesis holds; hypotheses trail."""
+    """State of each hypothesis; the axis of hypotheses is the last one."""
 
     x: jax.Array
-    """(n, ...)"""
+    """(n, ...) state of the model."""
     stomach: Stomach
     disturbance_mg_min: jax.Array
     carbs_g: jax.Array
-    """Served of the meal in question, which is the latest one."""
+    """Carbohydrate served so far of the meal that the hypothesis is about, the latest one."""
 
 
 @pytree
 class MealHorizonState:
-    """What the estimator remembers."""
+    """State of the estimator."""
 
     hypotheses: Hypothesis
     probability: jax.Array
-    """(2 L + 2,)"""
+    """(2 L + 2,) probability of each hypothesis."""
     announced: Announced
 
 
 @pytree
 class MealHorizon:
-    """The estimator; see `design_meal_horizon`. Implements `MealEstimator`."""
+    """Moving-horizon estimator of meals; see `design_meal_horizon`. Implements `MealEstimator`."""
 
     gain: jax.Array
-    """(n + 1,) Kalman gain of the state, and last of the disturbance."""
+    """(n + 1,) Kalman gain of the state, and last that of the disturbance."""
     innovation_variance: jax.Array
     begins: jax.Array
-    """Chance that a meal begins in a sample."""
+    """Probability that a meal begins in a sample."""
     ends: jax.Array
-    """Chance that it ends."""
+    """Probability that a meal under way ends in a sample."""
     waking: Waking
     horizon: int = static()
 
     def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
-        """Fasting, at rest."""
+        """State of a fasting person at rest."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
         fasting = Hypothesis(
             x=x,
@@ -108,7 +108,7 @@ class MealHorizon:
         )
 
     def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
-        """See `MealEstimator`."""
+        """Age the hypotheses by a sample, carry them with the model, and correct them by the reading."""
         announced, served = serve(state.announced, model.sample_time_min)
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
         # being served what he announced does not begin another.
@@ -121,12 +121,12 @@ class MealHorizon:
         return state, self._estimate(state, model.sample_time_min)
 
     def _eating(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Which hypotheses hold that a meal is being served."""
+        """Indicator of the hypotheses in which a meal is being served."""
         L = self.horizon
         return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L)])
 
     def _age(self, held: Hypothesis, p: jax.Array, begins: jax.Array) -> tuple[Hypothesis, jax.Array]:
-        """A sample passes: events grow older, the oldest are merged, and new ones may happen."""
+        """Age all events by a sample: the oldest hypotheses are merged, and new events may happen."""
         L = self.horizon
         ends = self.ends
         eats = self._eating()
@@ -167,7 +167,7 @@ class MealHorizon:
         return later, passed
 
     def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
-        """Each hypothesis through the sample that has passed."""
+        """Carry each hypothesis through the sample that has passed."""
         h, eats = model.sample_time_min, self._eating()
         stomach, appearance = digest(held.stomach, announced + eats, h)
         appearance = appearance.at[0].add(held.disturbance_mg_min)
@@ -180,7 +180,7 @@ class MealHorizon:
         )
 
     def _correct(self, model: FedModel, held: Hypothesis, p: jax.Array, sensed: Sensed) -> tuple[Hypothesis, jax.Array]:
-        """By the reading: the states by the gain, the probabilities by Bayes' rule."""
+        """Correct the states by the gain, and the probabilities by Bayes' rule."""
         predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x)
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
         likelihood = jnp.exp(-0.5 * innovation**2 / self.innovation_variance) + _STRAY
@@ -233,7 +233,7 @@ def design_meal_horizon(
     horizon : int
         L, samples over which the beginning or the end of a meal is searched for, 2 to 100.
     disturbance_variance : float
-        By how much the disturbance is expected to walk from sample to sample, (mg/min)^2, above 0.
+        Variance of the change of the disturbance from sample to sample, (mg/min)^2, above 0.
     measurement_variance : float
         R, (mg/dl)^2, above 0.
 

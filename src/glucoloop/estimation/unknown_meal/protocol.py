@@ -1,4 +1,4 @@
-"""What an estimator of unknown meals is, and what it says."""
+"""Protocol of an estimator of unknown meals, and its estimate."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from glucoloop.models.nonlinear import FedModel
 
 @pytree
 class MealEstimate:
-    """A person at a sample, as far as glucose tells; expected values."""
+    """Estimate of a person at a sample; expected values given the readings."""
 
     x: jax.Array
     """(n,) state of the model."""
     stomach: Stomach
-    """What has been eaten, of meals that were announced and that were not."""
+    """Carbohydrate eaten, of announced and of other meals."""
     announced: Announced
-    """What is still to be served of announced meals."""
+    """Part of the announced meals that is still to be served."""
     disturbance_mg_min: jax.Array
     """Appearance of glucose that no meal explains; it may be negative."""
     eating: jax.Array
-    """Probability that a meal that nobody announced is being served, 0 to 1."""
+    """Probability that a meal that was not announced is being served, 0 to 1."""
     carbs_g: jax.Array
-    """Size so far of the latest meal that nobody announced; 0 before one is likely."""
+    """Size so far of the latest meal that was not announced; 0 before one is likely."""
     remaining_g: jax.Array
-    """How much of it is likely still to come."""
+    """Carbohydrate of that meal that is likely still to come."""
 
 
 @pytree
 class Sensed:
-    """What an estimator is told at a sample."""
+    """Information that an estimator gets at a sample."""
 
     glucose_mg_dl: jax.Array
     known: jax.Array
-    """Whether that is a reading to go by."""
+    """Whether there is a valid reading."""
     insulin_mU_min: jax.Array
     """Rate that was delivered since the last sample."""
     announced_carbs_g: jax.Array
-    """Of a meal that begins during the coming sample."""
+    """Carbohydrate of an announced meal that begins during the coming sample."""
 
 
 class MealEstimator(Protocol):
-    """Readings in, estimates out. Designed once; `step` never raises. The state is any pytree."""
+    """Estimator from readings to meals. It is designed once; `step` never raises. The state is any pytree."""
 
     def init(self, model: FedModel, sensed: Sensed) -> Any:
         """State before the first sample, of a person at rest."""

@@ -1,4 +1,4 @@
-"""An estimator of unknown meals over a record of readings and doses: a simulated one, or somebody's own."""
+"""Replay of a record of readings and doses, simulated or a person's own, through an estimator of unknown meals."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _ON_GRID = 1e-6  # of a sample; times nearer than this are the same time
 
 @pytree
 class MealEstimates:
-    """What an estimator said at each sample; time on the leading axis."""
+    """Estimates at each sample; time is the leading axis."""
 
     t_min: jax.Array
-    """(samples,) when each was said."""
+    """(samples,) times of the estimates."""
     glucose_mg_dl: jax.Array
-    """(samples, ...) of the estimated state."""
+    """(samples, ...) glucose of the estimated state."""
     eating: jax.Array
     """(samples, ...) as `MealEstimate.eating`, 0 to 1."""
     carbs_g: jax.Array
-    """(samples, ...) size so far of the latest meal that nobody announced."""
+    """(samples, ...) size so far of the latest meal that was not announced."""
     remaining_g: jax.Array
-    """(samples, ...) how much of it is likely still to come."""
+    """(samples, ...) carbohydrate of that meal that is likely still to come."""
     emptying_mg_min: jax.Array
     """(samples, ...) rate at which the stomach empties, of all meals."""
     disturbance_mg_min: jax.Array
@@ -48,7 +48,7 @@ def replay(
     initial_insulin_mU_min: jax.Array,
     dead_time_samples: int = 0,
 ) -> MealEstimates:
-    """Estimates along a record; JAX can trace it and map it over people.
+    """Estimates along a record; JAX can trace this function and map it over people.
 
     Parameters
     ----------
@@ -56,15 +56,15 @@ def replay(
     estimator : MealEstimator
     t_min : (samples,) array
     readings_mg_dl : (samples,) array
-        What is not finite is missing.
+        Readings; values that are not finite are missing.
     insulin_mU_min : (samples,) array
         Rate that was delivered from each sample to the next; the last ones, which no reading follows, do not count.
     announced_g : (samples,) array
         Carbohydrate of announced meals that begin between each sample and the next.
     initial_insulin_mU_min : () array
-        Rate under which he rested before.
+        Rate under which the person rested before.
     dead_time_samples : int
-        By how much the readings are late. An estimate is of the moment that its reading speaks of.
+        Delay of the readings. Each estimate is of the moment at which its reading was taken.
     """
     late, samples = dead_time_samples, t_min.shape[0]
     initial = jnp.asarray(initial_insulin_mU_min, float)
@@ -115,27 +115,27 @@ def estimate_meals(
     initial_insulin_mU_min: float | None = None,
     dead_time_samples: int = 0,
 ) -> MealEstimates:
-    """Estimate the meals that a record of readings and doses tells of.
+    """Estimate the meals in a record of readings and doses.
 
     Parameters
     ----------
     model : FedModel
-        The person; `models.individual.individual_model` gives the nominal one a basal rate of his own.
+        Model of the person; `models.individual.individual_model` adapts the nominal one to another basal rate.
     estimator : MealEstimator
-        Designed for the model.
+        Estimator that was designed for the model.
     t_min : (samples,) array
         Times, the model's sample time apart.
     readings_mg_dl : (samples,) array
-        What is not finite is missing.
+        Readings; values that are not finite are missing.
     insulin_mU_min : (samples,) array
         Rate that was delivered from each sample to the next, 0 or more. The last one does not count.
     announced_g : (samples,) array, optional
         Carbohydrate of the meals that begin between each sample and the next and that the estimator is to be told of,
         0 or more; none by default.
     initial_insulin_mU_min : float, optional
-        Rate under which he rested before the first sample; the model's own by default.
+        Rate under which the person rested before the first sample; the model's own by default.
     dead_time_samples : int
-        By how much the readings are late. An estimate is of the moment that its reading speaks of.
+        Delay of the readings. Each estimate is of the moment at which its reading was taken.
 
     Returns
     -------

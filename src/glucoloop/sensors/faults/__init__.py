@@ -1,4 +1,4 @@
-"""Faults of a sensor: small objects around any sensor, and around one another."""
+"""Faults of a sensor: small objects that wrap any sensor, and one another."""
 
 from glucoloop.sensors.faults.calibration import Calibration, calibration
 from glucoloop.sensors.faults.compression import Compression, compression

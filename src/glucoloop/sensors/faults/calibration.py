@@ -1,4 +1,4 @@
-"""A sensor that was calibrated wrongly."""
+"""Sensor with a wrong calibration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 @pytree
 class Calibration:
-    """Tells ``gain * reading + offset``."""
+    """Gives ``gain * reading + offset``."""
 
     inner: Sensor
     episodes: Episodes
@@ -24,11 +24,11 @@ class Calibration:
     offset_mg_dl: jax.Array | float
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault before the first reading."""
         return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read what is inside, and tell it wrongly while the fault is there."""
+        """Read the inner sensor, and apply gain and offset while the fault is present."""
         state, age, reading = read_within(self, state, glucose_mg_dl, key)
         glucose = reading.glucose_mg_dl
         told = jnp.where(age >= 0.0, self.gain * glucose + self.offset_mg_dl, glucose)
@@ -44,13 +44,13 @@ def calibration(
     Parameters
     ----------
     gain : float
-        Of what is told over what is read.
+        Factor from the inner reading to the given one.
     offset_mg_dl : float
-        Of either sign.
+        Offset of the given reading, of either sign.
     episodes : Episodes, optional
-        By default from the first sample to the last.
+        Episodes of the fault; by default from the first sample to the last.
     inner : Sensor, optional
-        What is read; an ideal sensor by default.
+        Inner sensor; an ideal one by default.
 
     Raises
     ------

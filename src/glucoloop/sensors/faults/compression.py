@@ -1,10 +1,10 @@
-"""Readings that fall because someone lies on the sensor.
+"""Readings that fall because the person lies on the sensor.
 
 The effect is a first-order system driven by a rectangular function, as in A. Facchinetti, S. Del Favero, G. Sparacino,
 C. Cobelli, "Modeling transient disconnections and compression artifacts of continuous glucose sensors", Diabetes
 Technol. Ther. 18, 264-272, 2016. Its abstract gives for Dexcom G4 sensors a median duration of 45 min (30 to 70 min
 from the 5th to the 95th percentile) and a median amplitude of 24 mg/dl (10 to 48 mg/dl). Here the fall is a fraction of
-the reading, so that it can never be more than all of it.
+the reading, so that it never exceeds the reading.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class _State:
 
 @pytree
 class Compression:
-    """Tells ``(1 - fall) * reading``, the fall going to its depth and back as a first-order system does.
+    """Gives ``(1 - fall) * reading``; the fall goes to its depth and back as a first-order system.
 
     A fall that has gone back to a ten-thousandth of the reading is over.
     """
@@ -44,14 +44,14 @@ class Compression:
     depth: jax.Array | float
     """Fraction of the reading that is lost in the end."""
     left: jax.Array | float
-    """Of the way to go, after a sample: ``exp(-sample time / time constant)``."""
+    """Share of the remaining way that is left after a sample: ``exp(-sample time / time constant)``."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """Nobody lies on it."""
+        """State without compression."""
         return _State(within=begin(self, glucose_mg_dl, key), fall=jnp.zeros_like(glucose_mg_dl))
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
-        """Read what is inside, and tell the part of it that is not lost."""
+        """Read the inner sensor, and give the part of the reading that is not lost."""
         within, age, reading = read_within(self, state.within, glucose_mg_dl, key)
         there = age >= 0.0
         goal = jnp.where(there, self.depth, 0.0)
@@ -78,14 +78,14 @@ def compression(
     depth : float
         Fraction of the reading that is lost in the end, above 0 and up to 1.
     episodes : Episodes
-        The onset is the first sample that is affected; it has gone a sample time of the way.
+        Episodes of compression. The onset is the first affected sample; its fall is that after one sample time.
     inner : Sensor, optional
-        What is read; an ideal sensor by default.
+        Inner sensor; an ideal one by default.
     tau_min : float
         Time constant of fall and recovery. The default is a choice: nearly the full depth is reached within the median
         duration of the source.
     sample_time_min : float
-        Of the loop.
+        Sample time of the loop.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A sensor that goes off more and more."""
+"""Sensor whose error grows with time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from glucoloop.units import MIN_PER_H
 
 @pytree
 class Drift:
-    """Adds what grows from nothing at the onset, in proportion to time."""
+    """Adds an error that grows from zero at the onset, in proportion to time."""
 
     inner: Sensor
     episodes: Episodes
@@ -26,11 +26,11 @@ class Drift:
     """Growth from one sample to the next."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault before the first reading."""
         return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read what is inside, and add to it while the fault is there."""
+        """Read the inner sensor, and add the drift while the fault is present."""
         state, age, reading = read_within(self, state, glucose_mg_dl, key)
         glucose = reading.glucose_mg_dl
         told = jnp.where(age >= 0.0, glucose + self.mg_dl_sample * age, glucose)
@@ -39,7 +39,7 @@ class Drift:
 
 @checked
 def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Drift:
-    """Sensor that drifts during the episodes and is right again after each.
+    """Sensor that drifts during the episodes and is correct again after each.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sa
         Growth of the error in an hour, of either sign.
     episodes : Episodes
     inner : Sensor, optional
-        What is read; an ideal sensor by default.
+        Inner sensor; an ideal one by default.
     sample_time_min : float
-        Of the loop.
+        Sample time of the loop.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Readings that arrive late, and do not say so."""
+"""Readings that arrive late without a notice."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ class _State:
 
 @pytree
 class Late:
-    """Tells what was read some samples ago; before the first such reading, glucose at the start."""
+    """Gives the reading from some samples ago; before the first such reading, the initial glucose."""
 
     inner: Sensor
     episodes: Episodes
     samples: int = static()
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault, with the initial glucose as past readings."""
         return _State(within=begin(self, glucose_mg_dl, key), past=filled(self.samples, glucose_mg_dl))
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
-        """Read what is inside, and tell an older reading while the fault is there."""
+        """Read the inner sensor, and give an older reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         line = joined(state.past, newest)
         told: Reading = jax.tree.map(lambda old, new: jnp.where(age >= 0.0, old, new), one_of(line, 0), newest)

@@ -1,6 +1,6 @@
 """Readings that do not arrive.
 
-Of the disconnections of a sensor in 72 people about 90 % lasted less than 20 min, says the abstract of A. Facchinetti,
+About 90 % of the disconnections of a sensor in 72 people lasted less than 20 min: abstract of A. Facchinetti,
 S. Del Favero, G. Sparacino, C. Cobelli, "Modeling transient disconnections and compression artifacts of continuous
 glucose sensors", Diabetes Technol. Ther. 18, 264-272, 2016.
 """
@@ -19,17 +19,17 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 @pytree
 class Missing:
-    """Tells no number, and says so."""
+    """Gives no reading, and marks it as not valid."""
 
     inner: Sensor
     episodes: Episodes
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault before the first reading."""
         return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read what is inside, and lose it while the fault is there."""
+        """Read the inner sensor, and drop the reading while the fault is present."""
         state, age, reading = read_within(self, state, glucose_mg_dl, key)
         lost = age >= 0.0
         return state, Reading(

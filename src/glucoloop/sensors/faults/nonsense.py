@@ -1,4 +1,4 @@
-"""A number that is no glucose, told as if it were."""
+"""Readings that have nothing to do with glucose and are given as valid."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 @pytree
 class Nonsense:
-    """Tells a number whatever glucose is, and calls it valid."""
+    """Gives a fixed number whatever glucose is, and marks it as valid."""
 
     inner: Sensor
     episodes: Episodes
     value: jax.Array | float
-    """May be infinite or not a number."""
+    """Number that is given; it may be infinite or not a number."""
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault before the first reading."""
         return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read what is inside, and tell the number in its place while the fault is there."""
+        """Read the inner sensor, and give the fixed number in its place while the fault is present."""
         state, age, reading = read_within(self, state, glucose_mg_dl, key)
         there = age >= 0.0
         return state, Reading(
@@ -36,5 +36,5 @@ class Nonsense:
 
 @checked
 def nonsense(value: float, episodes: Episodes, inner: Sensor | None = None) -> Nonsense:
-    """Sensor that tells a number of its own during the episodes: 0, 2000, infinite or none at all."""
+    """Sensor that gives a fixed number during the episodes, for example 0, 2000, infinity or NaN."""
     return Nonsense(inner=or_ideal(inner), episodes=episodes, value=float(value))

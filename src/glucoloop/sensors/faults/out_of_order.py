@@ -1,4 +1,4 @@
-"""Readings that overtake one another on their way."""
+"""Readings that arrive out of order."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class _State:
 
 @pytree
 class OutOfOrder:
-    """Tells any one of the latest readings, each as likely as the others and drawn anew at each sample."""
+    """Gives one of the latest readings, each with the same probability and drawn anew at each sample."""
 
     inner: Sensor
     episodes: Episodes
     among: int = static()
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault, with the initial glucose as past readings."""
         return _State(within=begin(self, glucose_mg_dl, key), past=filled(self.among - 1, glucose_mg_dl))
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
-        """Read what is inside, and tell one of the latest readings while the fault is there."""
+        """Read the inner sensor, and give one of the latest readings while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         line = joined(state.past, newest)
         own = jax.random.fold_in(self.episodes.own(key), _WHICH)
@@ -52,7 +52,7 @@ class OutOfOrder:
 
 @checked
 def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) -> OutOfOrder:
-    """Sensor that tells any one of its latest readings during the episodes.
+    """Sensor that gives a random one of its latest readings during the episodes.
 
     Raises
     ------

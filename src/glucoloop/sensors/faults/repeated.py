@@ -1,4 +1,4 @@
-"""A sensor that reads less often than it is asked."""
+"""Sensor that updates its reading less often than every sample."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ class _State:
     within: Within
     last: Reading
     told: jax.Array
-    """How often it has been told."""
+    """Number of times that the present reading has been given."""
 
 
 @pytree
 class Repeated:
-    """Tells each reading several times; the first is that of the onset."""
+    """Gives each reading several times; the first is that of the onset."""
 
     inner: Sensor
     episodes: Episodes
     times: jax.Array | float
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """Nothing has been told yet."""
+        """State before any reading has been given."""
         last = Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.ones(jnp.shape(glucose_mg_dl), bool))
         return _State(within=begin(self, glucose_mg_dl, key), last=last, told=jnp.zeros_like(glucose_mg_dl))
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
-        """Read what is inside, and tell the last reading again while the fault is there."""
+        """Read the inner sensor, and repeat the last reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         again = (age > 0.0) & (state.told < self.times)
         told: Reading = jax.tree.map(lambda last, new: jnp.where(again, last, new), state.last, newest)
@@ -45,7 +45,7 @@ class Repeated:
 
 @checked
 def repeated(times: int, episodes: Episodes, inner: Sensor | None = None) -> Repeated:
-    """Sensor that tells each reading several times during the episodes.
+    """Sensor that gives each reading several times during the episodes.
 
     Raises
     ------

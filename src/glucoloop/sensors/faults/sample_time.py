@@ -1,4 +1,4 @@
-"""The time between readings, which a fault that is told in minutes has to know."""
+"""Check of the time between readings, for faults whose settings are in minutes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 
 def checked_sample_time(sample_time_min: float) -> float:
-    """A sample time, if it is one."""
+    """A sample time, refused unless it is positive and finite."""
     if not 0.0 < sample_time_min < math.inf:
         raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
     return float(sample_time_min)

@@ -1,4 +1,4 @@
-"""The range of a sensor: what lies beyond is told as its end."""
+"""Measuring range of a sensor: readings beyond it are given as its ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 @pytree
 class Saturation:
-    """Clips readings to a range; what is not a number stays so."""
+    """Clips readings to a range; NaN stays NaN."""
 
     inner: Sensor
     episodes: Episodes
@@ -24,11 +24,11 @@ class Saturation:
     high_mg_dl: jax.Array | float
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault before the first reading."""
         return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read what is inside, and clip it while the fault is there."""
+        """Read the inner sensor, and clip the reading while the fault is present."""
         state, age, reading = read_within(self, state, glucose_mg_dl, key)
         glucose = reading.glucose_mg_dl
         told = jnp.where(age >= 0.0, jnp.clip(glucose, self.low_mg_dl, self.high_mg_dl), glucose)
@@ -42,16 +42,16 @@ def saturation(
     episodes: Episodes | None = None,
     inner: Sensor | None = None,
 ) -> Saturation:
-    """Sensor with a range.
+    """Sensor with a limited measuring range.
 
     Parameters
     ----------
     low_mg_dl, high_mg_dl : float
-        Its ends; the defaults are those within which continuous glucose monitors tell a number.
+        Ends of the range; the defaults are the range in which continuous glucose monitors give a number.
     episodes : Episodes, optional
-        By default from the first sample to the last.
+        Episodes of the fault; by default from the first sample to the last.
     inner : Sensor, optional
-        What is read; an ideal sensor by default.
+        Inner sensor; an ideal one by default.
 
     Raises
     ------

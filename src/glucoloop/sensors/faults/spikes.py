@@ -16,18 +16,18 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 @pytree
 class Spikes:
-    """Adds a fixed amount, of either sign."""
+    """Adds a fixed amount, of either sign, to the reading."""
 
     inner: Sensor
     episodes: Episodes
     size_mg_dl: jax.Array | float
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """See `Sensor`."""
+        """State of the inner sensor and of the fault before the first reading."""
         return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read what is inside, and add to it while the fault is there."""
+        """Read the inner sensor, and add the fixed amount while the fault is present."""
         state, age, reading = read_within(self, state, glucose_mg_dl, key)
         glucose = reading.glucose_mg_dl
         told = jnp.where(age >= 0.0, glucose + self.size_mg_dl, glucose)

@@ -1,4 +1,4 @@
-"""A sensor that stays where it was."""
+"""Sensor whose reading stays constant."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ class _State:
 
 @pytree
 class Stuck:
-    """Tells on and on what it read when the fault began."""
+    """Repeats the reading at which the fault began."""
 
     inner: Sensor
     episodes: Episodes
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
-        """Glucose at the start is held until there is something to hold."""
+        """State that holds the initial glucose until there is a reading."""
         held = Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.ones(jnp.shape(glucose_mg_dl), bool))
         return _State(within=begin(self, glucose_mg_dl, key), held=held)
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
-        """Read what is inside, and tell what is held while the fault is there."""
+        """Read the inner sensor, and give the held reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         told: Reading = jax.tree.map(lambda held, new: jnp.where(age > 0.0, held, new), state.held, newest)
         return _State(within=within, held=told), told
@@ -39,5 +39,5 @@ class Stuck:
 
 @checked
 def stuck(episodes: Episodes, inner: Sensor | None = None) -> Stuck:
-    """Sensor that stays during each episode at what it read when it began."""
+    """Sensor whose reading stays during each episode at its value when the episode began."""
     return Stuck(inner=or_ideal(inner), episodes=episodes)

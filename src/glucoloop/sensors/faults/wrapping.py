@@ -1,4 +1,4 @@
-"""What all sensor faults have in common: a sensor inside, and times at which the fault is there."""
+"""Common parts of all sensor faults: an inner sensor, and the episodes of the fault."""
 
 from __future__ import annotations
 
@@ -13,41 +13,44 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 
 class Faulty(Protocol):
-    """A sensor with a fault."""
+    """Protocol of a sensor with a fault."""
 
     @property
     def inner(self) -> Sensor:
-        """What it is a fault of."""
+        """Sensor that the fault acts on."""
         ...
 
     @property
     def episodes(self) -> Episodes:
-        """When it is there."""
+        """Episodes during which the fault is present."""
         ...
 
 
 @pytree
 class Within:
-    """State of the sensor inside, and where the fault stands."""
+    """State of the inner sensor, and of the episodes of the fault."""
 
     inner: Any
     episode: Episode
 
 
 def begin(fault: Faulty, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-    """Before the first reading. The sensor inside gets the key as it is, so that a fault does not disturb it."""
+    """State before the first reading.
+
+    The inner sensor gets the same key as without the fault, so its noise is the same.
+    """
     return Within(inner=fault.inner.init(glucose_mg_dl, key), episode=fault.episodes.init(glucose_mg_dl, key))
 
 
 def read_within(
     fault: Faulty, state: Within, glucose_mg_dl: jax.Array, key: jax.Array
 ) -> tuple[Within, jax.Array, Reading]:
-    """Read the sensor inside; the age of the fault comes with it, -1 if there is none."""
+    """Read the inner sensor; the age of the fault comes with the reading, -1 while the fault is absent."""
     inner, reading = fault.inner.read(state.inner, glucose_mg_dl, key)
     episode, age = fault.episodes.step(state.episode, key)
     return Within(inner=inner, episode=episode), age, reading
 
 
 def or_ideal(inner: Sensor | None) -> Sensor:
-    """A given sensor, or the ideal one."""
+    """The given sensor, or the ideal one for None."""
     return IdealSensor() if inner is None else inner
