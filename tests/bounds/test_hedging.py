@@ -116,7 +116,7 @@ def test_what_noise_hides_is_never_told():
     [
         (gl.Scenario(()), 1.45, {}, "worked out for one meal, and the scenario has 0"),
         (gl.Scenario([gl.Meal(1, 1), gl.Meal(2, 2)]), 1.45, {}, "the scenario has 2"),
-        (gl.Scenario(setpoint_mg_dl=100.0), 1.45, {}, "does not rest at his setpoint"),
+        (gl.Scenario(setpoint_mg_dl=100.0), 1.45, {}, "does not rest at the setpoint"),
         (gl.Scenario(), 0.0, {}, "a noise variance of 0 tell a meal at once, or never"),
         (gl.Scenario(), float("nan"), {}, "give a finite value above 0"),
         (gl.Scenario(), 1.45, {"errors": [0.5]}, "an error of 0.5 is not possible"),
