@@ -24,13 +24,13 @@ from ceiling import asked_for, ceilings, most_gflops
 from closed_loop import MEALS
 
 from glucoloop._pytree import pytree
+from glucoloop.cohorts import engine
+from glucoloop.cohorts.blocks import block_size
 from glucoloop.config.trial import read_trial
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
 from glucoloop.simulation.cohort import CohortRun, People
-from glucoloop.trials import engine
-from glucoloop.trials.blocks import block_size
 
 CASES = ("basal", "mpc", "mpc-se", "nlqdmc-se")
 SITUATIONS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
 from glucoloop.registry.guard import complete_guard
-from glucoloop.trials import engine
 
 CONTROLLERS = ("mpc", "mpc-se", "imc")
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import glucoloop
+from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
 from glucoloop.registry.guard import complete_guard
-from glucoloop.report._stress_faults import short_names
-from glucoloop.trials import engine
+from glucoloop.studies.stress._faults import short_names
 
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE"}
 PEOPLE, SEED = 1000, 0

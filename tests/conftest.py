@@ -76,13 +76,8 @@ LONG = {
     "optimize": ("test_moves_qp", "test_soft_floor"),
     "simulation": ("test_beyond_the_model", "test_transformations"),
     "storage": ("test_trial_cluster",),
-    "trials": (
-        "test_adversary_attack",
-        "test_campaign",
-        "test_robust_loop",
-        "test_tuning_oscillation",
-        "test_tuning_search",
-    ),
+    "studies": ("test_adversary_attack", "test_robust_loop", "test_verification"),
+    "tuning": ("test_oscillation", "test_search"),
 }
 """Modules all of whose tests are `long`, by their folder."""
 

@@ -17,6 +17,7 @@ from glucoloop.arithmetic import use_float64
 
 if TYPE_CHECKING:
     from glucoloop.bounds import optimal_doses
+    from glucoloop.cohorts.people_run import simulate_people
     from glucoloop.control import (
         GuardSettings,
         MealTuning,
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
         nonlinear_model,
         simulate,
     )
-    from glucoloop.trials.people_run import simulate_people
 
 __version__ = "0.1.0"
 
@@ -95,7 +95,7 @@ _HOME = {
     "population": "patients",
     "record_from_samples": "identification",
     "simulate": "simulation",
-    "simulate_people": "trials.people_run",
+    "simulate_people": "cohorts.people_run",
     "summarise": "metrics",
     "virtual_people": "patients",
     "white_noise": "sensors",

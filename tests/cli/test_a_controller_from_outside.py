@@ -9,11 +9,11 @@ import polars as pl
 import pytest
 
 from glucoloop.cli.request import file_keys, with_lists
-from glucoloop.config.detection import detection_keys
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
 from glucoloop.registry.settings import Default, Setting
+from glucoloop.studies.detection.keys import detection_keys
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
 NAME = "your_own_controller:ENTRY"

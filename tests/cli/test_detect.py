@@ -7,13 +7,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.config.detection import read_detection
 from glucoloop.meals import draw_meals
-from glucoloop.report.detection_figure import plot_detection
-from glucoloop.trials.detection import evaluate
-from glucoloop.trials.detection.days import Days
-from glucoloop.trials.detection.evaluate import Estimated, score
-from glucoloop.trials.detection.result import DetectionResult
+from glucoloop.studies.detection import evaluate
+from glucoloop.studies.detection.days import Days
+from glucoloop.studies.detection.evaluate import Estimated, score
+from glucoloop.studies.detection.figure import plot_detection
+from glucoloop.studies.detection.keys import read_detection
+from glucoloop.studies.detection.result import DetectionResult
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")

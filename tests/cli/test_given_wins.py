@@ -6,9 +6,9 @@ import pytest
 
 from glucoloop.cli.app import app
 from glucoloop.config.bound import bound_keys
-from glucoloop.config.detection import detection_keys
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
+from glucoloop.studies.detection.keys import detection_keys
 
 
 def own_keys(read):

@@ -247,7 +247,7 @@ LONG_WORK = {
     "identify": "glucoloop.cli.identified.identify",
     "bound": "glucoloop.cli.bounded.work_out",
     "tune": "glucoloop.cli.tune._search",
-    "detect": "glucoloop.trials.detection.evaluate.evaluate",
+    "detect": "glucoloop.studies.detection.evaluate.evaluate",
     "claims": "glucoloop.papers.meal_aware.reproduce.carry_out",
     "compare --case mpc --case pid": "glucoloop.cli.closed_loop.close_the_loop",
 }

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from glucoloop.cli.robust import _RANGED
 from glucoloop.config import read_run
-from glucoloop.config.robust import RANGES, read_robust, robust_key_names
-from glucoloop.trials.robust import OBJECTIVES, SPACE
-from glucoloop.trials.robust.objectives import METRICS
+from glucoloop.studies.robust import OBJECTIVES, SPACE
+from glucoloop.studies.robust.keys import RANGES, read_robust, robust_key_names
+from glucoloop.studies.robust.objectives import METRICS
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
@@ -54,7 +54,7 @@ class ClosedForm:
 
 @pytest.fixture(autouse=True)
 def _closed_form(monkeypatch):
-    monkeypatch.setattr("glucoloop.trials.robust.search.TuningLoop", ClosedForm)
+    monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
 
 
 def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
@@ -99,7 +99,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
 
 @pytest.fixture
 def _plain(monkeypatch):
-    monkeypatch.setattr("glucoloop.cli.robust_results.plot_robust", lambda *_, **__: Figure())
+    monkeypatch.setattr("glucoloop.studies.robust.results.plot_robust", lambda *_, **__: Figure())
 
 
 @pytest.mark.usefixtures("_plain")

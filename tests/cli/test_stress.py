@@ -25,8 +25,8 @@ FILES = {
 
 @pytest.fixture
 def _plain(monkeypatch):
-    monkeypatch.setattr("glucoloop.cli.stress_results.stress_page", lambda result: result.repeat)
-    monkeypatch.setattr("glucoloop.cli.stress_results.plot_stress", lambda result: Figure())
+    monkeypatch.setattr("glucoloop.studies.stress.results.stress_page", lambda result: result.repeat)
+    monkeypatch.setattr("glucoloop.studies.stress.results.plot_stress", lambda result: Figure())
 
 
 def test_folder_holds_every_cell_and_repeats_itself(glucoloop, tmp_path):

@@ -147,7 +147,7 @@ def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
 
 @pytest.mark.usefixtures("_plain")
 def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, tmp_path, monkeypatch):
-    from glucoloop.trials import engine
+    from glucoloop.cohorts import engine
 
     run_people, calls = engine.run_people, []
 

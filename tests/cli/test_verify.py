@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from glucoloop.trials import campaign
-from glucoloop.trials.campaign import nonsense
-from glucoloop.trials.campaign.invariants import CAPS, DOSE, PROMISES
-from glucoloop.trials.campaign.nonsense import NonsenseArm, NonsenseResult
-from glucoloop.trials.campaign.result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
+from glucoloop.studies import verification as campaign
+from glucoloop.studies.verification import nonsense
+from glucoloop.studies.verification.invariants import CAPS, DOSE, PROMISES
+from glucoloop.studies.verification.nonsense import NonsenseArm, NonsenseResult
+from glucoloop.studies.verification.result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
 
 KEPT = Arm(
     controller="pid",
@@ -120,7 +120,7 @@ def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
 
 
 def test_a_campaign_runs(glucoloop, monkeypatch):
-    monkeypatch.setattr("glucoloop.trials.campaign.campaign.horizon_min", lambda name: 100.0)
+    monkeypatch.setattr("glucoloop.studies.verification.campaign.horizon_min", lambda name: 100.0)
     answer = glucoloop("verify", "--loops", 30, "--controller", "basal")
     assert answer.code == 0
     assert "30 loops, 600 samples, " in answer.out

@@ -2,7 +2,7 @@
 
 import pytest
 
-from glucoloop.config.adversary import SEARCHED, read_adversary
+from glucoloop.studies.adversary.keys import SEARCHED, read_adversary
 
 
 def test_without_keys_it_is_five_guarded_controllers_under_three_sizes_of_errors():

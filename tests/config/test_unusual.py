@@ -6,11 +6,11 @@ import pytest
 
 from glucoloop.config import read_comparison, read_identification, read_run, toml_text
 from glucoloop.config.bound import bound_keys, read_bound
-from glucoloop.config.detection import detection_keys, read_detection
 from glucoloop.config.identification import identification_keys
-from glucoloop.config.robust import read_robust
-from glucoloop.config.stress import read_stress
 from glucoloop.config.trial import read_trial, trial_keys
+from glucoloop.studies.detection.keys import detection_keys, read_detection
+from glucoloop.studies.robust.keys import read_robust
+from glucoloop.studies.stress.keys import read_stress
 
 CASES = [{"label": "a"}, {"label": "b", "move_weight": 3}]
 READERS = {
@@ -151,6 +151,6 @@ def test_clock_time_without_a_unit_is_asked_about(command):
 
 
 def test_confirmation_is_no_part_of_what_a_trial_is():
-    from glucoloop.trials.trial import fingerprint
+    from glucoloop.cohorts.trial import fingerprint
 
     assert fingerprint(read_trial({})) == fingerprint(read_trial({"allow_unusual": True}))

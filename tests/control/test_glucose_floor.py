@@ -20,7 +20,7 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.optimize import minimise_moves_above_floor, soft_floor
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.simulation import nonlinear_model
-from glucoloop.trials.tuning.stacking import padded
+from glucoloop.tuning.stacking import padded
 
 IMPULSE = -0.12 * (np.exp(-np.arange(1, 37) / 9.0) - np.exp(-np.arange(1, 37) / 3.0))
 MODEL = StepResponseModel.from_impulse_response(IMPULSE, 5.0)

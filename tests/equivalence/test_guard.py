@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
 from glucoloop.control import Guard, GuardSettings, guarded
-from glucoloop.trials import engine
 
 PEOPLE = np.arange(7)
 KEYS = {"people": PEOPLE.size, "seed": 211, "duration_min": 240.0, "meals": ["50g@30min"], "noise_variance": 1.45}

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
@@ -15,7 +16,6 @@ from glucoloop.meals.plan import MealPlan
 from glucoloop.patients import population, virtual_people
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.trials.trial import Trial
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)

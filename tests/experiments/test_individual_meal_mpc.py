@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import MealMPC
 from glucoloop.experiments import individual_meal_mpc
 from glucoloop.experiments.case import Case
@@ -19,7 +20,6 @@ from glucoloop.patients import patient, population, virtual_people
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
-from glucoloop.trials.trial import Trial
 
 PEOPLE = 24
 

@@ -20,7 +20,7 @@ _STOPS = (
     "glucoloop.cli.identified._method",
     "glucoloop.cli.identified._from_patient",
     "glucoloop.cli.tune._search",
-    "glucoloop.trials.engine.prepare",
+    "glucoloop.cohorts.engine.prepare",
     "glucoloop.storage.trials.folder.trial_folder",
     "glucoloop.papers.parker1999.reproduce.carry_out",
 )

@@ -12,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop import arithmetic
+from glucoloop.cohorts.trial import FORMAT
 from glucoloop.config import named_population
 from glucoloop.config.trial import read_trial
 from glucoloop.identification import record_from_samples
@@ -24,7 +25,6 @@ from glucoloop.storage.trials.binding import SHARD
 from glucoloop.storage.trials.folder import SHARDS, SUMMARY
 from glucoloop.storage.trials.header import HEADER, arithmetic_of, header_of, read_header
 from glucoloop.storage.trials.query import trial_tables
-from glucoloop.trials.trial import FORMAT
 
 MODEL = {
     "format": "glucoloop-model",

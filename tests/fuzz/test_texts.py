@@ -11,7 +11,7 @@ from glucoloop.config.case_text import parse_case
 from glucoloop.printable import is_printable, printable
 from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import FAULTS
-from glucoloop.trials.tuning.grid import parse_integers, parse_numbers, tuning_grid
+from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
 awkward = st.text(alphabet="0123456789.eE+-@ghmin:,= \t\n\0'\"[]{}#_²٣", max_size=20) | st.text(max_size=12)
 settings_texts = st.lists(

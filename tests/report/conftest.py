@@ -9,8 +9,8 @@ import pytest
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.report.trial_report import QUANTILES, CaseReport, Distribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.simulation import Trace
-from glucoloop.trials.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
-from glucoloop.trials.tuning import TuningSurface
+from glucoloop.studies.stress.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
+from glucoloop.tuning import TuningSurface
 
 VOID = {"meta", "br", "img", "link", "input", "hr", "col"}
 

@@ -3,10 +3,10 @@ import io
 import numpy as np
 import pytest
 
-from glucoloop.config.robust import read_robust
-from glucoloop.report.robust_figure import plot_robust
-from glucoloop.report.robust_table import check_table, robust_table
-from glucoloop.trials.robust import OBJECTIVES, Bound, Candidate, Checked, judge
+from glucoloop.studies.robust import OBJECTIVES, Bound, Candidate, Checked, judge
+from glucoloop.studies.robust.figure import plot_robust
+from glucoloop.studies.robust.keys import read_robust
+from glucoloop.studies.robust.table import check_table, robust_table
 
 SEARCH = read_robust({"at_most": ["peak-median=95"]}).search
 BOUNDS = [Bound("peak-median", 95.0)]

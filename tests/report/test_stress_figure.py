@@ -6,9 +6,9 @@ import sys
 import matplotlib.colors
 import pytest
 
-from glucoloop.report import plot_stress
-from glucoloop.report._stress_cells import SHADES
-from glucoloop.trials.stress import STANDARD_FAULTS
+from glucoloop.studies.stress._cells import SHADES
+from glucoloop.studies.stress.figure import plot_stress
+from glucoloop.studies.stress.stress import STANDARD_FAULTS
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 

@@ -6,9 +6,9 @@ import re
 import pytest
 
 from glucoloop.registry.faults import FAULTS
-from glucoloop.report import stress_page
-from glucoloop.report._stress_cells import QUANTITIES, SHADES
-from glucoloop.trials.stress import STANDARD_FAULTS
+from glucoloop.studies.stress._cells import QUANTITIES, SHADES
+from glucoloop.studies.stress.page import stress_page
+from glucoloop.studies.stress.stress import STANDARD_FAULTS
 
 STUCK, SPIKES = "stuck, start_min=60, duration_min=90", "spikes, per_day=12, size_mg_dl=60"
 

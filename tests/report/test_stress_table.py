@@ -7,8 +7,8 @@ import math
 import pytest
 from rich.console import Console
 
-from glucoloop.report import stress_table
-from glucoloop.trials.stress import STANDARD_FAULTS
+from glucoloop.studies.stress.stress import STANDARD_FAULTS
+from glucoloop.studies.stress.table import stress_table
 
 STUCK = "stuck, start_min=60, duration_min=90"
 

@@ -7,11 +7,11 @@ import math
 import pytest
 
 from glucoloop.registry.fault_text import parse_fault
-from glucoloop.report._stress_cells import SHADES, UNKNOWN, shade_of, short_mg_dl, short_pct
-from glucoloop.report._stress_faults import settings_in_words, short_names, when_in_words
-from glucoloop.report._stress_grid import grid_of
-from glucoloop.report._stress_words import numbers_told, verdict
-from glucoloop.trials.stress import STANDARD_FAULTS
+from glucoloop.studies.stress._cells import SHADES, UNKNOWN, shade_of, short_mg_dl, short_pct
+from glucoloop.studies.stress._faults import settings_in_words, short_names, when_in_words
+from glucoloop.studies.stress._grid import grid_of
+from glucoloop.studies.stress._words import numbers_told, verdict
+from glucoloop.studies.stress.stress import STANDARD_FAULTS
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 

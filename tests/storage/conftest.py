@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import read_trial
 from glucoloop.metrics import Metrics
 from glucoloop.patients.population import draw
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.shard import compute_shard, edges
 from glucoloop.threefry import uniforms
-from glucoloop.trials.trial import Trial
 
 
 def pretend(trial):

@@ -4,8 +4,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.config.adversary import read_adversary
-from glucoloop.storage.adversary import FINAL, SCORES, adversary_folder
+from glucoloop.studies.adversary.folder import FINAL, SCORES, adversary_folder
+from glucoloop.studies.adversary.keys import read_adversary
 
 KEYS = {"controllers": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
 ASKED = read_adversary(KEYS)

@@ -10,15 +10,15 @@ import shutil
 
 import pytest
 
-from glucoloop.config.robust import read_robust
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
 from glucoloop.storage.parquet_size import parquet_size
-from glucoloop.storage.robust import robust_folder
 from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
-from glucoloop.trials.robust import OBJECTIVES, Candidate
+from glucoloop.studies.robust import OBJECTIVES, Candidate
+from glucoloop.studies.robust.folder import robust_folder
+from glucoloop.studies.robust.keys import read_robust
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (

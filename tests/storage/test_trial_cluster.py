@@ -10,11 +10,11 @@ import time
 
 import pytest
 
+from glucoloop.cohorts import engine
 from glucoloop.storage.trials.cluster import connected, run_on_cluster
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.run import run_here
 from glucoloop.storage.trials.shard import compute_shard
-from glucoloop.trials import engine
 
 pytest.importorskip("distributed")
 PATIENCE_S = 60.0

@@ -9,10 +9,10 @@ import sys
 
 import pytest
 
+from glucoloop.cohorts.trial import fingerprint
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.run import run_here
-from glucoloop.trials.trial import fingerprint
 
 FINAL = {"summary.json": b"{}", "report.html": b"<html>"}
 

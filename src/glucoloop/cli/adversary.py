@@ -13,8 +13,8 @@ from glucoloop.cli.screen import note, show, stage
 from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL, WORKERS
 
 if TYPE_CHECKING:
-    from glucoloop.config.adversary import Adversary
-    from glucoloop.storage.adversary import AdversaryFolder
+    from glucoloop.studies.adversary.folder import AdversaryFolder
+    from glucoloop.studies.adversary.keys import Adversary
 
 HELP: Final = (
     "Search for the worst plausible sensor errors: those that bring a controller's glucose lowest.\n\n"
@@ -106,9 +106,9 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> Adversary:
-    from glucoloop.config.adversary import read_adversary
     from glucoloop.config.cases import take_cases
     from glucoloop.config.trial import overlay_trial
+    from glucoloop.studies.adversary.keys import read_adversary
 
     cases = take_cases(keys, of_file)
     called = names(_OPTIONS, keys)
@@ -116,7 +116,7 @@ def _read(keys: Given, of_file: Given) -> Adversary:
 
 
 def _carry_out(asked: Adversary, output: Output) -> None:
-    from glucoloop.storage.adversary import CONFIGURATION, FINAL, SCORES, adversary_folder
+    from glucoloop.studies.adversary.folder import CONFIGURATION, FINAL, SCORES, adversary_folder
 
     if output.out is None:
         if output.overwrite:
@@ -144,9 +144,9 @@ def _carry_out(asked: Adversary, output: Output) -> None:
 
 def _search(asked: Adversary, folder: AdversaryFolder | None) -> list[dict[str, Any]]:
     """Carry out what is missing, and sum up."""
-    from glucoloop.cli.adversary_results import files_of, row_of
     from glucoloop.cli.search_progress import counted_out
-    from glucoloop.trials.adversary import Cell, Generation, search_all
+    from glucoloop.studies.adversary import Cell, Generation, search_all
+    from glucoloop.studies.adversary.results import files_of, row_of
 
     before = {} if folder is None else {name: list(scores) for name, scores in folder.scores.items()}
     known = sum(map(len, before.values()))
@@ -175,9 +175,9 @@ def _search(asked: Adversary, folder: AdversaryFolder | None) -> list[dict[str, 
 
 
 def _tell(asked: Adversary, rows: list[dict[str, Any]], output: Output, files: dict[str, str]) -> None:
-    from glucoloop.cli.adversary_results import sentences, summary_of
     from glucoloop.cli.telling import print_json, where_written
-    from glucoloop.report.adversary_table import adversary_table
+    from glucoloop.studies.adversary.results import sentences, summary_of
+    from glucoloop.studies.adversary.table import adversary_table
 
     if output.json:
         print_json(summary_of(asked, rows), files, ())

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Final
 from glucoloop.cli.options import OUTPUT, SEED, SITUATION, Given, Option, names, with_options
 from glucoloop.cli.request import file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stages
-from glucoloop.cli.telling import print_json, where_written, with_version
+from glucoloop.cli.telling import print_json, where_written
+from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from glucoloop.cli.bounded import Bounded

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Final
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, Option, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage
-from glucoloop.cli.telling import mmol_lines, print_json, where_written, with_version
+from glucoloop.cli.telling import mmol_lines, print_json, where_written
+from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from glucoloop.bounds import Distance, OptimalDoses

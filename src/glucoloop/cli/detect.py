@@ -14,8 +14,8 @@ from glucoloop.cli.trial_options import TRIAL
 from glucoloop.registry.controllers import CONTROLLERS, all_settings
 
 if TYPE_CHECKING:
-    from glucoloop.trials.detection.detection import Detection
-    from glucoloop.trials.detection.result import DetectionResult
+    from glucoloop.studies.detection.detection import Detection
+    from glucoloop.studies.detection.result import DetectionResult
 
 HELP: Final = (
     "Try the estimators of meals that nobody announced: how soon a meal is detected, how well its size is told, and "
@@ -29,7 +29,7 @@ HELP: Final = (
     "  glucoloop detect --config detect/detect.toml"
 )
 _ESTIMATORS: Final = "Estimators"
-# As `trials.detection.detection.ESTIMATOR_SETTINGS`, which imports numerical libraries.
+# As `studies.detection.detection.ESTIMATOR_SETTINGS`, which imports numerical libraries.
 _ESTIMATOR_SETTINGS: Final = (
     "meal_horizon",
     "meals_per_h",
@@ -130,12 +130,12 @@ def command(given: Given) -> None:
             asked = _read(*texts)
         keep_compiled()
         with stages("Designing and compiling") as done:
-            from glucoloop.trials.detection.evaluate import evaluate
+            from glucoloop.studies.detection.evaluate import evaluate
 
             result = evaluate(asked, done)
         if folder is not None:
             with stage("Drawing"):
-                from glucoloop.cli.detect_results import files_of
+                from glucoloop.studies.detection.results import files_of
 
                 for name, data in files_of(asked, result).items():
                     folder.write(name, data)
@@ -145,7 +145,7 @@ def command(given: Given) -> None:
 
 def _read(keys: Given, of_file: Given) -> Detection:
     from glucoloop.config import overlay
-    from glucoloop.config.detection import read_detection
+    from glucoloop.studies.detection.keys import read_detection
 
     called = names(_OPTIONS, keys)
     if "people" in keys and "days" not in keys:
@@ -154,13 +154,13 @@ def _read(keys: Given, of_file: Given) -> Detection:
 
 
 def _tell(asked: Detection, result: DetectionResult, output: Output, files: dict[str, str]) -> None:
-    from glucoloop.cli.detect_results import notes, report
+    from glucoloop.studies.detection.results import notes, report
 
     told = tuple(notes(asked, result))
     if output.json:
         print_json(report(asked, result), files, told)
         return
-    from glucoloop.report.detection_table import detection_table
+    from glucoloop.studies.detection.table import detection_table
 
     show(detection_table(result))
     for line in told:

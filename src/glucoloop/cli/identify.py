@@ -24,7 +24,8 @@ from glucoloop.cli.options import (
 )
 from glucoloop.cli.request import Output, file_keys, split_off_output
 from glucoloop.cli.screen import show, stage
-from glucoloop.cli.telling import print_json, where_written, with_version
+from glucoloop.cli.telling import print_json, where_written
+from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from glucoloop.cli.identified import Identified

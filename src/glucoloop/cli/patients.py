@@ -22,8 +22,7 @@ def command(given: Given) -> None:
     """Tell of each patient."""
     entries = [patient_entry(name) for name in patient_names()]
     if given.get("json"):
-        from glucoloop.cli.telling import with_version
-        from glucoloop.storage.strict_json import json_text
+        from glucoloop.storage.strict_json import json_text, with_version
 
         print(json_text(with_version({"patients": [_plain(entry) for entry in entries]})))
         return

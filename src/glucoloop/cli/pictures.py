@@ -16,15 +16,10 @@ if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
 
-def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
-    """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run."""
-    from glucoloop.report.print_figure import KINDS, figure_bytes
-
-    return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}
-
-
 def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
     """A figure as PNG, SVG and PDF, the same for the same run."""
+    from glucoloop.report.print_figure import figure_files
+
     for file, data in figure_files(name, figure).items():
         folder.write(file, data)
 

@@ -15,10 +15,10 @@ from glucoloop.cli.trial_options import TRIAL
 from glucoloop.registry.controllers import controller_entry
 
 if TYPE_CHECKING:
-    from glucoloop.cli.robust_results import Found
-    from glucoloop.config.robust import Robust
-    from glucoloop.storage.robust import RobustFolder
-    from glucoloop.trials.robust import Bound, SearchEngine
+    from glucoloop.studies.robust import Bound, SearchEngine
+    from glucoloop.studies.robust.folder import RobustFolder
+    from glucoloop.studies.robust.keys import Robust
+    from glucoloop.studies.robust.results import Found
 
 HELP: Final = (
     "Search for a tuning of meal-mpc that holds for people and in noise: a trade-off, and the chosen tuning.\n\n"
@@ -195,7 +195,7 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> Robust:
-    from glucoloop.config.robust import read_robust
+    from glucoloop.studies.robust.keys import read_robust
 
     called = names(_OPTIONS, keys)
     together: dict[str, Any] = {**of_file, **{key: value for key, value in keys.items() if value != ()}}
@@ -203,7 +203,7 @@ def _read(keys: Given, of_file: Given) -> Robust:
 
 
 def _carry_out(asked: Robust, output: Output, out: Path, top: int) -> None:
-    from glucoloop.storage.robust import robust_folder
+    from glucoloop.studies.robust.folder import robust_folder
 
     folder, wanted = None, asked.far.rounds * asked.search.batch
     try:
@@ -221,8 +221,8 @@ def _carry_out(asked: Robust, output: Output, out: Path, top: int) -> None:
 
 def _finish(asked: Robust, folder: RobustFolder, wanted: int) -> Found:
     """Try what is missing, choose, and check; of a search that was finished before, tell what is there."""
-    from glucoloop.cli.robust_results import files_of, found_before, found_of
-    from glucoloop.trials.robust import SearchEngine, bounds_of
+    from glucoloop.studies.robust import SearchEngine, bounds_of
+    from glucoloop.studies.robust.results import files_of, found_before, found_of
 
     if folder.finished:
         note([f"{folder.path} was finished before; nothing is computed again."])
@@ -252,10 +252,10 @@ def _search(asked: Robust, folder: RobustFolder, engine: SearchEngine, bounds: S
 
 
 def _tell(asked: Robust, found: Found, output: Output, out: Path, top: int) -> None:
-    from glucoloop.cli.robust_results import summary_of
     from glucoloop.cli.telling import print_json
-    from glucoloop.report.robust_table import check_table, robust_table
-    from glucoloop.storage.robust import CANDIDATES, CONFIGURATION, FINAL
+    from glucoloop.studies.robust.folder import CANDIDATES, CONFIGURATION, FINAL
+    from glucoloop.studies.robust.results import summary_of
+    from glucoloop.studies.robust.table import check_table, robust_table
 
     files = (*FINAL, CANDIDATES, CONFIGURATION)
     if output.json:

@@ -15,10 +15,10 @@ from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL, WORKERS
 from glucoloop.cli.trial_progress import counted
 
 if TYPE_CHECKING:
-    from glucoloop.config.stress import StressTest
     from glucoloop.storage.trials.folder import TrialFolder
     from glucoloop.storage.trials.shard import Simulate
-    from glucoloop.trials.stress import StressResult
+    from glucoloop.studies.stress.keys import StressTest
+    from glucoloop.studies.stress.stress import StressResult
 
 HELP: Final = (
     "Try controllers under faults of sensor and pump, one at a time, with and without a guard: one table, one page.\n\n"
@@ -92,8 +92,8 @@ def command(given: Given) -> None:
 
 def _read(keys: Given, of_file: Given) -> StressTest:
     from glucoloop.config.cases import take_cases
-    from glucoloop.config.stress import read_stress
     from glucoloop.config.trial import overlay_trial
+    from glucoloop.studies.stress.keys import read_stress
 
     cases = take_cases(keys, of_file)
     called = names(_OPTIONS, keys)
@@ -122,7 +122,7 @@ def _carry_out(asked: StressTest, output: Output, out: Path, workers: int | None
 
 
 def _simulator(asked: StressTest, workers: int | None) -> Simulate:
-    from glucoloop.trials import engine
+    from glucoloop.cohorts import engine
 
     prepared = engine.prepare(asked.stress.trial)
     return lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=workers)
@@ -130,8 +130,8 @@ def _simulator(asked: StressTest, workers: int | None) -> Simulate:
 
 def _finish(asked: StressTest, folder: TrialFolder, workers: int | None) -> StressResult:
     """Compute what is missing, and sum up; of a test that was finished before, tell what is there."""
-    from glucoloop.cli.stress_results import files_of, result_of, told_before
     from glucoloop.storage.trials.run import run_here
+    from glucoloop.studies.stress.results import files_of, result_of, told_before
 
     trial = folder.trial
     if folder.finished:
@@ -150,9 +150,9 @@ def _finish(asked: StressTest, folder: TrialFolder, workers: int | None) -> Stre
 
 
 def _tell(asked: StressTest, result: StressResult, output: Output, out: Path) -> None:
-    from glucoloop.cli.stress_results import summary_of
     from glucoloop.cli.telling import print_json
-    from glucoloop.report import stress_table
+    from glucoloop.studies.stress.results import summary_of
+    from glucoloop.studies.stress.table import stress_table
 
     if output.json:
         print_json(summary_of(result), {name: str(out / name) for name in (*_FILES, CONFIGURATION)}, ())

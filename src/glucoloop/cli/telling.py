@@ -6,21 +6,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import glucoloop
 from glucoloop.cli.screen import note
 
 if TYPE_CHECKING:
     from glucoloop.cli.closed_loop import Outcome
 
 
-def with_version(report: Mapping[str, Any]) -> dict[str, Any]:
-    """A report with the version that made it, first."""
-    return {"version": glucoloop.__version__, **report}
-
-
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: tuple[str, ...]) -> None:
     """The report alone on standard output; what else there is to say goes to standard error."""
-    from glucoloop.storage.strict_json import json_text
+    from glucoloop.storage.strict_json import json_text, with_version
 
     print(json_text({**with_version(report), "files": files}))
     note(notes)

@@ -18,9 +18,9 @@ from glucoloop.cli.trial_progress import counted
 from glucoloop.cli.trial_telling import tell
 
 if TYPE_CHECKING:
+    from glucoloop.cohorts.trial import Trial
     from glucoloop.storage.trials.folder import TrialFolder
     from glucoloop.storage.trials.shard import Simulate
-    from glucoloop.trials.trial import Trial
 
 HELP: Final = (
     "Try controllers on a population of virtual people: tables, bands, and a page with a picture of all.\n\n"
@@ -135,7 +135,7 @@ def _compute(folder: TrialFolder, work: _Work) -> None:
 
 def _simulator(trial: Trial, threads: int | None) -> Simulate:
     """The engine, with the controllers of a trial designed."""
-    from glucoloop.trials import engine
+    from glucoloop.cohorts import engine
 
     prepared = engine.prepare(trial)
     return lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=threads)

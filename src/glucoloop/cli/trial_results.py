@@ -9,20 +9,20 @@ import numpy as np
 import polars as pl
 
 import glucoloop
-from glucoloop.cli.pictures import figure_files, tell_what_plots_lack
-from glucoloop.meals import Meal
+from glucoloop.cli.pictures import tell_what_plots_lack
+from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_people
+from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.report import CaseReport, Distribution, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.trial_facts import facts
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import parquet
 from glucoloop.storage.trials.folder import BANDS, REPORT, SUMMARY, TrialFolder
 from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.shard import Counts, Simulate, add_counts, edges, no_counts, times
-from glucoloop.trials.counts import BAND_QUANTILES, quantiles_of_counts
-from glucoloop.trials.summary import CaseSummary, TrialSummary, summarise_people
-from glucoloop.trials.trial import Trial
-from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """By controller and quantity: (quantiles, times)."""
@@ -177,44 +177,3 @@ def _note(trial: Trial, person: Mapping[str, Any]) -> str:
     }
     farthest = sorted(apart, key=lambda name: -abs(apart[name]))[:_REMARKABLE]
     return ", ".join([*told, *(f"{name} {person['parameters'][name]:.3g}" for name in farthest)])
-
-
-def _length(trial: Trial) -> str:
-    plan = trial.plan
-    if plan.horizon_min != plan.days * MIN_PER_DAY:
-        return f"{plan.horizon_min:g} min"
-    return "a day" if plan.days == 1 else f"{plan.days} days"
-
-
-def _clock(t_min: float) -> str:
-    return f"{t_min:g} min" if t_min % 15.0 else f"{t_min / MIN_PER_H:g} h"
-
-
-def _told(meal: Meal) -> str:
-    eaten = f", eaten for {meal.eating_min:g} min" if meal.eating_min else ""
-    return f"{meal.carbs_g:g} g at {_clock(meal.t_min)}{eaten}"
-
-
-def facts(trial: Trial) -> dict[str, str]:
-    """What a trial was made with, for the head of a page."""
-    plan = trial.plan
-    meals = ", ".join(map(_told, plan.meals)) or "none"
-    if plan.varies:
-        meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
-    noise = f"variance {trial.noise_variance:g}, at most {trial.noise_bound_mg_dl:g} mg/dl"
-    told = {
-        "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
-        "Seed": str(trial.seed),
-        "Length": _length(trial),
-        "Meals": meals + (", announced" if trial.announced and plan.meals else ""),
-        "Meal model": trial.meal_model or "each person's own",
-        "Noise": noise if trial.noise_variance else "none",
-        "Dead time": f"{trial.dead_time_samples * trial.sample_time_min:g} min",
-        "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
-        "Precision": trial.precision,
-    }
-    if trial.first_person:
-        told["First person"] = str(trial.first_person)
-    if trial.faults:
-        told["Faults"] = "; ".join(trial.faults)
-    return told

@@ -13,7 +13,7 @@ from glucoloop.cli.telling import print_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from glucoloop.trials.trial import Trial
+    from glucoloop.cohorts.trial import Trial
 
 _TABLE: Final = (
     ("undershoot_mg_dl", ("median", "p95", "max")),

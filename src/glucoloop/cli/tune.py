@@ -21,10 +21,11 @@ from glucoloop.cli.options import (
 )
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stage, stages
-from glucoloop.cli.telling import print_json, where_written, with_version
+from glucoloop.cli.telling import print_json, where_written
 from glucoloop.registry.controllers import CONTROLLERS, TUNABLE, controller_entry, setting_names
 from glucoloop.registry.guard import GUARD
 from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from glucoloop.control import MPCTuning
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.storage.model_file import ModelFile
-    from glucoloop.trials.tuning import TuningRank, TuningSurface
+    from glucoloop.tuning import TuningRank, TuningSurface
 
 HELP: Final = (
     "Try every tuning of a grid: the same patient, meals, sensor and pump for each, one table, one picture.\n\n"
@@ -181,7 +182,7 @@ def _whole(value: object, name: str, least: int, most: int) -> int:
 
 
 def _default_ranges(run: Run) -> dict[str, str]:
-    from glucoloop.trials.tuning import REFERENCE_FILTERS
+    from glucoloop.tuning import REFERENCE_FILTERS
 
     weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
     filters = REFERENCE_FILTERS.get(run.case.controller)
@@ -190,7 +191,7 @@ def _default_ranges(run: Run) -> dict[str, str]:
 
 
 def _grid(run: Run, ranges: Mapping[str, str], called: Mapping[str, str]) -> list[MPCTuning]:
-    from glucoloop.trials.tuning.grid import parse_integers, parse_numbers, tuning_grid
+    from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
     def numbers(key: str) -> tuple[float, ...]:
         return parse_numbers(ranges[key], called.get(key, key))
@@ -209,7 +210,7 @@ def _search(asked: _Asked) -> _Found:
     from glucoloop.cli import closed_loop
     from glucoloop.experiments.surroundings import pump_of, sensor_of
     from glucoloop.simulation import Adaptive, Exponential
-    from glucoloop.trials.tuning import search, usual_tuning
+    from glucoloop.tuning import search, usual_tuning
 
     run, situation = asked.run, asked.run.situation
     made = situation.situation()
@@ -336,7 +337,7 @@ def _table(found: _Found, top: int) -> Table:
 
 
 def _verdict(found: _Found) -> str:
-    from glucoloop.trials.tuning import tuning_text
+    from glucoloop.tuning import tuning_text
 
     printed = found.printed
     told = f"The {printed.called} tuning {tuning_text(printed.tuning)}"

@@ -14,7 +14,7 @@ from glucoloop.cli.verify_progress import loops_counted
 from glucoloop.registry.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
-    from glucoloop.trials.campaign import Campaign
+    from glucoloop.studies.verification import Campaign
 
 HELP: Final = (
     "Close random loops with random faults, and check at every sample what every loop promises.\n\n"
@@ -70,8 +70,8 @@ def command(given: Given) -> None:
         raise ValueError("--nonsense has no patient at all; leave --patient out")
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
-        from glucoloop.trials.campaign import Campaign
-        from glucoloop.trials.campaign.nonsense import Nonsense
+        from glucoloop.studies.verification import Campaign
+        from glucoloop.studies.verification.nonsense import Nonsense
 
         if "controllers" in given:
             given["controllers"] = tuple(given["controllers"])
@@ -105,15 +105,14 @@ def _called(told: str) -> str:
 
 def _carry_out(campaign: Campaign, *, as_json: bool) -> None:
     from glucoloop.cli.verify_telling import report, tell
-    from glucoloop.trials.campaign import run_campaign
+    from glucoloop.studies.verification import run_campaign
 
     began, loops = time.monotonic(), 2 * sum(campaign.pairs().values())
     with loops_counted(loops) as progress:
         result = run_campaign(campaign, progress)
     seconds = time.monotonic() - began
     if as_json:
-        from glucoloop.cli.telling import with_version
-        from glucoloop.storage.strict_json import json_text
+        from glucoloop.storage.strict_json import json_text, with_version
 
         print(json_text(with_version(report(campaign, result, seconds))))
     else:

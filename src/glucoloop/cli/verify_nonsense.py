@@ -12,20 +12,19 @@ from glucoloop.cli.screen import show
 from glucoloop.cli.verify_progress import loops_counted
 
 if TYPE_CHECKING:
-    from glucoloop.trials.campaign.nonsense import Nonsense, NonsenseResult
+    from glucoloop.studies.verification.nonsense import Nonsense, NonsenseResult
 
 
 def carry_out(nonsense: Nonsense, *, as_json: bool) -> None:
     """Run it, tell what was found, and leave with 0 if every promise was kept."""
-    from glucoloop.trials.campaign.nonsense import run_nonsense
+    from glucoloop.studies.verification.nonsense import run_nonsense
 
     began, loops = time.monotonic(), nonsense.loops * len(nonsense.controllers)
     with loops_counted(loops) as progress:
         result = run_nonsense(nonsense, progress)
     seconds = time.monotonic() - began
     if as_json:
-        from glucoloop.cli.telling import with_version
-        from glucoloop.storage.strict_json import json_text
+        from glucoloop.storage.strict_json import json_text, with_version
 
         print(json_text(with_version(_report(result, seconds))))
     else:

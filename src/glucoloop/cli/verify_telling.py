@@ -8,8 +8,8 @@ from typing import Any
 
 from glucoloop.cli.screen import show
 from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.trials.campaign import Campaign, met
-from glucoloop.trials.campaign.result import Arm, Broken, CampaignResult, Guarding
+from glucoloop.studies.verification import Campaign, met
+from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
 
 
 def tell(campaign: Campaign, result: CampaignResult, seconds: float) -> None:

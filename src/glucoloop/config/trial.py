@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, Field
 
+from glucoloop.cohorts.trial import MOST_PEOPLE, Trial, usual_shard_people
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, refuse_idle, under_shared
 from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.meal_text import meal_text, parse_meal
@@ -35,7 +36,6 @@ from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import known_names
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.threefry import LARGEST_COUNTER
-from glucoloop.trials.trial import MOST_PEOPLE, Trial, usual_shard_people
 from glucoloop.units import MIN_PER_DAY
 
 USUAL_DAY: Final = ("45g@420min", "70g@720min", "60g@1080min")

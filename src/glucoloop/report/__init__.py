@@ -4,9 +4,6 @@ from glucoloop.report._page import plots_lack
 from glucoloop.report.figure import plot
 from glucoloop.report.identification_figure import plot_identification, plot_validation
 from glucoloop.report.page import interactive_page
-from glucoloop.report.stress_figure import plot_stress
-from glucoloop.report.stress_page import stress_page
-from glucoloop.report.stress_table import stress_table
 from glucoloop.report.table import comparison_table, metrics_table
 from glucoloop.report.trial_figure import plot_trial
 from glucoloop.report.trial_page import trial_page
@@ -22,11 +19,8 @@ __all__ = [
     "metrics_table",
     "plot",
     "plot_identification",
-    "plot_stress",
     "plot_trial",
     "plot_validation",
     "plots_lack",
-    "stress_page",
-    "stress_table",
     "trial_page",
 ]

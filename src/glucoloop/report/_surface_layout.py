@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from glucoloop.control.tuning import MPCTuning, StateTuning
-from glucoloop.trials.tuning.surface import TuningSurface
+from glucoloop.tuning.surface import TuningSurface
 
 MOST_PANELS: Final = 12
 # The first of these that vary become the axes; the others, panels.

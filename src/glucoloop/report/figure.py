@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError
+from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
@@ -15,7 +16,6 @@ from glucoloop.report._runs import Floats, Run, labelled_runs, limits_passed, va
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.report.people_figure import plot_people
 from glucoloop.simulation import Trace
-from glucoloop.trials.people_run import PeopleRun
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.report import _style
 from glucoloop.report._runs import Floats
 from glucoloop.report._style import GREY, Width
-from glucoloop.trials.people_run import PeopleRun
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -48,3 +48,8 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind))
     return buffer.getvalue()
+
+
+def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
+    """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run."""
+    return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}

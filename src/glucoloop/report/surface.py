@@ -12,7 +12,7 @@ from glucoloop.control.tuning import MPCTuning
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, Width
 from glucoloop.report._surface_layout import Cell, Layout, layout, texts
-from glucoloop.trials.tuning.surface import TuningSurface, tuning_text
+from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

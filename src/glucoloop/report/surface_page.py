@@ -12,7 +12,7 @@ from glucoloop.control.tuning import MPCTuning
 from glucoloop.report import _page
 from glucoloop.report._surface_layout import Cell, Layout, layout, texts
 from glucoloop.report.tuning_rows import heads, remarks, tuning_rows
-from glucoloop.trials.tuning.surface import TuningRank, TuningSurface, tuning_text
+from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MOST_ROWS: Final = 200
 """Tunings in the list; all are in ``surface.csv``."""

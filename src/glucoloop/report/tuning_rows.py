@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from glucoloop.trials.tuning.surface import TuningRank, TuningSurface
+from glucoloop.tuning.surface import TuningRank, TuningSurface
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import glucoloop
+
 
 def json_text(value: object) -> str:
     """Indented JSON of plain values."""
     return json.dumps(_finite(value), indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def with_version(report: Mapping[str, Any]) -> dict[str, Any]:
+    """A report with the version that made it, first."""
+    return {"version": glucoloop.__version__, **report}
 
 
 def _finite(value: Any) -> Any:

@@ -6,7 +6,7 @@ import pytest
 from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.papers.meal_aware.comparison import CLAIMS, distances, runs_told, spread, verdicts
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS
-from glucoloop.trials.tuning.oscillation import Oscillation
+from glucoloop.tuning.oscillation import Oscillation
 
 
 def _by_id(study):

@@ -8,7 +8,7 @@ from glucoloop.config import read_run
 from glucoloop.papers.meal_aware.experiments import MEASURES, numbers_of, study
 from glucoloop.papers.meal_aware.situations import MOST_SEEDS, SITUATIONS, read_asked
 from glucoloop.patients.population import population, virtual_people
-from glucoloop.trials.tuning.oscillation import oscillation
+from glucoloop.tuning.oscillation import oscillation
 
 DEAD_TIME = next(one for one in SITUATIONS if one.name == "dead-time-10")
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, NEAR_MG_DL, SWING_MG_DL, Loops, Study
 from glucoloop.papers.meal_aware.situations import OURS, Situation
-from glucoloop.trials.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
+from glucoloop.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
 
 SHARES: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
 """Percentiles that are told, in percent of the runs."""

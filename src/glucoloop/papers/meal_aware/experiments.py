@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.bounds import OptimalDoses, bound_of_situation
+from glucoloop.cohorts import engine
+from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.config import Run, read_run
 from glucoloop.config.trial import read_trial
 from glucoloop.control import Controller, Observation
@@ -31,9 +33,7 @@ from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace, identify, simulate
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.trials import engine
-from glucoloop.trials.blocks import block_size, in_blocks
-from glucoloop.trials.tuning.oscillation import Oscillation, crossings, oscillation
+from glucoloop.tuning.oscillation import Oscillation, crossings, oscillation
 
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[int], None]

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from glucoloop.cohorts.trial import FORMAT, Trial
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.trials.shard import bounds
-from glucoloop.trials.trial import FORMAT, Trial
 
 SHARD: Final = "shard.json"
 _KIND: Final = "glucoloop-shard"

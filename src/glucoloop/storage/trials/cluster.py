@@ -19,10 +19,10 @@ from typing import Any, Final
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
+from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.run import Progress
 from glucoloop.storage.trials.shard import compute_shard
-from glucoloop.trials.trial import Trial, fingerprint
 
 LOCAL: Final = "local"
 RETRIES: Final = 3
@@ -50,7 +50,7 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
     ValueError
         If the worker has another version of glucoloop, or would compute other bits.
     """
-    from glucoloop.trials import engine
+    from glucoloop.cohorts import engine
 
     if glucoloop.__version__ != version:
         raise ValueError(

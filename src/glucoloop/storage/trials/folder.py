@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop import arithmetic
+from glucoloop.cohorts.people import Shard
+from glucoloop.cohorts.trial import Trial
 from glucoloop.config import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.storage import disk
@@ -32,8 +34,6 @@ from glucoloop.storage.trials.header import (
     other_tables,
     read_header,
 )
-from glucoloop.trials.people import Shard
-from glucoloop.trials.trial import Trial
 
 SHARDS: Final = "shards"
 CONFIGURATION: Final = "trial.toml"

@@ -11,12 +11,12 @@ from typing import Any, Final
 
 import glucoloop
 from glucoloop import arithmetic
+from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.strict_json import json_text
-from glucoloop.trials.trial import FORMAT, Trial, fingerprint
 
 HEADER: Final = "trial.json"
 _KIND: Final = "glucoloop-trial"

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.cohorts.bins import glucose_edges, insulin_edges
+from glucoloop.cohorts.people import People
+from glucoloop.cohorts.trial import Trial
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
-from glucoloop.trials.bins import glucose_edges, insulin_edges
-from glucoloop.trials.people import People
-from glucoloop.trials.trial import Trial
 
 if TYPE_CHECKING:
-    from glucoloop.trials.engine import PeopleResult
+    from glucoloop.cohorts.engine import PeopleResult
 
 PEOPLE: Final = "people.parquet"
 BANDS: Final = "bands.parquet"

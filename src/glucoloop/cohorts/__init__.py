@@ -1,0 +1,1 @@
+"""Cohorts: virtual people under controllers, and what becomes of them."""

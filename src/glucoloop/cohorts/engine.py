@@ -1,0 +1,316 @@
+"""The people of a trial under its controllers: drawn, simulated, measured and counted, block by block."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.cohorts.bins import count, glucose_edges, insulin_edges
+from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.cohorts.trial import Trial, fingerprint
+from glucoloop.control import Controller
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
+from glucoloop.experiments.individual import individual_design
+from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
+from glucoloop.meals import eaten
+from glucoloop.meals.plan import draw_meals
+from glucoloop.metrics.running import RunningMetrics
+from glucoloop.metrics.summary import Metrics
+from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.simulation.plant import SampleGrid
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class PeopleResult:
+    """What became of some people under one controller."""
+
+    person: npt.NDArray[np.int64]
+    """(n,)"""
+    able: npt.NDArray[np.bool_]
+    """(n,) whether a basal rate holds him at the setpoint; without one the metrics are not numbers."""
+    drawn: Mapping[str, npt.NDArray[np.float64]]
+    """(n,) each, by parameter."""
+    basal_insulin_mU_min: npt.NDArray[np.float64]
+    """(n,)"""
+    metrics: Mapping[str, Array]
+    """(n,) each, by the name of a field of `Metrics`."""
+    glucose_counts: npt.NDArray[np.int64]
+    """(samples + 1, bins) of those who are able."""
+    insulin_counts: npt.NDArray[np.int64]
+    """(samples, bins)"""
+    glucose_mg_dl: npt.NDArray[np.float32] | None = None
+    """(samples + 1, n) if traces were asked for."""
+    insulin_mU_min: npt.NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class PreparedCase:
+    """A controller of a trial with its loop, compiled."""
+
+    case: Case
+    controller: Controller
+    """For the nominal patient."""
+    own: Callable[[VirtualPeople], Controller] | None
+    """Controllers of people's own; None where all have the same."""
+    cohort: Cohort
+    """Which cases that differ only in a fault share."""
+    surroundings: Surroundings
+    """Sensor and pump of one person."""
+    around: Callable[[int], Surroundings] | None
+    """Sensors and pumps of so many people; None where they are the cohort's."""
+
+
+@dataclass(frozen=True)
+class PreparedTrial:
+    """A trial whose controllers are designed."""
+
+    trial: Trial
+    grid: SampleGrid
+    setpoint_mg_dl: float
+    fold: RunningMetrics
+    cases: Mapping[str, PreparedCase]
+
+
+@functools.lru_cache(maxsize=2)
+def _prepared(key: str, trial: _ByFingerprint) -> PreparedTrial:
+    del key
+    return _prepare(trial.trial)
+
+
+class _ByFingerprint:
+    """A trial that a cache knows by what it says; its dictionaries cannot be hashed."""
+
+    def __init__(self, trial: Trial) -> None:
+        self.trial = trial
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByFingerprint)
+
+
+def prepare(trial: Trial) -> PreparedTrial:
+    """Design the controllers of a trial and compile their loops; what was prepared last is kept.
+
+    Raises
+    ------
+    ValueError
+        For a design that is not possible.
+    """
+    return _prepared(fingerprint(trial), _ByFingerprint(trial))
+
+
+def _prepare(trial: Trial) -> PreparedTrial:
+    grid, setpoint = sample_grid(trial.plan.horizon_min, trial.sample_time_min), trial.target_mg_dl
+    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=trial.limits, inside_min=tuple(grid.inside_min.tolist()))
+    example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
+    prepared: dict[str, PreparedCase] = {}
+    for around in shared_surroundings(trial, trial.cases):
+        prepared |= _prepare_cases(trial, around, example, grid, fold)
+    return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
+
+
+def _prepare_cases(
+    trial: Trial,
+    around: Mapping[str, Surroundings],
+    example: VirtualPeople,
+    grid: SampleGrid,
+    fold: RunningMetrics,
+) -> dict[str, PreparedCase]:
+    """Cases that share a loop: they differ in their label and in what is around it."""
+    cases = [case for case in trial.cases if case.label in around]
+    case, own_around = cases[0], around[cases[0].label]
+    controller = controller_of(trial, case)
+    own = _own_controllers(trial, case, controller, example)
+    of_one = own_around.of_people(around.values(), 1)
+    cohort = Cohort(
+        trial.nominal,
+        example.patient,
+        controller,
+        own_around.sensor,
+        own_around.pump,
+        grid,
+        fold,
+        setpoint_mg_dl=trial.target_mg_dl,
+        meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
+        announced=trial.announced,
+        meal_model=trial.gut,
+        varied_controller=None if own is None else own(example),
+        varied_sensor=of_one.sensor,
+        varied_pump=of_one.pump,
+        precision=trial.precision,
+    )
+
+    def of_people(label: str) -> Callable[[int], Surroundings] | None:
+        if len(cases) == 1:
+            return None
+        return lambda people: around[label].of_people(around.values(), people)
+
+    return {
+        case.label: PreparedCase(
+            case=case,
+            controller=controller,
+            own=own,
+            cohort=cohort,
+            surroundings=around[case.label],
+            around=of_people(case.label),
+        )
+        for case in cases
+    }
+
+
+def _own_controllers(
+    trial: Trial, case: Case, controller: Controller, example: VirtualPeople
+) -> Callable[[VirtualPeople], Controller] | None:
+    """How people get controllers of their own, if they do; otherwise they share one, told of each one's basal rate."""
+    if trial.design == "individual":
+        own = individual_design(trial, dataclasses.replace(case, guard=None), example)
+        if own is None or case.guard is None:
+            return own
+
+        def with_own_guard(people: VirtualPeople) -> Controller:
+            # the guard alone is told: what is inside was designed for each person already
+            return with_guard(own(people), case.guard, trial.limits, jnp.asarray(people.basal_insulin_mU_min))
+
+        return with_own_guard
+    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
+
+
+def run_people(
+    prepared: PreparedTrial,
+    label: str,
+    person: npt.ArrayLike,
+    *,
+    traces: bool = False,
+    threads: int | None = None,
+) -> PeopleResult:
+    """What becomes of some people of a trial under one of its controllers.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    label : str
+        Of the controller.
+    person : (n,) array of int
+        Their numbers.
+    traces : bool
+        Whether to keep glucose and insulin over time.
+    threads : int, optional
+        One for each core by default. It makes no difference to the result.
+
+    Raises
+    ------
+    ValueError
+        If nobody is asked for.
+    """
+    number = np.asarray(person, np.int64)
+    if not number.size:
+        raise ValueError("nobody was asked for; give the number of at least one person")
+    of_case = prepared.cases[label]
+
+    def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
+        return _run_block(prepared, of_case, block, n, traces=traces)
+
+    return _joined(in_blocks(run, number, block_size(of_case.cohort.engine), threads))
+
+
+def _run_block(
+    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], n: int, *, traces: bool
+) -> PeopleResult:
+    """The first n people of a full block."""
+    trial, grid = prepared.trial, prepared.grid
+    with one_at_a_time:
+        people, drawn, first_meal_min = _drawn(prepared, of_case, person)
+    run = of_case.cohort.run(people)
+    with one_at_a_time:
+        metrics: Metrics = prepared.fold.finish(
+            run.fold,
+            samples=grid.samples,
+            sample_time_min=grid.sample_time_min,
+            meal_t_min=first_meal_min,
+            precision=of_case.cohort.precision,
+        )
+    able = drawn.able[:n]
+    glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
+    # the metrics are not numbers where anything in the run was not
+    known = (
+        able & np.isfinite(np.asarray(metrics.mean_mg_dl)[:n]) & np.isfinite(np.asarray(metrics.insulin_total_mU)[:n])
+    )
+    return PeopleResult(
+        person=person[:n],
+        able=able,
+        drawn={name: values[:n] for name, values in drawn.draw.values.items()},
+        basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
+        metrics={field.name: np.asarray(getattr(metrics, field.name))[:n] for field in dataclasses.fields(metrics)},
+        glucose_counts=count(_of(glucose, known), glucose_edges()),
+        insulin_counts=count(_of(insulin, known), insulin_edges(trial.max_insulin_mU_min)),
+        glucose_mg_dl=glucose.astype(np.float32) if traces else None,
+        insulin_mU_min=insulin.astype(np.float32) if traces else None,
+    )
+
+
+def _of(values: Array, people: Array) -> Array:
+    """Columns of some people; without a copy if all are wanted."""
+    return values if people.all() else values[:, people]
+
+
+def _drawn(
+    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64]
+) -> tuple[People, VirtualPeople, Array | float]:
+    """People as the loop takes them, who they are, and when the sample of each one's first meal is taken."""
+    trial, sample_time_min = prepared.trial, prepared.grid.sample_time_min
+    drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=prepared.setpoint_mg_dl)
+    meals = None
+    first_meal_min: Array | float = 0.0
+    if trial.plan.meals:
+        meals = draw_meals(trial.plan, trial.seed, person)
+        first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
+    around = None if of_case.around is None else of_case.around(person.size)
+    people = People(
+        patient=drawn.patient,
+        x=drawn.rest,
+        insulin_mU_min=drawn.basal_insulin_mU_min,
+        key=keys_of_people(trial.seed, person),
+        controller=None if of_case.own is None else of_case.own(drawn),
+        sensor=None if around is None else around.sensor,
+        pump=None if around is None else around.pump,
+        meals=meals if trial.plan.varies else None,
+    )
+    return people, drawn, first_meal_min
+
+
+def _joined(parts: list[PeopleResult]) -> PeopleResult:
+    """Results of blocks as one, in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+
+    def traces(name: str) -> Any:
+        return None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts], axis=1)
+
+    return PeopleResult(
+        person=np.concatenate([p.person for p in parts]),
+        able=np.concatenate([p.able for p in parts]),
+        drawn={name: np.concatenate([p.drawn[name] for p in parts]) for name in first.drawn},
+        basal_insulin_mU_min=np.concatenate([p.basal_insulin_mU_min for p in parts]),
+        metrics={name: np.concatenate([p.metrics[name] for p in parts]) for name in first.metrics},
+        glucose_counts=np.sum([p.glucose_counts for p in parts], axis=0),
+        insulin_counts=np.sum([p.insulin_counts for p in parts], axis=0),
+        glucose_mg_dl=traces("glucose_mg_dl"),
+        insulin_mU_min=traces("insulin_mU_min"),
+    )

@@ -1,0 +1,160 @@
+"""A controller of one's own on virtual people, from Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.arguments import checked, on_host
+from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.control import Controller
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import with_individual_basal
+from glucoloop.meals import Scenario
+from glucoloop.metrics.running import RunningMetrics
+from glucoloop.metrics.summary import Metrics
+from glucoloop.patients import patient
+from glucoloop.patients.population import VirtualPeople
+from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.cohort import Cohort, CohortRun, People
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class PeopleRun:
+    """What became of people; people trail."""
+
+    metrics: Metrics
+    """NumPy arrays ``(people,)``; not a number for a person without a basal rate."""
+    t_min: Array
+    """(samples + 1,)"""
+    glucose_mg_dl: Array
+    """(samples + 1, people) free of noise, at each sample and at the horizon."""
+    insulin_mU_min: Array
+    """(samples, people) delivered from each sample to the next."""
+    engine: str
+    """``"native"`` or ``"xla"``."""
+    scenario: Scenario
+    setpoint_mg_dl: float
+
+
+@checked
+@on_host("the loop is compiled for people by LLVM")
+def simulate_people(
+    people: VirtualPeople,
+    controller: Controller,
+    sensor: Sensor | None = None,
+    pump: Pump | None = None,
+    scenario: Scenario | None = None,
+    seed: int = 0,
+    *,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    precision: str = "float64",
+    engine: str | None = None,
+    threads: int | None = None,
+) -> PeopleRun:
+    """Close the loop of many people with one controller, in one scenario.
+
+    Parameters
+    ----------
+    people : VirtualPeople
+        As `virtual_people` draws them; each starts at rest at his basal rate.
+    controller : Controller
+        Any: one of `glucoloop.control`, or one of your own, which must be made of JAX operations.
+    sensor, pump : Sensor, Pump, optional
+        As for `simulate`.
+    scenario : Scenario, optional
+        The 50 g oral glucose test at 50 min over 600 min by default. Everybody eats the same.
+    seed : int
+        Of the sensors; each person has a key of his own.
+    limits : DoseLimits
+        Against which the constraints are checked.
+    precision : {"float64", "float32"}
+    engine : {"native", "xla"}, optional
+        Native code where the controller allows it, by default.
+    threads : int, optional
+        One for each core by default.
+
+    Returns
+    -------
+    PeopleRun
+
+    Raises
+    ------
+    ValueError
+        For a scenario that starts or aims elsewhere than where the people rest, a horizon that is not a whole number
+        of samples, or an engine that is unknown or not possible.
+    """
+    scenario = Scenario() if scenario is None else scenario
+    grid = sample_grid(scenario.horizon_min, controller.sample_time_min)
+    setpoint = float(np.asarray(people.patient.setpoint_mg_dl).flat[0])
+    for name in ("setpoint_mg_dl", "initial_glucose_mg_dl"):
+        asked = getattr(scenario, name)
+        if asked is not None and asked != setpoint:
+            raise ValueError(
+                f"the scenario's {name} is {asked:g}, but the people rest at {setpoint:g} mg/dl; "
+                f"draw them with setpoint_mg_dl={asked:g}"
+            )
+    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
+    cohort = Cohort(
+        patient(people.name),
+        people.patient,
+        controller,
+        IdealSensor() if sensor is None else sensor,
+        LimitedPump() if pump is None else pump,
+        grid,
+        fold,
+        setpoint_mg_dl=setpoint,
+        meals=scenario.eaten(),
+        announced=scenario.announced,
+        meal_model=scenario.meal_model,
+        varied_controller=with_individual_basal(controller, people.basal_insulin_mU_min),
+        engine=engine,
+        precision=precision,
+    )
+
+    def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
+        del n  # what fills the last block up is cut off at the end
+        return cohort.run(
+            People(
+                patient=jax.tree.map(lambda a: a[place] if jnp.ndim(a) else a, people.patient),
+                x=people.rest[:, place],
+                insulin_mU_min=people.basal_insulin_mU_min[place],
+                key=keys_of_people(seed, people.draw.person[place]),
+                controller=with_individual_basal(controller, people.basal_insulin_mU_min[place]),
+            )
+        )
+
+    runs = in_blocks(run, np.arange(people.able.size), block_size(cohort.engine), threads)
+    kept = people.able.size
+
+    def joined(parts: list[Array]) -> Array:
+        return np.concatenate(parts, axis=-1)[..., :kept]
+
+    first_meal = 0.0
+    if scenario.meals:
+        first_meal = float(np.floor(scenario.meals[0].t_min / grid.sample_time_min) * grid.sample_time_min)
+    return PeopleRun(
+        metrics=fold.finish(
+            jax.tree.map(lambda *parts: joined(list(parts)), *(part.fold for part in runs)),
+            samples=grid.samples,
+            sample_time_min=grid.sample_time_min,
+            meal_t_min=first_meal,
+            precision=cohort.precision,
+        ),
+        t_min=np.append(grid.t_min, scenario.horizon_min),
+        glucose_mg_dl=joined([part.glucose_mg_dl for part in runs]),
+        insulin_mU_min=joined([part.insulin_mU_min for part in runs]),
+        engine=cohort.engine,
+        scenario=scenario,
+        setpoint_mg_dl=setpoint if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl,
+    )

@@ -1,0 +1,285 @@
+"""What a trial comes to: how each metric is spread, who fared worst, and who could not take part.
+
+Shards are read one at a time and as often as it takes, so that memory does not grow with the number of people; all
+numbers are exact, and depend on nothing but the shards.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.cohorts.order_statistics import Floats, Moments, quantiles
+from glucoloop.cohorts.people import People, Shards
+from glucoloop.metrics.control_variability import CELLS, grid_counts
+
+QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
+MOST_NAMED: Final = 1000
+"""People that are named; beyond that they are counted."""
+WORST: Final = 10
+LOW_MG_DL: Final = (60, 54)
+DISTRIBUTIONS: Final = (
+    "undershoot_mg_dl",
+    "time_below_60_pct",
+    "peak_mg_dl",
+    "mean_mg_dl",
+    "settling_5pct_min",
+    "insulin_total_mU",
+)
+"""Metrics that are counted in bins."""
+_BINS: Final = 60
+
+
+@dataclass(frozen=True)
+class Named:
+    """People that something is true of."""
+
+    count: int
+    person: tuple[int, ...]
+    """Their numbers; of more than 1000 the first 1000."""
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """How many people have a metric between two edges; those beyond them are counted in the outermost bins."""
+
+    edges: Floats
+    """(bins + 1,) from the least p1 to the greatest p99 of all controllers."""
+    counts: npt.NDArray[np.int64]
+    """(bins,)"""
+
+
+@dataclass(frozen=True)
+class CaseSummary:
+    """What one controller came to."""
+
+    metrics: Mapping[str, Mapping[str, float]]
+    """By metric: mean, sd, min, p1 to p99, max and count; of one that is 0 or 1: the count of each and the share."""
+    ever_below: Mapping[int, Mapping[str, float]]
+    """By a glucose [mg/dl]: number and share of people who were below it at any time."""
+    below_validity: Named
+    """People whose glucose was ever lower than their model is valid for: it means severe hypoglycemia, not a number."""
+    not_finite: Named
+    """Able people whose glucose or insulin was not finite at some time; they are in no other number."""
+    worst: Sequence[Mapping[str, Any]]
+    """The ten people with the least glucose, the least first: number, basal rate, parameters and metrics."""
+    cvga_counts: npt.NDArray[np.int64]
+    """People in each cell of the control-variability grid."""
+    distributions: Mapping[str, Histogram]
+    """By metric, those of `DISTRIBUTIONS`."""
+
+
+@dataclass(frozen=True)
+class TrialSummary:
+    """What a trial came to."""
+
+    people: int
+    unable: Named
+    """People for whom no basal rate holds the setpoint."""
+    beyond_pump: Named
+    """Able people whose basal rate the pump cannot deliver."""
+    cases: Mapping[str, CaseSummary]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "people": self.people,
+            "able": self.people - self.unable.count,
+            "unable": _named(self.unable),
+            "basal_beyond_pump": _named(self.beyond_pump),
+            "controllers": {
+                label: {
+                    "metrics": {name: dict(values) for name, values in case.metrics.items()},
+                    "ever_below": {f"{limit}_mg_dl": dict(of) for limit, of in case.ever_below.items()},
+                    "below_validity": _named(case.below_validity),
+                    "not_finite": _named(case.not_finite),
+                    "worst": [dict(person) for person in case.worst],
+                }
+                for label, case in self.cases.items()
+            },
+        }
+
+
+def _named(people: Named) -> dict[str, Any]:
+    return {"count": people.count, "person": list(people.person)}
+
+
+@dataclass
+class _Naming:
+    count: int = 0
+    person: list[int] = field(default_factory=list)
+
+    def add(self, person: npt.NDArray[np.int64]) -> None:
+        self.count += person.size
+        self.person += person[: max(0, MOST_NAMED - len(self.person))].tolist()
+
+    def named(self) -> Named:
+        return Named(self.count, tuple(self.person))
+
+
+class _Case:
+    """What is counted of one controller in a first reading."""
+
+    def __init__(self, people: People) -> None:
+        self.names = list(people.metrics)
+        self.yes_or_no = people.yes_or_no
+        self.moments = [Moments() for _ in self.names]
+        self.below_validity = _Naming()
+        self.not_finite = _Naming()
+        self.worst: list[tuple[float, int, dict[str, Any]]] = []
+        self.ever_below = dict.fromkeys(LOW_MG_DL, 0)
+        self.cvga = np.zeros((3 * CELLS, 3 * CELLS), np.int64)
+
+    def add(self, people: People) -> None:
+        whole = _whole(people)
+        self.not_finite.add(people.person[people.able & ~whole])
+        self.below_validity.add(people.person[whole & people.below_validity])
+        for moment, values in zip(self.moments, columns(people), strict=True):
+            moment.add(values)
+        minimum = people.metrics["minimum_mg_dl"][whole]
+        self.cvga += grid_counts(minimum, people.metrics["peak_mg_dl"][whole])
+        for limit in LOW_MG_DL:
+            self.ever_below[limit] += int((minimum < limit).sum())
+        rows = np.flatnonzero(whole)[np.argsort(minimum, kind="stable")[:WORST]]
+        found = [(float(people.metrics["minimum_mg_dl"][i]), int(people.person[i]), _row(people, i)) for i in rows]
+        self.worst = heapq.nsmallest(WORST, [*self.worst, *found], key=lambda one: one[:2])
+
+    def summary(self, found: Floats, distributions: Mapping[str, Histogram]) -> CaseSummary:
+        able = self.moments[0].count
+        return CaseSummary(
+            metrics={
+                name: _share(moment) if name in self.yes_or_no else _spread(moment, values)
+                for name, moment, values in zip(self.names, self.moments, found.tolist(), strict=True)
+            },
+            ever_below={limit: _of(count, able) for limit, count in self.ever_below.items()},
+            below_validity=self.below_validity.named(),
+            not_finite=self.not_finite.named(),
+            worst=[row for _, _, row in self.worst],
+            cvga_counts=self.cvga,
+            distributions=distributions,
+        )
+
+
+def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSummary:
+    """Summary of a trial from its shards.
+
+    Parameters
+    ----------
+    shards : callable
+        Reads the shards, in order.
+    max_insulin_mU_min : float
+        Greatest rate of the pump.
+
+    Returns
+    -------
+    TrialSummary
+
+    Raises
+    ------
+    ValueError
+        If there is no shard.
+    """
+    cases: dict[str, _Case] = {}
+    unable, beyond = _Naming(), _Naming()
+    people = 0
+    for shard in shards():
+        for label, of_label in shard.items():
+            cases.setdefault(label, _Case(of_label)).add(of_label)
+        first = next(iter(shard.values()))  # who is able, and at which rate, does not depend on the controller
+        people += first.person.size
+        unable.add(first.person[~first.able])
+        beyond.add(first.person[first.able & (first.basal_insulin_mU_min > max_insulin_mU_min)])
+    if not cases:
+        raise ValueError("there is nobody to summarise; finish a shard first")
+    return TrialSummary(
+        people=people,
+        unable=unable.named(),
+        beyond_pump=beyond.named(),
+        cases=dict(zip(cases, _summaries(shards, cases), strict=True)),
+    )
+
+
+def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSummary]:
+    """Of all controllers, whose columns are read together."""
+
+    def parts() -> Iterator[list[Floats]]:
+        for shard in shards():
+            yield [values for label in cases for values in columns(shard[label])]
+
+    together = [moment.count for case in cases.values() for moment in case.moments]
+    found = quantiles(parts, together, list(QUANTILES.values()))
+    ends = np.cumsum([len(case.names) for case in cases.values()])
+    of_case = dict(zip(cases, np.split(found, ends[:-1]), strict=True))
+    counted = _distributions(shards, cases, of_case)
+    for label, case in cases.items():
+        yield case.summary(of_case[label], counted[label])
+
+
+def _distributions(
+    shards: Shards, cases: Mapping[str, _Case], found: Mapping[str, Floats]
+) -> dict[str, dict[str, Histogram]]:
+    """Counted between edges that all controllers share."""
+    first, last = (list(QUANTILES).index(name) for name in ("p1", "p99"))
+    counted: dict[str, dict[str, Histogram]] = {label: {} for label in cases}
+    for metric in DISTRIBUTIONS:
+        rows = [found[label][case.names.index(metric)] for label, case in cases.items()]
+        ends = np.array([[row[first], row[last]] for row in rows])
+        low, high = (ends[:, 0].min(), ends[:, 1].max()) if np.isfinite(ends).all() else (0.0, 1.0)
+        edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
+        for label in cases:
+            counted[label][metric] = Histogram(edges, np.zeros(_BINS, np.int64))
+    for shard in shards():
+        for label, histograms in counted.items():
+            values = dict(zip(shard[label].metrics, columns(shard[label]), strict=True))
+            for metric, histogram in histograms.items():
+                clipped = np.clip(values[metric], histogram.edges[0], histogram.edges[-1])
+                histogram.counts[:] += np.histogram(clipped, histogram.edges)[0]
+    return counted
+
+
+def columns(people: People) -> list[Floats]:
+    """Each metric of the people all of whose metrics are known."""
+    whole = _whole(people)
+    return [values[whole] for values in people.metrics.values()]
+
+
+def _whole(people: People) -> npt.NDArray[np.bool_]:
+    known: npt.NDArray[np.bool_] = people.able & np.isfinite(people.metrics["minimum_mg_dl"])
+    return known & np.isfinite(people.metrics["insulin_total_mU"])
+
+
+def _row(people: People, index: int) -> dict[str, Any]:
+    """One person, as plain values."""
+    drawn = {name: float(values[index]) for name, values in people.drawn.items()}
+    metrics = {name: float(values[index]) for name, values in people.metrics.items()}
+    return {
+        "person": int(people.person[index]),
+        "basal_insulin_mU_min": float(people.basal_insulin_mU_min[index]),
+        "parameters": drawn,
+        "metrics": {name: bool(value) if name in people.yes_or_no else value for name, value in metrics.items()},
+    }
+
+
+def _of(count: int, total: int) -> dict[str, float]:
+    return {"people": count, "share_pct": 100.0 * count / total if total else float("nan")}
+
+
+def _share(moment: Moments) -> dict[str, float]:
+    return _of(round(moment.mean * moment.count), moment.count)
+
+
+def _spread(moment: Moments, values: Sequence[float]) -> dict[str, float]:
+    nobody = not moment.count
+    nan = float("nan")
+    return {
+        "mean": nan if nobody else moment.mean,
+        "sd": moment.sd,
+        "min": nan if nobody else moment.least,
+        **dict(zip(QUANTILES, values, strict=True)),
+        "max": nan if nobody else moment.greatest,
+    }

@@ -1,0 +1,1 @@
+"""Studies of controllers, one folder each: stress, detection, verification, the worst sensor errors, robust tuning."""

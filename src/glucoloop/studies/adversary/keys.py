@@ -1,0 +1,156 @@
+"""A search for the worst sensor errors from flat keys: a trial, the bounds of the errors, and how hard is searched."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, Field
+
+from glucoloop.cohorts.trial import Trial
+from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
+from glucoloop.config.run import STRICT, Seed, checked, whole_samples
+from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
+from glucoloop.config.unusual import ask_about_settings
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.settings import Value
+from glucoloop.studies.adversary import Cell, Effort, ErrorSpace
+from glucoloop.studies.stress.keys import PAPER_CONTROLLERS
+from glucoloop.studies.stress.stress import Guards
+from glucoloop.threefry import LARGEST_COUNTER
+
+GENERATIONS: Final = 300
+FEW_GENERATIONS: Final = 30
+SEARCHED: Final = tuple(name for name in PAPER_CONTROLLERS if not controller_entry(name).slow)
+"""Without options; what is slow is searched when it is named."""
+_USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
+_REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
+_NOT_WRITTEN: Final = (*_REFUSED, "days")
+
+
+class AdversaryKeys(BaseModel):
+    """What a search has and a trial has not."""
+
+    model_config = STRICT
+
+    errors_pct: tuple[Annotated[float, Field(ge=0.0, lt=100.0)], ...] = (10.0, 20.0, 30.0)
+    """Largest error of a reading, of the true glucose; each is searched for by itself."""
+    hold_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 15.0
+    """An error stays the same for so long."""
+    stuck_times: Annotated[int, Field(ge=0, le=100)] = 3
+    stuck_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 30.0
+    """Length of each stretch in which the reading stays the same."""
+    person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] | None = None
+    """Of the population; None: the nominal patient."""
+    guards: Guards = "with"
+    generations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """None: `GENERATIONS`, or `FEW_GENERATIONS` for a controller that takes long."""
+    starts: Annotated[int, Field(ge=1, le=1024)] = 8
+    sequences: Annotated[int, Field(ge=4, le=4096)] = 32
+    """Sequences of errors in a generation, of each start."""
+    search_seed: Seed = 1
+
+
+@dataclass(frozen=True)
+class Adversary:
+    """A search that is complete and checked."""
+
+    base: Trial
+    """With a case for each controller, free of a guard."""
+    own: AdversaryKeys
+    limits: Mapping[str, Value]
+    """Of the guard, in full."""
+
+    def _effort(self, controller: str) -> Effort:
+        own = self.own
+        usual = FEW_GENERATIONS if controller_entry(controller).slow else GENERATIONS
+        return Effort(
+            generations=own.generations or usual, starts=own.starts, population=own.sequences, seed=own.search_seed
+        )
+
+    def groups(self) -> Iterator[tuple[Trial, list[Cell]]]:
+        """Searches that share a loop: those of one controller, guarded or not."""
+        trial, own = self.base, self.own
+        spaces = [
+            ErrorSpace(
+                samples=trial.samples,
+                error=error / 100.0,
+                hold_samples=whole_samples(own.hold_min, trial.sample_time_min, "a time for which an error holds"),
+                stretches=own.stuck_times,
+                stretch_samples=whole_samples(own.stuck_min, trial.sample_time_min, "a stuck stretch"),
+            )
+            for error in own.errors_pct
+        ]
+        for case in trial.cases:
+            for guarded in {"both": (False, True), "with": (True,), "without": (False,)}[own.guards]:
+                tried = dataclasses.replace(case, guard=dict(self.limits) if guarded else None)
+                alone = dataclasses.replace(trial, cases=(tried,))
+                yield alone, [Cell(case=tried, space=space, effort=self._effort(case.controller)) for space in spaces]
+
+    @property
+    def lanes(self) -> int:
+        """Sequences of a generation."""
+        return self.own.starts * self.own.sequences
+
+    @property
+    def generations(self) -> int:
+        """Of all searches together."""
+        return sum(cell.effort.generations for cell in self.cells())
+
+    def cells(self) -> list[Cell]:
+        """All searches, in order."""
+        return [cell for _, cells in self.groups() for cell in cells]
+
+    def keys(self) -> dict[str, Any]:
+        """The flat keys from which the same search is read."""
+        trial = {key: value for key, value in trial_keys(self.base).items() if key not in _NOT_WRITTEN}
+        # tables stand at the end of a file
+        cases = trial.pop(CASES_KEY)
+        own = self.own.model_dump(mode="json")
+        return {**trial, **own, **self.limits, CASES_KEY: cases}
+
+
+def adversary_key_names() -> list[str]:
+    """The keys that a search has and a trial has not."""
+    return [*AdversaryKeys.model_fields, *GUARD]
+
+
+def read_adversary(
+    keys: Mapping[str, object], cases: Sequence[Mapping[str, object]] = (), names: Mapping[str, str] | None = None
+) -> Adversary:
+    """Search from the keys that hold for all cases, and those of each.
+
+    Parameters
+    ----------
+    keys, cases, names
+        As for `read_trial`; in place of its usual day it is the paper's meal, and its four controllers and the
+        meal-aware one.
+
+    Raises
+    ------
+    ValueError
+        For a key that is unknown, wrong or at odds with another.
+    """
+    called = {key: (names or {}).get(key, key) for key in keys}
+    for key in _REFUSED:
+        if key in keys:
+            raise ValueError(f"{called[key]} is no part of a search for the worst errors; leave it out")
+    own = checked(AdversaryKeys, {key: keys[key] for key in AdversaryKeys.model_fields if key in keys}, names)
+    if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
+        told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
+        raise ValueError(f"{called['errors_pct']} is {told}; give one largest error or more, each once")
+    given = {key: value for key, value in keys.items() if key in GUARD}
+    limits = complete_guard(given)
+    others = {key: value for key, value in keys.items() if key not in adversary_key_names()}
+    plain = overlay_trial(_USUAL, others, names)
+    if not cases and not plain.get(CONTROLLERS_KEY):
+        plain[CONTROLLERS_KEY] = list(SEARCHED)
+    base = read_trial(plain, cases, names)
+    if not base.allow_unusual:
+        ask_about_settings(GUARD.values(), given, names)
+    asked = Adversary(base=base, own=own, limits=limits)
+    asked.cells()  # refuses a part of a sample
+    return asked

@@ -1,0 +1,88 @@
+"""What is tried: estimators of unknown meals, on the days of some people, under the doses of a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from glucoloop.cohorts.trial import Trial
+from glucoloop.meals.plan import MealPlan
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.settings import Value, known_names
+
+ESTIMATING: Final = "meal-mpc"
+"""The controller of the catalogue that holds an estimator, whose settings are the estimator's."""
+ESTIMATORS: Final = controller_entry(ESTIMATING).setting("estimator").choices
+ESTIMATOR_SETTINGS: Final = (
+    "meal_horizon",
+    "meals_per_h",
+    "mean_carbs_g",
+    "disturbance_variance",
+    "measurement_variance",
+)
+"""Those of its settings that are about the estimator."""
+MOST_RUNS: Final = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Estimators, and the days on which they are tried.
+
+    Each day of each person begins at rest at midnight and has meals and noise of its own. As many days again are
+    without a meal.
+
+    Raises
+    ------
+    ValueError
+        For no estimator, an unknown one or one that is named twice, a threshold that is no probability, or more days
+        than can be computed.
+    """
+
+    trial: Trial
+    """People, the plan of one day, sensor and pump, and the controllers: a case for each estimator, by its name, where
+    the controller rests on it, or one case alone."""
+    days: int
+    """Of each person."""
+    estimators: tuple[str, ...]
+    settings: Mapping[str, Value]
+    """Of every estimator, in full; see `ESTIMATOR_SETTINGS`."""
+    threshold: float
+    """Probability of a meal above which it counts as detected."""
+
+    def __post_init__(self) -> None:
+        check_estimators(self.estimators)
+        if not 0.0 < self.threshold < 1.0:
+            raise ValueError(f"a threshold of {self.threshold:g} is not possible; give more than 0 and less than 1")
+        if self.trial.people * self.days > MOST_RUNS:
+            raise ValueError(
+                f"{self.days} days of {self.trial.people} people are too many; give at most {MOST_RUNS} days in all"
+            )
+
+    @property
+    def plan(self) -> MealPlan:
+        """Meals of all days of a person."""
+        day = self.trial.plan
+        return MealPlan(day.meals, self.days, size_spread_pct=day.size_spread_pct, time_spread_min=day.time_spread_min)
+
+    def case(self, estimator: str) -> str:
+        """Label of the case under whose doses an estimator is tried."""
+        labels = [case.label for case in self.trial.cases]
+        return estimator if estimator in labels else labels[0]
+
+
+def check_estimators(names: Sequence[str], called: str = "estimators") -> None:
+    """Refuse no estimator, one that is unknown and one that is named twice.
+
+    Raises
+    ------
+    ValueError
+        Which tells what the list is called.
+    """
+    if not names:
+        raise ValueError(f"{called} names none; give one or more of {', '.join(ESTIMATORS)}")
+    for name in names:
+        if name not in ESTIMATORS:
+            raise ValueError(f"{called} has the unknown {name!r}; {known_names(name, ESTIMATORS)}")
+        if list(names).count(name) > 1:
+            raise ValueError(f"{called} has {name!r} twice; leave one out")

@@ -1,0 +1,126 @@
+"""A test of estimators of unknown meals from flat keys: people, days and noise, the estimators, and a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, Field
+
+from glucoloop.config.run import STRICT, checked, controllers_of
+from glucoloop.config.trial import SITUATION_KEYS, overlay_trial, read_trial, trial_keys
+from glucoloop.meals.plan import MOST_DAYS
+from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.settings import known_names
+from glucoloop.studies.detection.detection import (
+    ESTIMATING,
+    ESTIMATOR_SETTINGS,
+    ESTIMATORS,
+    Detection,
+    check_estimators,
+)
+
+USUAL: Final[Mapping[str, Any]] = {
+    "population": "nominal",
+    "people": 1,
+    "meals": ["55g@300min", "55g@870min"],
+    "meal_size_spread_pct": 80.0,
+    "meal_time_spread_min": 90.0,
+    "noise_variance": 1.45,
+}
+"""Two meals a day of 11 to 99 g, so far apart that the first one's time is over when the second begins."""
+USUAL_DAYS: Final = 100
+"""Of one person; of several, one each."""
+PEOPLE_KEYS: Final = (
+    "population",
+    "people",
+    "first_person",
+    "meals",
+    "meal_size_spread_pct",
+    "meal_time_spread_min",
+)
+NO_SITUATION: Final = "announce_meals"
+"""Meals of which an estimator is told need not be found."""
+
+
+class _Own(BaseModel):
+    """What such a test has and a trial has not, or means otherwise."""
+
+    model_config = STRICT
+
+    days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
+    estimators: tuple[str, ...] = ESTIMATORS
+    threshold: float = 0.5
+    controller: str = ESTIMATING
+
+
+def detection_keys(detection: Detection) -> dict[str, Any]:
+    """The flat keys from which the same test is read."""
+    of_trial = trial_keys(detection.trial)
+    case = detection.trial.cases[0]
+    tuning = {key: value for key, value in case.tuning.items() if key != "estimator" and key not in detection.settings}
+    return {
+        **{key: of_trial[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in of_trial and key != NO_SITUATION},
+        "known_dead_time": case.known_dead_time,
+        "days": detection.days,
+        "estimators": list(detection.estimators),
+        "threshold": detection.threshold,
+        **detection.settings,
+        "controller": case.controller,
+        **tuning,
+    }
+
+
+def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Detection:
+    """Test of estimators from flat keys.
+
+    Parameters
+    ----------
+    keys : mapping
+    names : mapping, optional
+        What a key is called where it was given; for messages.
+
+    Raises
+    ------
+    ValueError
+        For a key that is unknown, wrong or at odds with another.
+    """
+    _refuse_unknown(keys, names)
+    own = checked(_Own, {key: keys[key] for key in _Own.model_fields if key in keys}, names)
+    of_trial = {key: keys[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in keys}
+    check_estimators(own.estimators, (names or {}).get("estimators", "estimators"))
+    settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
+    trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
+    asked = {key: value for key, value in settings.items() if key in ESTIMATOR_SETTINGS}
+    complete = catalogue.complete(ESTIMATING, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
+    return Detection(
+        trial=trial,
+        days=own.days or (USUAL_DAYS if trial.people == 1 else 1),
+        estimators=own.estimators,
+        settings={key: complete[key] for key in ESTIMATOR_SETTINGS},
+        threshold=own.threshold,
+    )
+
+
+def _cases(own: _Own, keys: Mapping[str, object], settings: Mapping[str, object]) -> list[dict[str, object]]:
+    """A case for each estimator where the controller rests on it, or one case alone."""
+    known = {"known_dead_time": keys["known_dead_time"]} if "known_dead_time" in keys else {}
+    if own.controller == ESTIMATING:
+        if "estimator" in settings:
+            raise ValueError(f"the controller {ESTIMATING} is tried with each of the estimators; leave estimator out")
+        return [
+            {"label": name, "controller": ESTIMATING, **settings, "estimator": name, **known} for name in own.estimators
+        ]
+    of_controller = {key: value for key, value in settings.items() if key not in ESTIMATOR_SETTINGS}
+    return [{"label": own.controller, "controller": own.controller, **of_controller, **known}]
+
+
+def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None) -> None:
+    own = [*_Own.model_fields, *PEOPLE_KEYS, *(key for key in SITUATION_KEYS if key != NO_SITUATION)]
+    known = [*own, "known_dead_time", *sorted(catalogue.setting_names(*controllers_of(keys)))]
+    if NO_SITUATION in keys:
+        called = (names or {}).get(NO_SITUATION, NO_SITUATION)
+        raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"unknown key {key!r} of a test of estimators; {known_names(key, known)}")

@@ -1,0 +1,191 @@
+"""Many tunings of one controller in the loops of the same subjects, as one compiled program.
+
+The numbers of a tuning are leaves of the controller. Those that a search may change trail, like what differs between
+people: a block of the program holds subjects under whatever tunings, and nothing is compiled anew for a tuning.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.cohorts.blocks import block_size
+from glucoloop.cohorts.trial import Trial
+from glucoloop.control import Controller
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.meals import eaten
+from glucoloop.metrics.running import RunningMetrics
+from glucoloop.registry.settings import Value
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.studies.robust.objectives import METRICS
+from glucoloop.studies.robust.subjects import Subjects
+from glucoloop.tuning.space import Tuned
+
+Array = npt.NDArray[Any]
+Tuning = Mapping[str, float]
+"""Of the numbers that are tuned; the others are the case's."""
+
+_PROBES: Final = (0.0, 0.37, 1.0)
+"""Shares of each range at which a controller is designed to see which of its leaves a tuning changes."""
+
+
+class TuningLoop:
+    """A controller of a trial with its loop, compiled.
+
+    Parameters
+    ----------
+    trial : Trial
+        The situation. Everybody eats its meals, on their own days.
+    case : Case
+    space : sequence of Tuned
+        What may be tuned; none for a controller as it is.
+    example : Subjects
+        Some of the subjects, to show what differs between them.
+
+    Raises
+    ------
+    ValueError
+        For a design that is not possible.
+    """
+
+    def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
+        self._trial, self._case = trial, case
+        self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
+        setpoint = trial.target_mg_dl
+        self._fold = RunningMetrics(
+            setpoint_mg_dl=setpoint, limits=trial.limits, inside_min=tuple(self._grid.inside_min.tolist())
+        )
+        self._controller = self._design({})
+        probes = [self._design({of.name: of.at(share) for of in space}) for share in _PROBES] if space else []
+        self._tuned = [
+            any(not np.array_equal(leaf, other) for other in others)
+            for leaf, *others in zip(*map(jax.tree.leaves, [self._controller, *probes]), strict=True)
+        ]
+        around = surroundings_of(trial, case.faults)
+        self._cohort = Cohort(
+            trial.nominal,
+            example.patient,
+            self._controller,
+            around.sensor,
+            around.pump,
+            self._grid,
+            self._fold,
+            setpoint_mg_dl=setpoint,
+            meals=eaten(trial.plan.nominal()),
+            announced=trial.announced,
+            meal_model=trial.gut,
+            varied_controller=self._of([self._controller], np.zeros(1, int), example.insulin_mU_min[:1]),
+        )
+
+    def run(self, subjects: Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
+        """What becomes of the subjects under each tuning, in order, as soon as it is known.
+
+        Yields
+        ------
+        dict or None
+            `METRICS` by name, ``(subjects,)`` each; None for a tuning that the design refuses.
+        """
+        n, size = subjects.number, block_size(self._cohort.engine)
+        waiting = iter(tunings)
+        possible: list[Controller] = []
+        order: list[bool] = []
+        """Whether a tuning is possible, of those that are not told yet."""
+        kept: list[dict[str, Array]] = []
+        start, ended = 0, False
+        while True:
+            # blocks are filled with subjects under one tuning after the other, and only the last is filled up
+            while not ended and n * len(possible) < start + size:
+                tuning = next(waiting, None)
+                ended = tuning is None
+                if tuning is not None:
+                    controller = self._designed(tuning)
+                    order.append(controller is not None)
+                    possible += [] if controller is None else [controller]
+            jobs = np.arange(start, min(start + size, n * len(possible)))
+            if jobs.size:
+                kept = self._with_block(kept, subjects, possible, jobs, size)
+                start += jobs.size
+            while order and (not order[0] or _length(kept) >= n):
+                if order.pop(0):
+                    together = {name: np.concatenate([part[name] for part in kept]) for name in METRICS}
+                    kept = [{name: values[n:] for name, values in together.items()}]
+                    yield {name: values[:n] for name, values in together.items()}
+                else:
+                    yield None
+            if ended and not order:
+                return
+
+    def _with_block(
+        self,
+        kept: list[dict[str, Array]],
+        subjects: Subjects,
+        controllers: Sequence[Controller],
+        jobs: Array,
+        size: int,
+    ) -> list[dict[str, Array]]:
+        """What was found so far, and what becomes of the subjects of one more block."""
+        full, n = np.resize(jobs, size), subjects.number
+        metrics = self._block(subjects, full % n, self._of_jobs(controllers, full // n, subjects, full % n))
+        return [*kept, {name: values[: jobs.size] for name, values in metrics.items()}]
+
+    def _of_jobs(self, controllers: Sequence[Controller], which: Array, subjects: Subjects, place: Array) -> Controller:
+        first = int(which.min())
+        return self._of(controllers[first : which.max() + 1], which - first, subjects.insulin_mU_min[place])
+
+    def _block(self, subjects: Subjects, place: Array, controller: Controller) -> dict[str, Array]:
+        run = self._cohort.run(
+            People(
+                patient=jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, subjects.patient),
+                x=subjects.x[:, place],
+                insulin_mU_min=subjects.insulin_mU_min[place],
+                key=subjects.key[place],
+                controller=controller,
+            )
+        )
+        metrics = self._fold.finish(
+            run.fold,
+            samples=self._grid.samples,
+            sample_time_min=self._grid.sample_time_min,
+            meal_t_min=0.0,
+            precision=self._cohort.precision,
+        )
+        return {name: np.asarray(getattr(metrics, name), float) for name in METRICS}
+
+    def _of(self, controllers: Sequence[Controller], which: Array, basal_mU_min: Array) -> Controller:
+        """Controllers of subjects: the tuning of each, and his basal rate."""
+        leaves, tree = jax.tree.flatten(with_individual_basal(self._controller, basal_mU_min))
+        many = [jax.tree.leaves(controller) for controller in controllers]
+        joined: Controller = jax.tree.unflatten(
+            tree,
+            [
+                jnp.asarray(np.stack([np.asarray(own[i], float) for own in many], axis=-1)[..., which])
+                if self._tuned[i]
+                else leaf
+                for i, leaf in enumerate(leaves)
+            ],
+        )
+        return joined
+
+    def _designed(self, tuning: Tuning) -> Controller | None:
+        try:
+            return self._design(tuning)
+        except ValueError:
+            return None
+
+    def _design(self, tuning: Tuning) -> Controller:
+        settings: dict[str, Value] = {**self._case.tuning, **tuning}
+        case = dataclasses.replace(self._case, tuning=settings)
+        return controller_of(self._trial, case)
+
+
+def _length(parts: Sequence[Mapping[str, Array]]) -> int:
+    return sum(part[METRICS[0]].size for part in parts)

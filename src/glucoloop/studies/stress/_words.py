@@ -1,0 +1,127 @@
+"""What a stress test came to, in sentences; every number is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from glucoloop.studies.stress._cells import short_mg_dl, short_pct
+from glucoloop.studies.stress._grid import Grid
+from glucoloop.studies.stress.stress import MOST_MORE_PCT, MOST_NAMED, NO_FAULT, StressRow
+
+_MOST_LISTED: Final = 5
+
+
+def verdict(grid: Grid) -> list[str]:
+    """What stands and what does not, in short paragraphs."""
+    if not grid.faults[1:]:
+        return ["No fault was tried.", *_without_a_fault(grid)]
+    return [*_standing(grid), *_failing(grid), *_harm_of_the_guard(grid), *_without_a_fault(grid)]
+
+
+def people_told(people: int) -> str:
+    """A number of people."""
+    return f"{people} {'person' if people == 1 else 'people'}"
+
+
+def worse_told(row: StressRow) -> str:
+    """How many were worse off, and by how much the one who was so most."""
+    return f"{len(row.worse)} of {people_told(row.people)}, at most {short_pct(row.worst_more_pct)} % of the time more"
+
+
+def numbers_told(row: StressRow) -> str:
+    """The numbers of the people who were worse off, as many as can be read."""
+    told = ", ".join(map(str, row.worse[:MOST_NAMED]))
+    beyond = len(row.worse) - MOST_NAMED
+    return f"{told} and {beyond} more" if beyond > 0 else told
+
+
+def failing(grid: Grid, guarded: bool) -> list[StressRow]:
+    """Cells in which somebody was worse off, the worst first."""
+    return sorted((row for row in grid.under_faults(guarded) if not row.stands), key=lambda row: -row.worst_more_pct)
+
+
+def _known(grid: Grid, guarded: bool) -> list[StressRow]:
+    return [row for row in grid.under_faults(guarded) if row.people]
+
+
+def _standing(grid: Grid) -> list[str]:
+    told: list[str] = []
+    for guarded in reversed(grid.guards):
+        known = _known(grid, guarded)
+        stand = sum(row.stands for row in known)
+        if len(told) == 1:
+            told.append(f"Without the guard, {stand} of {len(known)} stand.")
+            continue
+        which = "With" if guarded else "Without"
+        told.append(
+            f"{which} the guard, {stand} of {len(known)} combinations of a controller and a fault stand: nobody spends "
+            f"more than {MOST_MORE_PCT:g} % of the time more below 60 mg/dl than without the fault."
+        )
+    unknown = len(grid.under_faults(grid.guards[0])) - len(_known(grid, grid.guards[0]))
+    if unknown:
+        told.append(f"Nobody could take part in {unknown} more.")
+    return [" ".join(told)]
+
+
+def _failing(grid: Grid) -> list[str]:
+    guarded = grid.guards[-1]
+    rows = failing(grid, guarded)
+    which = "with" if guarded else "without"
+    if not rows:
+        return []
+    listed = [f"{_cell(grid, row)} ({worse_told(row)})" for row in rows[:_MOST_LISTED]]
+    more = len(rows) - _MOST_LISTED
+    return [f"What does not stand {which} the guard: {'; '.join(listed)}{f'; and {more} more' if more > 0 else ''}."]
+
+
+def _harm_of_the_guard(grid: Grid) -> list[str]:
+    """Said either way: that a guard does no harm is what it is tried for."""
+    if len(grid.guards) < 2:
+        return []
+    pairs = [grid.pair(controller, fault) for controller in grid.controllers for fault in grid.faults]
+    longer = [(row.below_60_mean_pct - bare.below_60_mean_pct, row) for bare, row in pairs]
+    longer = [(difference, row) for difference, row in longer if difference > 0.0]
+    if not longer:
+        return ["In none is the mean time below 60 mg/dl longer with the guard than without it, nor without a fault."]
+    most, row = max(longer, key=lambda each: each[0])
+    return [
+        f"In {len(longer)} of {len(pairs)} cells, those without a fault included, the mean time below 60 mg/dl is "
+        f"longer with the guard than without it: at most by {short_pct(most)} % of the time, in {_cell(grid, row)}."
+    ]
+
+
+def _without_a_fault(grid: Grid) -> list[str]:
+    """What the guard changes where nothing is wrong."""
+    told = []
+    for controller in grid.controllers:
+        rows = grid.pair(controller, NO_FAULT)
+        below = _both([short_pct(row.below_60_worst_pct) + " %" for row in rows])
+        highest = _both([short_mg_dl(row.highest_mg_dl) for row in rows])
+        told.append(f"{controller}: {below} and {highest}")
+    how = " (without → with the guard)" if len(grid.guards) > 1 else ""
+    sentences = [
+        f"Without a fault, the longest time that anybody spends below 60 mg/dl, and the highest glucose in mg/dl{how}, "
+        f"are {'; '.join(told)}."
+    ]
+    if True in grid.guards:
+        acts = (
+            f"{short_pct(_acted_pct(grid.row(controller, True, NO_FAULT)))} % with {controller}"
+            for controller in grid.controllers
+        )
+        sentences.append(f"Of the samples the guard then acts at {'; '.join(acts)}.")
+    return [" ".join(sentences)]
+
+
+def _acted_pct(row: StressRow) -> float:
+    """Samples at which the guard had a hand in the dose; each has one status."""
+    return row.rejected_pct + row.fallback_pct + row.suspended_pct + row.dose_limited_pct
+
+
+def _both(values: Sequence[str]) -> str:
+    return values[0] if len(set(values)) == 1 else " → ".join(values)
+
+
+def _cell(grid: Grid, row: StressRow) -> str:
+    fault = grid.told(row.tried)
+    return f"{row.tried.controller} {'with' if row.tried.fault == NO_FAULT else 'under'} {fault}"

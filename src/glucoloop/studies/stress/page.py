@@ -1,0 +1,230 @@
+"""A stress test on a page of its own: one file that needs neither network nor script, to read and to pass on."""
+
+from __future__ import annotations
+
+import html
+from typing import Final
+
+from glucoloop.registry.fault_text import parse_fault
+from glucoloop.report import _page
+from glucoloop.report.trial_page import count
+from glucoloop.studies.stress._cells import QUANTITIES, Shade, grouped, legend_shades, shade_of, short_pct
+from glucoloop.studies.stress._faults import settings_in_words, when_in_words
+from glucoloop.studies.stress._grid import GUARDS, Grid, grid_of, people_of
+from glucoloop.studies.stress._style import STYLE
+from glucoloop.studies.stress._words import failing, numbers_told, verdict, worse_told
+from glucoloop.studies.stress.stress import MOST_MORE_PCT, StressResult, StressRow
+
+_LONG: Final = ' class="long"'
+_LONG_FROM: Final = 28  # characters of a fact
+
+
+def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
+    """A stress test as a self-contained HTML page.
+
+    What stands and what does not, in words; a map of faults and controllers, without and with the guard; for whom and
+    why something does not stand; all numbers; what each fault is; and how to repeat the test.
+
+    Parameters
+    ----------
+    result : StressResult
+    title : str
+
+    Returns
+    -------
+    str
+        HTML; labels and the title are shown as they are, whatever they hold.
+
+    Raises
+    ------
+    ValueError
+        If there are no rows, or they do not make a grid.
+    """
+    grid = grid_of(result)
+    sections = [
+        _lead(result, grid),
+        _section("What stands and what does not", "", _paragraphs(verdict(grid)), "verdict"),
+        _map(grid),
+        _why(result, grid),
+        _all(grid),
+        _faults(grid),
+        _section("How to repeat it", "In the folder of the test.", f"<pre><code>{_text(result.repeat)}</code></pre>"),
+    ]
+    return _page.page(title, "\n".join(section for section in sections if section), STYLE)
+
+
+def _text(told: str) -> str:
+    return html.escape(told)
+
+
+def _paragraphs(texts: list[str]) -> str:
+    return "\n".join(f"<p>{_text(told)}</p>" for told in texts)
+
+
+def _section(title: str, caption: str, body: str, kind: str = "") -> str:
+    told = f'<p class="caption">{caption}</p>\n' if caption else ""
+    return f'<section class="{kind}">\n<h2>{title}</h2>\n{told}{body}\n</section>'
+
+
+def _lead(result: StressResult, grid: Grid) -> str:
+    people, faults = people_of(result), len(grid.faults) - 1
+    controllers = len(grid.controllers)
+    told = (
+        f"{controllers} {'controller' if controllers == 1 else 'controllers'}, "
+        f"{' and '.join(GUARDS[guarded] for guarded in grid.guards)}, under {faults} "
+        f"{'fault' if faults == 1 else 'faults'}, each alone, on the same {count(people)} virtual "
+        f"{'person' if people == 1 else 'people'}."
+    )
+    facts = "".join(
+        f"<div{_LONG * (len(value) > _LONG_FROM)}><dt>{_text(name)}</dt><dd>{_text(value)}</dd></div>"
+        for name, value in result.facts.items()
+    )
+    return f'<p class="lead">{told}</p>\n<dl class="facts">{facts}</dl>'
+
+
+def _map(grid: Grid) -> str:
+    caption = (
+        "Percentage of the time below 60 mg/dl of the person who was longest below. A triangle and a number: so many "
+        f"people spent more than {MOST_MORE_PCT:g} % of the time more below 60 mg/dl than without the fault, under the "
+        "same controller. Point at a cell for all its numbers."
+    )
+    across = len(grid.controllers)
+    gap = '<col class="gap">'
+    columns = gap.join([f'<col span="{across}">'] * len(grid.guards))
+    guards = '<td class="gap" rowspan="2"></td>'.join(
+        f'<th scope="colgroup" class="guard" colspan="{across}">{GUARDS[guarded].capitalize()}</th>'
+        for guarded in grid.guards
+    )
+    heads = "".join(f'<th scope="col">{_text(controller)}</th>' for controller in grid.controllers) * len(grid.guards)
+    lines = []
+    for fault in grid.faults:
+        cells = '<td class="gap"></td>'.join(
+            "".join(_cell(grid, grid.row(controller, guarded, fault)) for controller in grid.controllers)
+            for guarded in grid.guards
+        )
+        lines.append(f'<tr><th scope="row" title="{_text(fault)}">{_text(grid.names[fault])}</th>{cells}</tr>')
+    body = "</tbody>\n<tbody>".join(["\n".join(part) for part in (lines[:1], lines[1:]) if part])
+    cells_across = across * len(grid.guards)
+    table = (
+        f'<div class="scroll"><table class="heat" style="--cells: {cells_across}">\n'
+        f'<colgroup><col class="fault">{columns}</colgroup>\n'
+        f'<thead><tr><th scope="col" rowspan="2" class="fault">Fault</th>{guards}</tr><tr>{heads}</tr></thead>\n'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+    return _section("Time below 60 mg/dl of the worst-off", caption, f"{_scale(grid)}\n{table}")
+
+
+def _scale(grid: Grid) -> str:
+    keys = "".join(
+        f"<span><span {_look(shade, 'key')}></span>{shade.words}</span>" for shade in legend_shades(grid.rows.values())
+    )
+    return f'<div class="scale">{keys}<span>▲ worse off than without the fault</span></div>'
+
+
+def _look(shade: Shade, *kinds: str) -> str:
+    classes = " ".join([*kinds, *([] if shade.colour else ["none"])])
+    style = f'style="background: {shade.colour}; color: {shade.ink}"' if shade.colour else ""
+    return f'class="{classes}" {style}'.rstrip()
+
+
+def _cell(grid: Grid, row: StressRow) -> str:
+    worse = f"<small>▲{len(row.worse)}</small>" if row.worse else ""
+    return (
+        f'<td {_look(shade_of(row))} title="{_text(_hover(grid, row))}">{short_pct(row.below_60_worst_pct)}{worse}</td>'
+    )
+
+
+def _hover(grid: Grid, row: StressRow) -> str:
+    lines = [f"{row.tried.controller}, {grid.told(row.tried)}, {GUARDS[row.tried.guarded]}"]
+    for group, quantities in grouped():
+        lines.append(f"{group}: {', '.join(f'{quantity.name} {quantity.of(row)}' for quantity in quantities)}")
+    return "\n".join(lines)
+
+
+def _why(result: StressResult, grid: Grid) -> str:
+    """Only of what was tried with the guard: without it nobody asks why."""
+    rows = failing(grid, guarded=True) if True in grid.guards else []
+    if not rows:
+        return ""
+    caption = (
+        "With the guard, each controller and fault under which somebody was worse off, with what happened to the "
+        "person who was so most. People are told by their numbers in the population, the worst first."
+    )
+    reasons = {reason.tried: reason for reason in result.reasons}
+    parts = []
+    for row in rows:
+        reason = reasons.get(row.tried)
+        told = f"<p>Person {reason.person}: {_text(reason.text)}</p>" if reason else "<p>No reason was looked for.</p>"
+        parts.append(
+            f"<dt>{_text(row.tried.controller)}<span>{_text(grid.told(row.tried))}</span></dt>"
+            f"<dd>{told}<p>{worse_told(row)}: {numbers_told(row)}</p></dd>"
+        )
+    body = "\n".join(parts)
+    return _section("For whom, and why", caption, f'<dl class="why">\n{body}\n</dl>')
+
+
+def _all(grid: Grid) -> str:
+    groups = "".join(
+        f'<th scope="colgroup" class="group part" colspan="{len(quantities)}">{_text(group)}</th>'
+        for group, quantities in grouped()
+    )
+    heads = "".join(
+        f'<th scope="col" class="{_part(place)}">{_text(quantity.name)}</th>'
+        for place, quantity in enumerate(QUANTITIES)
+    )
+    head = (
+        f'<thead><tr><th scope="col" rowspan="2">Fault</th><th scope="col" rowspan="2" class="guard">Guard</th>{groups}'
+        f"</tr><tr>{heads}</tr></thead>"
+    )
+    tables = [
+        f'<h3>{_text(controller)}</h3>\n<div class="scroll"><table>\n{head}\n'
+        + "\n".join(_rows(grid, controller, fault) for fault in grid.faults)
+        + "</table></div>"
+        for controller in grid.controllers
+    ]
+    caption = (
+        "Times are of the run, mean over the people and of the one who was longest below; ever below were so many of "
+        "the people; events are below 70 and below 54 mg/dl for 15 min or longer, of all people; samples are of all "
+        "people. Worse off: as on the map, and the largest difference of anybody."
+    )
+    return _section("All numbers", caption, "\n".join(tables), "all")
+
+
+def _rows(grid: Grid, controller: str, fault: str) -> str:
+    pair = grid.pair(controller, fault)
+    lines = []
+    for place, row in enumerate(pair):
+        name = f'<th scope="row" rowspan="{len(pair)}">{_text(grid.names[fault])}</th>' if place == 0 else ""
+        cells = "".join(
+            f'<td class="value {_part(column)}{" worse" * _is_worse(column, row)}">{_text(quantity.of(row))}</td>'
+            for column, quantity in enumerate(QUANTITIES)
+        )
+        lines.append(f'<tr>{name}<td class="guard">{"with" if row.tried.guarded else "without"}</td>{cells}</tr>')
+    return f"<tbody>{''.join(lines)}</tbody>"
+
+
+def _is_worse(column: int, row: StressRow) -> bool:
+    return not row.stands and QUANTITIES[column].group == "Worse off"
+
+
+def _part(column: int) -> str:
+    """What sets the first column of a group apart."""
+    return "part" if column == 0 or QUANTITIES[column - 1].group != QUANTITIES[column].group else ""
+
+
+def _faults(grid: Grid) -> str:
+    if not grid.faults[1:]:
+        return ""
+    lines = []
+    for text in grid.faults[1:]:
+        fault = parse_fault(text)
+        lines.append(
+            f'<tr><th scope="row">{_text(grid.names[text])}</th><td>{fault.entry.part}</td>'
+            f"<td>{_text(fault.entry.summary)}</td><td>{_text(settings_in_words(fault))}</td>"
+            f"<td>{_text(when_in_words(fault))}</td></tr>"
+        )
+    heads = "".join(f'<th scope="col">{head}</th>' for head in ("Fault", "Of", "What happens", "Set", "When"))
+    table = (
+        f'<div class="scroll"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>{"".join(lines)}</tbody></table></div>'
+    )
+    return _section("The faults", "Moments are drawn for each person, evenly.", table, "faults")

@@ -1,0 +1,128 @@
+"""Why somebody was worse off under a fault: his run again, sample by sample, and what stands out in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.cohorts.engine import PreparedTrial
+from glucoloop.control import Status
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.meals import Meal, Scenario
+from glucoloop.meals.plan import draw_meals
+from glucoloop.patients.population import virtual_people
+from glucoloop.simulation import Trace, simulate
+from glucoloop.simulation.people_plant import varying
+from glucoloop.studies.stress.stress import Reason, StressRow
+
+LOW_MG_DL: Final = 60.0
+_BEFORE_MIN: Final = 90.0
+"""Insulin of so long before a low is what brought it about."""
+_BIAS_MG_DL: Final = 4.0
+_LESS: Final = 0.05
+_ACTS: Final = (
+    (Status.READING_REJECTED, "rejected {}", "reading"),
+    (Status.FALLBACK_BASAL, "gave the basal rate for {}", "sample"),
+    (Status.FALLBACK_REDUCED, "gave a part of it for {}", "sample"),
+    (Status.DOSE_LIMITED, "cut {}", "dose"),
+    (Status.SUSPENDED, "suspended insulin for {}", "sample"),
+)
+
+
+def reason_of(prepared: PreparedTrial, row: StressRow) -> Reason:
+    """What happened to the person of a cell who was the most worse off."""
+    person = row.worse[0]
+    trace = _again(prepared, row.tried.label, person)
+    text = " ".join(_told(trace, prepared.grid.sample_time_min))
+    return Reason(tried=row.tried, person=person, more_pct=row.worst_more_pct, text=text)
+
+
+def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
+    """The run of one person of a trial, with all that a trace keeps."""
+    trial, of_case = prepared.trial, prepared.cases[label]
+    number = np.array([person], np.int64)
+    drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
+    meals = draw_meals(trial.plan, trial.seed, number)
+    controller = of_case.controller
+    if of_case.own is not None:
+        own = of_case.own(drawn)
+        controller = _first(own, varying(own, controller))
+    return simulate(
+        jax.tree.map(lambda a: a[0] if jnp.ndim(a) else a, drawn.patient),
+        controller,
+        of_case.surroundings.sensor,
+        of_case.surroundings.pump,
+        Scenario(
+            [
+                Meal(float(carbs_g), float(t_min), float(eating_min))
+                for carbs_g, t_min, eating_min in zip(
+                    meals.carbs_g[:, 0], meals.t_min[:, 0], meals.eating_min[:, 0], strict=True
+                )
+            ],
+            trial.plan.horizon_min,
+            announced=trial.announced,
+            meal_model=trial.gut,
+        ),
+        keys_of_people(trial.seed, number)[0],
+    )
+
+
+def _first(many: Any, varies: list[bool]) -> Any:
+    """The first of many, who trail."""
+    leaves, tree = jax.tree.flatten(many)
+    return jax.tree.unflatten(tree, [leaf[..., 0] if own else leaf for leaf, own in zip(leaves, varies, strict=True)])
+
+
+def _told(trace: Trace, sample_time_min: float) -> Iterator[str]:
+    glucose, fine_t = np.asarray(trace.fine_glucose_mg_dl), np.asarray(trace.fine_t_min)
+    low = np.flatnonzero(glucose < LOW_MG_DL)
+    if not low.size:
+        yield f"Simulated alone he stayed above {LOW_MG_DL:g} mg/dl, by {glucose.min() - LOW_MG_DL:.1f} mg/dl."
+        return
+    first_min, last_min = fine_t[low[0]], fine_t[low[-1]]
+    yield f"Below {LOW_MG_DL:g} mg/dl from {first_min:.0f} to {last_min:.0f} min, least {glucose.min():.1f} mg/dl."
+    t = np.asarray(trace.t_min)
+    before = (t >= first_min - _BEFORE_MIN) & (t <= first_min)
+    known = np.asarray(trace.reading_valid) & np.isfinite(np.asarray(trace.reading_mg_dl))
+    yield from _of_readings(trace, before, known)
+    yield from _of_pump(trace, t <= first_min, before)
+    basal = float(trace.basal_insulin_mU_min)
+    rate = np.asarray(trace.insulin_mU_min)[before].mean() / basal if basal else np.nan
+    yield f"In the {before.sum() * sample_time_min:.0f} min before he got {rate:.2f} of his basal rate."
+    status = np.asarray(trace.status)[t <= last_min]
+    acts = [text.format(_counted(count, what)) for of, text, what in _ACTS if (count := int((status == of).sum()))]
+    if acts:
+        yield f"Up to the end of it the guard {', '.join(acts)}."
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _of_readings(trace: Trace, before: Any, known: Any) -> Iterator[str]:
+    missing = int((~known & before).sum())
+    if missing:
+        yield f"Of the {int(before.sum())} readings before it {missing} {'was' if missing == 1 else 'were'} missing."
+    seen = before & known
+    if not seen.any():
+        return
+    error = (np.asarray(trace.reading_mg_dl) - np.asarray(trace.glucose_mg_dl))[seen]
+    middle, largest = float(np.median(error)), float(error[np.abs(error).argmax()])
+    if abs(middle) > _BIAS_MG_DL:
+        yield f"Readings were {abs(middle):.0f} mg/dl too {'high' if middle > 0.0 else 'low'} in the median before it."
+    elif abs(largest) > 2.0 * _BIAS_MG_DL:
+        yield f"One reading was {abs(largest):.0f} mg/dl too {'high' if largest > 0.0 else 'low'}."
+
+
+def _of_pump(trace: Trace, so_far: Any, before: Any) -> Iterator[str]:
+    command, given = np.asarray(trace.command_mU_min), np.asarray(trace.insulin_mU_min)
+    lost = float((command - given)[so_far].sum() / max(command[so_far].sum(), 1.0))
+    if lost > _LESS:
+        yield f"Until then the pump had delivered {100.0 * lost:.0f} % less than it was told."
+    untold = float(np.nansum((np.asarray(trace.reported_mU_min) - given)[so_far]))
+    if untold > _LESS * float(given[so_far].sum()):
+        yield "It had not said so."

@@ -1,0 +1,90 @@
+"""What is said about a whole stress test: rows, reasons, table files, picture and page."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import polars as pl
+
+from glucoloop.cohorts.engine import prepare
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.trial_facts import facts
+from glucoloop.storage.strict_json import json_text, with_version
+from glucoloop.storage.tables import csv, parquet
+from glucoloop.storage.trials.folder import TrialFolder
+from glucoloop.studies.stress.figure import plot_stress
+from glucoloop.studies.stress.keys import StressTest
+from glucoloop.studies.stress.page import stress_page
+from glucoloop.studies.stress.reasons import reason_of
+from glucoloop.studies.stress.stress import Reason, StressResult, StressRow, Tried, stress_rows
+
+
+def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
+    """What came of a test whose shards are done."""
+    rows = stress_rows(asked.stress, folder.people())
+    prepared = prepare(asked.stress.trial)
+    return _result(asked, rows, [reason_of(prepared, row) for row in rows if row.tried.guarded and not row.stands])
+
+
+def told_before(asked: StressTest, folder: TrialFolder) -> StressResult:
+    """The same of a finished test, its reasons as they were written."""
+    rows = stress_rows(asked.stress, folder.people())
+    reasons = [
+        Reason(
+            tried=Tried(controller=of["controller"], guarded=True, fault=of["fault"]),
+            person=of["person"],
+            more_pct=of["more_pct"],
+            text=of["text"],
+        )
+        for of in folder.summary()["reasons"]
+    ]
+    return _result(asked, rows, reasons)
+
+
+def _result(asked: StressTest, rows: Sequence[StressRow], reasons: Sequence[Reason]) -> StressResult:
+    return StressResult(
+        rows=tuple(rows),
+        reasons=tuple(reasons),
+        facts=facts(asked.base),
+        repeat="glucoloop stress --config stress.toml --out again",
+    )
+
+
+def files_of(result: StressResult) -> dict[str, bytes]:
+    """The files about the whole test, by name."""
+    table = pl.DataFrame([_flat(row) for row in result.rows])
+    return {
+        "stress.csv": csv(table),
+        "stress.parquet": parquet(table),
+        "summary.json": (json_text(with_version(summary_of(result))) + "\n").encode(),
+        "stress.html": stress_page(result).encode(),
+        **figure_files("figure", plot_stress(result)),
+    }
+
+
+def summary_of(result: StressResult) -> dict[str, Any]:
+    """Plain values for JSON."""
+    return {
+        "facts": dict(result.facts),
+        "rows": [{**_flat(row), "worse": list(row.worse)} for row in result.rows],
+        "reasons": [
+            {
+                "controller": reason.tried.controller,
+                "fault": reason.tried.fault,
+                "person": reason.person,
+                "more_pct": reason.more_pct,
+                "text": reason.text,
+            }
+            for reason in result.reasons
+        ],
+        "repeat": result.repeat,
+    }
+
+
+def _flat(row: StressRow) -> Mapping[str, Any]:
+    """A row as plain columns."""
+    own = {field.name: getattr(row, field.name) for field in dataclasses.fields(row) if field.name != "tried"}
+    cell = {"controller": row.tried.controller, "guarded": row.tried.guarded, "fault": row.tried.fault}
+    return {**cell, **own, "worse": len(row.worse), "worse_people": " ".join(map(str, row.worse))}

@@ -1,0 +1,257 @@
+"""A stress test: controllers, with and without a guard, on the same people under one fault after another.
+
+It is a trial whose cases are all controllers under all faults. Everybody meets the same meals, noise and onset of a
+fault under each controller.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.cohorts.people import Shard
+from glucoloop.cohorts.trial import Trial
+from glucoloop.experiments.case import Case
+from glucoloop.registry.settings import Value
+
+Guards = Literal["both", "with", "without"]
+NO_FAULT: Final = ""
+MOST_MORE_PCT: Final = 1.0
+"""Of the time below 60 mg/dl: as much more of it than without the fault is borne."""
+MOST_NAMED: Final = 20
+
+STANDARD_FAULTS: Final = (
+    "missing, start_min=60, latest_min=300, duration_min=60",
+    "missing, start_min=60, latest_min=180, duration_min=240",
+    "late, start_min=60, latest_min=300, duration_min=120, delay_min=15",
+    "repeated, start_min=60, latest_min=300, duration_min=120, times=3",
+    "out-of-order, start_min=60, latest_min=300, duration_min=120, among=4",
+    "spikes, per_day=12, size_mg_dl=60",
+    "spikes, per_day=12, size_mg_dl=-40",
+    "stuck, start_min=60, latest_min=300, duration_min=120",
+    "drift, start_min=60, latest_min=300, mg_dl_h=3",
+    "drift, start_min=60, latest_min=300, mg_dl_h=-3",
+    "calibration, gain=1.15, offset_mg_dl=0",
+    "calibration, gain=0.85, offset_mg_dl=0",
+    "calibration, gain=1, offset_mg_dl=15",
+    "compression, start_min=60, latest_min=300, duration_min=45, depth=0.3, tau_min=10",
+    "saturation, low_mg_dl=75, high_mg_dl=400",
+    "nonsense, start_min=60, latest_min=300, duration_min=60, value=nan",
+    "nonsense, start_min=60, latest_min=300, duration_min=60, value=0",
+    "nonsense, start_min=60, latest_min=300, duration_min=60, value=2000",
+    "occlusion, start_min=60, latest_min=300, duration_min=120, open_fraction=0, noticed=false",
+    "occlusion, start_min=60, latest_min=300, duration_min=120, open_fraction=0, noticed=true",
+    "missed-pulses, share=0.2, noticed=false",
+    "resolution, step_mU_min=4, least_mU_min=8",
+    "battery, start_min=60, latest_min=300, duration_min=60",
+)
+"""What is tried if nothing else is asked for. Sensors that are wrong by 15 % or 15 mg/dl are as wrong as those of
+integrated continuous monitors may be (U.S. Food and Drug Administration, 21 CFR 862.1355)."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One cell of the test: a controller, guarded or not, under a fault or none."""
+
+    controller: str
+    """Label of the case."""
+    guarded: bool
+    fault: str
+    """In full; empty for none."""
+
+    @property
+    def label(self) -> str:
+        """Of the case of the trial."""
+        return " | ".join(
+            [self.controller, *(["guarded"] if self.guarded else []), *([self.fault] if self.fault else [])]
+        )
+
+    @property
+    def without_fault(self) -> Tried:
+        """What it is compared with."""
+        return dataclasses.replace(self, fault=NO_FAULT)
+
+
+@dataclass(frozen=True)
+class Stress:
+    """A stress test."""
+
+    trial: Trial
+    """With a case for each cell."""
+    tried: tuple[Tried, ...]
+    """The cells, in the order of the cases."""
+
+
+def stress_of(base: Trial, faults: Sequence[str], guards: Guards, limits: Mapping[str, Value]) -> Stress:
+    """Every case of a trial under every fault.
+
+    Parameters
+    ----------
+    base : Trial
+        With a case for each controller.
+    faults : sequence of str
+        In full, each tried alone.
+    guards : {"both", "with", "without"}
+    limits : mapping
+        Of the guard, in full.
+
+    Raises
+    ------
+    ValueError
+        For a fault that is given twice.
+    """
+    for fault in faults:
+        if list(faults).count(fault) > 1:
+            raise ValueError(f"the fault {fault!r} is given twice; leave one out")
+    cases: list[Case] = []
+    tried: list[Tried] = []
+    for case in base.cases:
+        for guarded in {"both": (False, True), "with": (True,), "without": (False,)}[guards]:
+            for fault in (NO_FAULT, *faults):
+                cell = Tried(controller=case.label, guarded=guarded, fault=fault)
+                own = (fault,) if fault else ()
+                cases.append(
+                    dataclasses.replace(case, label=cell.label, guard=dict(limits) if guarded else None, faults=own)
+                )
+                tried.append(cell)
+    return Stress(trial=dataclasses.replace(base, cases=tuple(cases)), tried=tuple(tried))
+
+
+@dataclass(frozen=True)
+class StressRow:
+    """What came of a cell. Percentages of time are of the run, those of people of the people who could take part."""
+
+    tried: Tried
+    people: int
+    below_60_mean_pct: float
+    """Of the time, over all people."""
+    below_60_worst_pct: float
+    """Of the time, of the one who was longest below."""
+    below_54_mean_pct: float
+    below_54_worst_pct: float
+    ever_below_60_pct: float
+    """Of the people."""
+    ever_below_54_pct: float
+    lowest_mg_dl: float
+    lowest_person: int
+    highest_mg_dl: float
+    low_events: int
+    """Below 70 mg/dl for 15 min or longer; of all people."""
+    very_low_events: int
+    """Below 54 mg/dl."""
+    saturated_pct: float
+    """Of the samples, over all people: doses cut to the pump's limits."""
+    missing_pct: float
+    rejected_pct: float
+    fallback_pct: float
+    suspended_pct: float
+    dose_limited_pct: float
+    worse: tuple[int, ...]
+    """People who spent more than 1 % of the time more below 60 mg/dl than without the fault, the worst first."""
+    worst_more_pct: float
+    """Largest such difference, of all people; 0 without a fault."""
+    people_below_validity: int
+    """People whose glucose was ever lower than their model is valid for."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether nobody was much worse off than without the fault."""
+        return not self.worse
+
+
+_COLUMNS: Final = (
+    *("time_below_60_pct", "time_below_54_pct", "minimum_mg_dl", "peak_mg_dl", "low_events", "very_low_events"),
+    *("samples_saturated", "samples_missing", "samples_rejected", "samples_fallback", "samples_suspended"),
+    "samples_dose_limited",
+)
+
+
+def stress_rows(stress: Stress, shards: Iterator[Shard]) -> list[StressRow]:
+    """What came of each cell, from the people of the shards."""
+    kept: dict[str, list[dict[str, npt.NDArray[Any]]]] = {cell.label: [] for cell in stress.tried}
+    for shard in shards:
+        for label, people in shard.items():
+            known = people.able & np.isfinite(people.metrics["mean_mg_dl"])
+            part = {name: people.metrics[name] for name in _COLUMNS} | {
+                "person": people.person,
+                "known": known,
+                "below_validity": people.below_validity,
+            }
+            kept[label].append(part)
+    whole = {
+        label: {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        for label, parts in kept.items()
+    }
+    return [
+        _row(cell, whole[cell.label], whole[cell.without_fault.label], stress.trial.samples) for cell in stress.tried
+    ]
+
+
+def _row(
+    cell: Tried, told: Mapping[str, npt.NDArray[Any]], without: Mapping[str, npt.NDArray[Any]], samples: int
+) -> StressRow:
+    known = told["known"] & without["known"]
+    of = {name: values[known] for name, values in told.items()}
+    if not known.any():
+        of = {name: np.full(1, np.nan) for name in told}
+    more = of["time_below_60_pct"] - without["time_below_60_pct"][known] if known.any() else np.zeros(1)
+    order = np.argsort(-more, kind="stable")
+    lowest = int(np.argmin(of["minimum_mg_dl"]))
+
+    def share(name: str) -> float:
+        return float(100.0 * of[name].mean() / samples)
+
+    return StressRow(
+        tried=cell,
+        people=int(known.sum()),
+        below_60_mean_pct=float(of["time_below_60_pct"].mean()),
+        below_60_worst_pct=float(of["time_below_60_pct"].max()),
+        below_54_mean_pct=float(of["time_below_54_pct"].mean()),
+        below_54_worst_pct=float(of["time_below_54_pct"].max()),
+        ever_below_60_pct=float(100.0 * (of["minimum_mg_dl"] < 60.0).mean()),
+        ever_below_54_pct=float(100.0 * (of["minimum_mg_dl"] < 54.0).mean()),
+        lowest_mg_dl=float(of["minimum_mg_dl"][lowest]),
+        lowest_person=int(of["person"][lowest]) if known.any() else -1,
+        highest_mg_dl=float(of["peak_mg_dl"].max()),
+        low_events=int(np.nansum(of["low_events"])),
+        very_low_events=int(np.nansum(of["very_low_events"])),
+        saturated_pct=share("samples_saturated"),
+        missing_pct=share("samples_missing"),
+        rejected_pct=share("samples_rejected"),
+        fallback_pct=share("samples_fallback"),
+        suspended_pct=share("samples_suspended"),
+        dose_limited_pct=share("samples_dose_limited"),
+        worse=tuple(int(of["person"][i]) for i in order if more[i] > MOST_MORE_PCT),
+        worst_more_pct=float(more.max()),
+        people_below_validity=int(np.nansum(of["below_validity"])),
+    )
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why somebody was worse off under a fault."""
+
+    tried: Tried
+    person: int
+    more_pct: float
+    """Time below 60 mg/dl, beyond that without the fault."""
+    text: str
+    """What happened to him, in a few sentences."""
+
+
+@dataclass(frozen=True)
+class StressResult:
+    """What came of a stress test."""
+
+    rows: tuple[StressRow, ...]
+    reasons: tuple[Reason, ...]
+    """Of the worst person of each guarded cell in which somebody was worse off."""
+    facts: Mapping[str, str]
+    """About people, meals and sensor, for the head of a page."""
+    repeat: str
+    """Command that repeats it from its folder."""

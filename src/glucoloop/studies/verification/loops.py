@@ -1,0 +1,134 @@
+"""The loops of a campaign under one controller: random people, meals, noise and faults, and every promise checked."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.control import Controller, Guard
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.designs import with_individual_basal
+from glucoloop.experiments.situation import Situation, usual_situation
+from glucoloop.patients.model import patient_model
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.studies.verification.caps import Caps
+from glucoloop.studies.verification.invariants import Promises
+from glucoloop.studies.verification.people import draw_people, draw_random_meals
+from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults
+from glucoloop.studies.verification.watched import WatchedController, WatchedPump, WatchedSensor
+
+Array = npt.NDArray[Any]
+Numbers = npt.NDArray[np.int64]
+Progress = Callable[[int], None]
+"""Told of each number of loops that were closed."""
+
+_CHUNK: Final = 4
+"""Blocks between two looks at whether to go on."""
+
+
+@dataclass(frozen=True)
+class Closed:
+    """What became of people under one controller."""
+
+    broken: Array
+    """(promises, n) samples."""
+    first_min: Array
+    """(promises, n)"""
+    below_60_pct: Array
+    """(n,)"""
+    bits: npt.NDArray[np.uint64]
+    """(n,) of all that was seen: equal for equal bits."""
+
+
+class Loops:
+    """The loops of one controller, with a guard or without."""
+
+    def __init__(
+        self, seed: int, controller: Controller, order: Order, horizon: float, situation: Situation | None = None
+    ) -> None:
+        self._situation = situation = usual_situation() if situation is None else situation
+        self._seed, self._order, self._controller = seed, order, controller
+        self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
+        caps = Caps(settings=controller.settings, limits=limits) if isinstance(controller, Guard) else None
+        example = draw_people(seed, np.arange(2), situation.patient)
+        faults = random_faults(order, seed, np.arange(2), self._grid.samples)
+        self._cohort = Cohort(
+            situation.nominal,
+            example.patient,
+            WatchedController(inner=controller),
+            WatchedSensor(inner=faults.sensor(person=0)),
+            WatchedPump(inner=faults.pump(limits, person=0)),
+            self._grid,
+            Promises(limits=limits, sound=patient_model(situation.patient).sound, caps=caps),
+            setpoint_mg_dl=situation.target_mg_dl,
+            meals=None,
+            varied_controller=WatchedController(inner=with_individual_basal(controller, example.basal_insulin_mU_min)),
+            varied_sensor=WatchedSensor(inner=faults.sensor()),
+            varied_pump=WatchedPump(inner=faults.pump(limits)),
+        )
+
+    @property
+    def engine(self) -> str:
+        """That carries them out."""
+        return self._cohort.engine
+
+    @property
+    def samples(self) -> int:
+        """Of each."""
+        return self._grid.samples
+
+    def close(self, person: Numbers, progress: Progress | None = None) -> Closed:
+        """Close the loops of some people."""
+        parts: list[Closed] = []
+        size = block_size(self.engine)
+        for start in range(0, person.size, _CHUNK * size):
+            chunk = person[start : start + _CHUNK * size]
+            parts += in_blocks(self._block, chunk, size)
+            if progress is not None:
+                progress(chunk.size)
+        names = [field.name for field in dataclasses.fields(Closed)]
+        return Closed(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
+
+    def _block(self, person: Numbers, n: int) -> Closed:
+        seed = self._seed
+        faults = random_faults(self._order, seed, person, self.samples)
+        with one_at_a_time:
+            drawn = draw_people(seed, person, self._situation.patient)
+            basal = drawn.basal_insulin_mU_min
+            people = People(
+                patient=drawn.patient,
+                x=drawn.rest,
+                insulin_mU_min=basal,
+                key=keys_of_people(seed, person),
+                controller=WatchedController(inner=with_individual_basal(self._controller, basal)),
+                sensor=WatchedSensor(inner=faults.sensor()),
+                pump=WatchedPump(inner=faults.pump(self._situation.limits)),
+                meals=draw_random_meals(seed, person, self._horizon),
+            )
+        run = self._cohort.run(people)
+        points = self.samples * len(self._grid.inside_min)
+        seen = [run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.fold)]
+        return Closed(
+            broken=run.fold.broken[:, :n],
+            first_min=run.fold.first_min[:, :n],
+            below_60_pct=100.0 * run.fold.below_60[:n] / points,
+            bits=bits_of(seen)[:n],
+        )
+
+
+def bits_of(arrays: Sequence[Array]) -> npt.NDArray[np.uint64]:
+    """A number for each person, which a single other bit changes: odd factors lose none of them."""
+    rows = np.concatenate([np.asarray(a, np.float64).reshape(-1, a.shape[-1]) for a in arrays])
+    words = np.ascontiguousarray(rows).view(np.uint64)
+    factors = 2 * np.arange(rows.shape[0], dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)
+    together: npt.NDArray[np.uint64] = (words * factors[:, None]).sum(axis=0, dtype=np.uint64)
+    return together

@@ -1,1 +1,0 @@
-"""Trials: controllers by name, and what is done with them."""

@@ -1,5 +1,0 @@
-"""Random loops with random faults, and what every loop promises at every sample."""
-
-from glucoloop.trials.campaign.campaign import Campaign, catalogue_controller, met, run_campaign
-
-__all__ = ["Campaign", "catalogue_controller", "met", "run_campaign"]

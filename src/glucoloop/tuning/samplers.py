@@ -1,0 +1,154 @@
+"""Which tunings are tried next: by chance, or by Optuna after what was found so far.
+
+A sampler is asked for a round of tunings at a time and told what came of each, in order. It rests on its seed, on the
+size of a round and on what it was told, so that a search that was cut short goes on by telling it all again.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from glucoloop._extras import needed_for
+from glucoloop.tuning.space import Tuned
+
+SAMPLERS: Final = ("tpe", "nsga2", "random")
+"""Parzen estimators, an evolutionary algorithm, and chance."""
+"""The optional dependency of all but chance."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What came of a tuning."""
+
+    values: tuple[float, ...]
+    """Of the two objectives; not numbers for a tuning without a controller."""
+    violation: tuple[float, ...] = ()
+    """By how much it exceeds each bound, relative to it; 0 or less: it keeps it."""
+
+
+class Sampler(Protocol):
+    """Asked for tunings and told of them, by turns."""
+
+    def ask(self, number: int) -> list[dict[str, float]]:
+        """The next tunings."""
+        ...
+
+    def tell(self, told: Sequence[Told]) -> None:
+        """What came of the tunings that were asked for last, in their order."""
+        ...
+
+
+def make_sampler(
+    name: str, space: Sequence[Tuned], seed: int, *, batch: int, start: dict[str, float] | None = None
+) -> Sampler:
+    """A sampler by name.
+
+    Parameters
+    ----------
+    name : {"tpe", "nsga2", "random"}
+    space : sequence of Tuned
+    seed : int
+    batch : int
+        Tunings that are asked for at a time.
+    start : dict, optional
+        A tuning that is tried first.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or Optuna that is not installed.
+    """
+    if name not in SAMPLERS:
+        raise ValueError(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
+    if name == "random":
+        return _Chance(space, seed, start)
+    return _Optuna(name, space, seed, batch, start)
+
+
+class _Chance:
+    """Each number uniform between its bounds, or its logarithm."""
+
+    def __init__(self, space: Sequence[Tuned], seed: int, start: dict[str, float] | None) -> None:
+        self._space, self._start = space, start
+        self._random = np.random.default_rng(seed)
+
+    def ask(self, number: int) -> list[dict[str, float]]:
+        """See `Sampler`."""
+        shares = self._random.random((number, len(self._space)))
+        asked = [{of.name: of.at(float(share)) for of, share in zip(self._space, row, strict=True)} for row in shares]
+        if self._start is not None:
+            asked[0], self._start = self._start, None
+        return asked
+
+    def tell(self, told: Sequence[Told]) -> None:
+        """Chance does not listen."""
+
+
+class _Optuna:
+    """A study in memory."""
+
+    def __init__(
+        self, name: str, space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None
+    ) -> None:
+        self._optuna = _import()
+        optuna, self._space = self._optuna, space
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what it calls experimental
+            sampler = (
+                optuna.samplers.TPESampler(
+                    seed=seed,
+                    multivariate=True,
+                    constant_liar=True,
+                    n_startup_trials=batch,
+                    constraints_func=_violation,
+                )
+                if name == "tpe"
+                else optuna.samplers.NSGAIISampler(seed=seed, population_size=batch, constraints_func=_violation)
+            )
+            self._study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
+            if start is not None:
+                self._study.enqueue_trial(start)
+        self._asked: list[Any] = []
+
+    def ask(self, number: int) -> list[dict[str, float]]:
+        """See `Sampler`."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self._asked = [self._study.ask() for _ in range(number)]
+            return [
+                {of.name: of.rounded(trial.suggest_float(of.name, of.low, of.high, log=of.log)) for of in self._space}
+                for trial in self._asked
+            ]
+
+    def tell(self, told: Sequence[Told]) -> None:
+        """See `Sampler`."""
+        failed = self._optuna.trial.TrialState.FAIL
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for trial, of in zip(self._asked, told, strict=True):
+                trial.set_user_attr(_VIOLATION, list(of.violation))
+                if all(map(math.isfinite, of.values)):
+                    self._study.tell(trial, of.values)
+                else:
+                    self._study.tell(trial, state=failed)
+
+
+_VIOLATION: Final = "violation"
+
+
+def _violation(trial: Any) -> Sequence[float]:
+    found: Sequence[float] = trial.user_attrs[_VIOLATION]
+    return found
+
+
+def _import() -> Any:
+    with needed_for("a sampler other than random"):
+        import optuna
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return optuna

@@ -1,0 +1,233 @@
+"""Try every tuning of a grid in the loop.
+
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the least sum of squared errors subject
+to the constraints (17) to (19) and to no oscillation.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.control import Controller, MPCTuning
+from glucoloop.meals import Scenario
+from glucoloop.metrics import summarise
+from glucoloop.patients import Patient
+from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.simulation import simulate
+from glucoloop.simulation.plant import Integrator
+from glucoloop.tuning.designers import Designer, designer
+from glucoloop.tuning.oscillation import Oscillation, oscillation
+from glucoloop.tuning.stacking import horizons, move_slots, padded, stack
+from glucoloop.tuning.surface import TuningSurface
+
+Progress = Callable[[int, int], None]
+"""Called with the runs that are done and all there are."""
+
+MOST_POINTS: Final = 20_000
+MOST_RUNS: Final = 200_000
+_BLOCK: Final = 128
+"""Runs at once: more do not go faster, and their traces take memory."""
+_ROUND: Final = 8
+"""Blocks are a multiple of this, so that similar grids share a program."""
+
+
+@pytree
+class _Scores:
+    """What is kept of a run."""
+
+    sse: jax.Array
+    undershoot_mg_dl: jax.Array
+    minimum_mg_dl: jax.Array
+    settling_2pct_min: jax.Array
+    settled_2pct: jax.Array
+    settling_5pct_min: jax.Array
+    settled_5pct: jax.Array
+    insulin_total_variation_mU_min: jax.Array
+    kept: jax.Array
+    oscillation: Oscillation
+
+
+def search(
+    patient: Patient,
+    controller: str | Designer,
+    grid: Sequence[MPCTuning],
+    *,
+    scenario: Scenario | None = None,
+    sensor: Sensor | None = None,
+    quiet_sensor: Sensor | None = None,
+    seeds: Sequence[int] = (0,),
+    pump: Pump | None = None,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    integrator: Integrator | None = None,
+    name: str | None = None,
+    progress: Progress | None = None,
+) -> TuningSurface:
+    """Close the loop with every tuning of a grid, as one batch, and say what each comes to.
+
+    Parameters
+    ----------
+    patient : Patient
+    controller : {"mpc", "mpc-se", "nlqdmc-se"} or callable
+        A controller by name, designed as `designer` does by default, or a design of one's own.
+    grid : sequence of MPCTuning
+        See `tuning_grid`.
+    scenario : Scenario, optional
+        As in `simulate`.
+    sensor : Sensor, optional
+        Ideal by default.
+    quiet_sensor : Sensor, optional
+        The sensor without its noise, in whose loop oscillation is judged; by default it is judged with `sensor` and the
+        first seed.
+    seeds : sequence of int
+        Keys of the noise. Every tuning meets the same ones; results are medians over them.
+    pump : Pump, optional
+        One with `limits` by default.
+    limits : DoseLimits
+        Of the constraints (17) and (18), and of controllers by name.
+    integrator : Integrator, optional
+        As in `simulate`.
+    name : str, optional
+        Of the controller on the surface.
+    progress : callable, optional
+        Called after each block with the runs that are done and all there are.
+
+    Returns
+    -------
+    TuningSurface
+
+    Raises
+    ------
+    ValueError
+        For a grid or seeds that are empty or too many, an unknown controller, or a grid of which the design refuses
+        every tuning; one that it refuses among others is left out and told in `TuningSurface.refused`.
+    """
+    if not grid:
+        raise ValueError("the grid has no tuning; give at least one")
+    if not seeds:
+        raise ValueError("there are no seeds; give at least one")
+    if len(grid) > MOST_POINTS or len(grid) * len(seeds) > MOST_RUNS:
+        raise ValueError(
+            f"a grid of {len(grid)} tunings under {len(seeds)} seeds is too large; "
+            f"give up to {MOST_POINTS} tunings and {MOST_RUNS} runs"
+        )
+    design = designer(controller, patient, limits=limits) if isinstance(controller, str) else controller
+    designed, refused = _designed(design, grid)
+    grid = list(designed)
+    controllers = list(designed.values())
+    pump = LimitedPump(limits=limits) if pump is None else pump
+    most_moves = max(horizons(one)[0] for one in controllers)
+    horizon = max(horizons(one)[1] for one in controllers)
+
+    def runs(sensor: Sensor, seeds: Sequence[int], done: int, total: int) -> _Scores:
+        def score(controller: Controller, key: jax.Array) -> _Scores:
+            trace = simulate(patient, controller, sensor, pump, scenario, key, integrator=integrator)
+            metrics = summarise(trace, limits)
+            return _Scores(
+                sse=metrics.sse,
+                undershoot_mg_dl=metrics.undershoot_mg_dl,
+                minimum_mg_dl=metrics.minimum_mg_dl,
+                settling_2pct_min=metrics.settling_2pct_min,
+                settled_2pct=metrics.settled_2pct,
+                settling_5pct_min=metrics.settling_5pct_min,
+                settled_5pct=metrics.settled_5pct,
+                insulin_total_variation_mU_min=metrics.insulin_total_variation_mU_min,
+                kept=metrics.constraints_satisfied,
+                oscillation=oscillation(trace),
+            )
+
+        return _in_blocks(score, controllers, seeds, most_moves, horizon, progress, done, total)
+
+    judged_apart = quiet_sensor is not None
+    total = len(grid) * (len(seeds) + judged_apart)
+    scores = runs(IdealSensor() if sensor is None else sensor, seeds, 0, total)
+    quiet = runs(quiet_sensor, [0], len(grid) * len(seeds), total) if quiet_sensor is not None else scores
+    return TuningSurface(
+        controller=name or (controller if isinstance(controller, str) else "controller"),
+        tunings=tuple(grid),
+        refused=refused,
+        seeds=len(seeds),
+        sse=_median(scores.sse),
+        undershoot_mg_dl=_median(scores.undershoot_mg_dl),
+        minimum_mg_dl=_median(scores.minimum_mg_dl),
+        settling_2pct_min=_median(scores.settling_2pct_min),
+        settled_2pct=np.mean(scores.settled_2pct, axis=1) > 0.5,
+        settling_5pct_min=_median(scores.settling_5pct_min),
+        settled_5pct=np.mean(scores.settled_5pct, axis=1) > 0.5,
+        insulin_total_variation_mU_min=_median(scores.insulin_total_variation_mU_min),
+        kept_share=np.mean(scores.kept, axis=1),
+        crossings=np.asarray(quiet.oscillation.crossings, np.int64)[:, 0],
+        turns=np.asarray(quiet.oscillation.turns, np.int64)[:, 0],
+        oscillates=np.asarray(quiet.oscillation.oscillates, bool)[:, 0],
+    )
+
+
+def _designed(
+    design: Designer, grid: Sequence[MPCTuning]
+) -> tuple[dict[MPCTuning, Controller], tuple[tuple[MPCTuning, str], ...]]:
+    """Controllers by tuning, each once, and the tunings that were refused, with the reason."""
+    designed: dict[MPCTuning, Controller] = {}
+    refused: dict[MPCTuning, str] = {}
+    for tuning in dict.fromkeys(grid):
+        try:
+            designed[tuning] = design(tuning)
+        except ValueError as error:
+            refused[tuning] = str(error)
+    if not designed:
+        reason = next(iter(refused.values()))
+        raise ValueError(f"no controller can be designed for any tuning of the grid: {reason}")
+    return designed, tuple(refused.items())
+
+
+def _median(values: jax.Array) -> npt.NDArray[np.float64]:
+    return np.asarray(np.median(np.asarray(values, float), axis=1), np.float64)
+
+
+def _block(runs: int) -> int:
+    """Runs of a block: as few blocks as their limit allows, of equal size."""
+    even = -(-runs // -(-runs // _BLOCK))
+    return _ROUND * -(-even // _ROUND)
+
+
+def _in_blocks(
+    score: Callable[[Controller, jax.Array], _Scores],
+    designed: Sequence[Controller],
+    seeds: Sequence[int],
+    most_moves: int,
+    horizon: int,
+    progress: Progress | None,
+    done: int,
+    total: int,
+) -> _Scores:
+    """Scores `(points, seeds)`, a block of runs at a time, all blocks of one shape so that one program serves them."""
+    jobs = list(itertools.product(range(len(designed)), range(len(seeds))))
+    slots = [move_slots(horizons(one)[0], most_moves) for one in designed]
+    keys = [jax.random.key(seed) for seed in seeds]
+    kept: dict[tuple[int, int], _Scores] = {}
+    for moves in sorted(set(slots)):
+        group = [job for job in jobs if slots[job[0]] == moves]
+        block = _block(len(group))
+        for start in range(0, len(group), block):
+            here = group[start : start + block]
+            full = here + [here[-1]] * (block - len(here))
+            fitted = {point: padded(designed[point], moves, horizon) for point in dict.fromkeys(job[0] for job in full)}
+            batch = stack([fitted[point] for point, _ in full])
+            scores = jax.vmap(score)(batch, jnp.stack([keys[seed] for _, seed in full]))
+            host = jax.tree.map(np.asarray, scores)
+            for place, job in enumerate(here):
+                kept[job] = jax.tree.map(lambda leaf, place=place: leaf[place], host)
+            done += len(here)
+            if progress is not None:
+                progress(done, total)
+    ordered = [kept[job] for job in jobs]
+    together: _Scores = jax.tree.map(lambda *leaves: np.stack(leaves).reshape(len(designed), len(seeds)), *ordered)
+    return together

@@ -1,0 +1,173 @@
+"""The summary of a trial is what NumPy finds in all people at once, however they are dealt into shards."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from glucoloop.cohorts.people import People
+from glucoloop.cohorts.summary import DISTRIBUTIONS, MOST_NAMED, summarise_people
+from glucoloop.metrics import Metrics
+from glucoloop.metrics.control_variability import grid_counts
+
+PEOPLE = 3000
+YES_OR_NO = frozenset(
+    field.name
+    for field in dataclasses.fields(Metrics)
+    if field.name.startswith("settled") or field.name.endswith("satisfied")
+)
+
+
+def population(seed, people=PEOPLE, unable=0.01):
+    rng = np.random.default_rng(seed)
+    # Whether somebody is able, and his rate, do not depend on the controller.
+    common = np.random.default_rng(99)
+    able = common.random(people) >= unable
+    basal = np.where(able, common.normal(40.0, 15.0, people), np.nan)
+    metrics = {
+        field.name: np.where(able, rng.gamma(2.0, 10.0, people), np.nan) for field in dataclasses.fields(Metrics)
+    }
+    metrics |= {name: np.where(able, rng.random(people) < 0.3, np.nan) for name in YES_OR_NO}
+    metrics["minimum_mg_dl"] = np.where(able, rng.normal(65.0, 8.0, people), np.nan)
+    metrics["peak_mg_dl"] = metrics["minimum_mg_dl"] + rng.gamma(2.0, 40.0, people)
+    metrics["time_below_60_pct"] = np.where(metrics["minimum_mg_dl"] < 60.0, 3.0, 0.0)
+    metrics["time_below_60_pct"][~able] = np.nan
+    metrics["time_below_validity_pct"] = np.where(able & (metrics["minimum_mg_dl"] < 44.5), 1.0, 0.0 * basal)
+    return People(np.arange(people), able, basal, {"F_LC": rng.random(people)}, metrics, YES_OR_NO)
+
+
+def dealt(cases, size):
+    """The shards of some people."""
+
+    def part(people, rows):
+        return dataclasses.replace(
+            people,
+            person=people.person[rows],
+            able=people.able[rows],
+            basal_insulin_mU_min=people.basal_insulin_mU_min[rows],
+            drawn={name: values[rows] for name, values in people.drawn.items()},
+            metrics={name: values[rows] for name, values in people.metrics.items()},
+        )
+
+    def read():
+        for start in range(0, PEOPLE, size):
+            yield {label: part(people, slice(start, start + size)) for label, people in cases.items()}
+
+    return read
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return {"mpc": population(1), "pid": population(2)}
+
+
+@pytest.fixture(scope="module")
+def summary(cases):
+    return summarise_people(dealt(cases, 700), max_insulin_mU_min=66.9)
+
+
+def test_metrics_are_those_of_all_people(cases, summary):
+    for label, people in cases.items():
+        for name, values in people.metrics.items():
+            able, told = values[people.able], summary.cases[label].metrics[name]
+            if name in YES_OR_NO:
+                assert told == {"people": able.sum(), "share_pct": pytest.approx(100.0 * able.mean())}
+                continue
+            expected = {
+                "mean": able.mean(), "sd": able.std(ddof=1), "min": able.min(), "max": able.max(),
+                **{f"p{p}": np.percentile(able, p) for p in (1, 5, 25, 75, 95, 99)}, "median": np.median(able),
+            }  # fmt: skip
+            assert told == pytest.approx(expected, rel=1e-12)
+
+
+def test_who_is_not_able_and_who_is_beyond_the_pump_are_named(cases, summary):
+    people = cases["mpc"]
+    assert summary.people == PEOPLE
+    assert list(summary.unable.person) == np.flatnonzero(~people.able).tolist()
+    assert summary.unable.count == (~people.able).sum()
+    assert list(summary.beyond_pump.person) == np.flatnonzero(people.basal_insulin_mU_min > 66.9).tolist()
+
+
+def test_people_below_the_validity_of_their_model_are_named(cases, summary):
+    for label, people in cases.items():
+        low = np.flatnonzero(people.metrics["time_below_validity_pct"] > 0.0)
+        assert 0 < low.size < PEOPLE
+        assert list(summary.cases[label].below_validity.person) == low.tolist()
+        assert summary.as_dict()["controllers"][label]["below_validity"]["count"] == low.size
+
+
+def test_folders_without_that_metric_are_summed_up(cases):
+    older = {
+        label: dataclasses.replace(
+            people, metrics={name: of for name, of in people.metrics.items() if name != "time_below_validity_pct"}
+        )
+        for label, people in cases.items()
+    }
+    summary = summarise_people(dealt(older, PEOPLE), max_insulin_mU_min=66.9)
+    assert summary.cases["mpc"].below_validity.count == 0
+
+
+def test_worst_are_those_with_the_least_glucose(cases, summary):
+    people = cases["pid"]
+    worst = summary.cases["pid"].worst
+    order = np.argsort(people.metrics["minimum_mg_dl"])[:10]
+    assert [person["person"] for person in worst] == order.tolist()
+    first = worst[0]
+    assert first["parameters"] == {"F_LC": people.drawn["F_LC"][order[0]]}
+    assert first["metrics"]["gri"] == people.metrics["gri"][order[0]]
+    assert first["metrics"]["settled_2pct"] is bool(people.metrics["settled_2pct"][order[0]])
+
+
+def test_low_glucose_grid_and_distributions_count_people(cases, summary):
+    people = cases["mpc"]
+    case, minimum = summary.cases["mpc"], people.metrics["minimum_mg_dl"][people.able]
+    for limit in (60, 54):
+        assert case.ever_below[limit] == {
+            "people": (minimum < limit).sum(),
+            "share_pct": pytest.approx(100.0 * (minimum < limit).mean()),
+        }
+    np.testing.assert_array_equal(case.cvga_counts, grid_counts(minimum, people.metrics["peak_mg_dl"][people.able]))
+    assert set(case.distributions) == set(DISTRIBUTIONS)
+    for metric, counted in case.distributions.items():
+        other = summary.cases["pid"].distributions[metric]
+        np.testing.assert_array_equal(counted.edges, other.edges)
+        assert counted.counts.sum() == people.able.sum()
+        inside = people.metrics[metric][people.able].clip(counted.edges[0], counted.edges[-1])
+        np.testing.assert_array_equal(counted.counts, np.histogram(inside, counted.edges)[0])
+
+
+@pytest.mark.parametrize("size", [1500, PEOPLE])
+def test_dealing_changes_rounding_alone(cases, summary, size):
+    other = summarise_people(dealt(cases, size), max_insulin_mU_min=66.9).as_dict()
+    told = summary.as_dict()
+    for label in cases:
+        for name, values in told["controllers"][label]["metrics"].items():
+            assert other["controllers"][label]["metrics"].pop(name) == pytest.approx(values, rel=1e-12)
+        told["controllers"][label]["metrics"] = {}
+    assert other == told
+
+
+def test_people_whose_glucose_is_not_finite_are_named_and_left_out(cases):
+    people = cases["mpc"]
+    lost = np.flatnonzero(people.able)[[3, 8]]
+    metrics = {name: values.copy() for name, values in people.metrics.items()}
+    metrics["minimum_mg_dl"][lost] = np.nan
+    broken = dataclasses.replace(people, metrics=metrics)
+    case = summarise_people(dealt({"mpc": broken}, 700), max_insulin_mU_min=66.9).cases["mpc"]
+    assert list(case.not_finite.person) == lost.tolist()
+    assert case.metrics["gri"]["max"] == np.delete(people.metrics["gri"], lost)[np.delete(people.able, lost)].max()
+
+
+def test_many_are_counted_and_the_first_named():
+    told = summarise_people(dealt({"mpc": population(1, unable=0.5)}, 700), max_insulin_mU_min=66.9)
+    assert told.unable.count > 1200
+    assert len(told.unable.person) == MOST_NAMED
+
+
+def test_nobody_able():
+    told = summarise_people(dealt({"mpc": population(1, unable=1.1)}, 700), max_insulin_mU_min=66.9)
+    assert told.unable.count == PEOPLE
+    assert told.cases["mpc"].worst == []
+    assert np.isnan(told.cases["mpc"].metrics["gri"]["median"])
+    with pytest.raises(ValueError, match="nobody to summarise"):
+        summarise_people(lambda: [], max_insulin_mU_min=66.9)

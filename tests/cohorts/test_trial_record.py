@@ -1,0 +1,67 @@
+"""A trial deals its people into shards, and knows itself again."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from glucoloop.cohorts.trial import fingerprint, usual_shard_people
+from glucoloop.config.trial import read_trial
+
+
+def make(**keys):
+    return read_trial({"people": 1000, "shard_people": 64, "controllers": ["mpc"], **keys})
+
+
+def test_shards_hold_everybody_once():
+    trial = make(first_person=500)
+    people = np.concatenate([trial.shard(index) for index in range(trial.shards)])
+    assert trial.shards == 16
+    np.testing.assert_array_equal(people, np.arange(500, 1500))
+    assert trial.shard(15).size == 1000 - 15 * 64
+
+
+@pytest.mark.parametrize(("traces", "kept"), [("none", 0), ("all", 1000), (3, 3)])
+def test_traces_are_of_the_first_people(traces, kept):
+    trial = make(first_person=500, traces=traces)
+    assert trial.traced(500 + np.arange(1000)).nonzero()[0].tolist() == list(range(kept))
+
+
+@pytest.mark.parametrize(
+    ("people", "days", "traced", "size"),
+    [(1000, 1, 0, 2048), (10_000, 1, 0, 2048), (100_000, 1, 0, 8192), (1_000_000, 1, 0, 16_384),
+     (1_000_000, 30, 0, 1024), (10_000, 1, 5, 2048), (10_000, 14, 5, 128), (10**9, 366, 0, 1024), (10**9, 366, 1, 64)],
+)  # fmt: skip
+def test_usual_size_of_shards(people, days, traced, size):
+    assert usual_shard_people(people, 1440.0 * days, traced=traced) == size
+
+
+def test_fingerprint_is_of_everything_that_matters():
+    trial = make()
+    assert fingerprint(trial) == fingerprint(make())
+    others = [
+        make(**keys)
+        for keys in (
+            {"people": 999}, {"seed": 1}, {"first_person": 1}, {"population": "lognormal"}, {"days": 2}, {"meals": []},
+            {"meal_size_spread_pct": 1.0}, {"noise_variance": 1.0}, {"dead_time_min": 5.0}, {"precision": "float32"},
+            {"design": "individual"}, {"traces": 1}, {"shard_people": 65}, {"move_weight": 1.0},
+            {"setpoint_mg_dl": 82.0}, {"announce_meals": True}, {"max_insulin_mU_min": 60.0},
+            {"pump_resolution_mU_min": 1.0}, {"memory": 30},
+        )
+    ]  # fmt: skip
+    assert len({fingerprint(other) for other in [trial, *others]}) == len(others) + 1
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"people": 0}, "a trial of 0 people is not possible; give from 1 to"),
+        ({"first_person": 2**32 - 999}, "the first person is 4294966297; with 1000 people give from 0 to 4294966296"),
+        ({"shard_people": 0}, "a shard of 0 people"),
+        ({"traces": 1001}, "traces of 1001 people are not possible; give none, all, or 1 to 1000"),
+        ({"cases": ()}, "a trial without a controller"),
+    ],
+)
+def test_impossible_trials_are_refused(change, told):
+    with pytest.raises(ValueError, match=told):
+        dataclasses.replace(make(), **change)

@@ -1,0 +1,90 @@
+"""Loops whose sensor errs: they are the loops of `simulate`, and the worst one found is told as it was."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import glucoloop as gl
+from glucoloop.experiments.designs import controller_of
+from glucoloop.sensors import erring
+from glucoloop.studies.adversary import Attack, Effort, ErrorSpace, random_errors, worst_errors
+from glucoloop.studies.adversary.keys import read_adversary
+
+ASKED = read_adversary(
+    {
+        "controllers": ["pid"],
+        "guards": "without",
+        "errors_pct": [30.0],
+        "duration_min": 240.0,
+        "people": 5,
+        "generations": 8,
+        "starts": 1,
+        "sequences": 4,
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def pid():
+    return controller_of(ASKED.base, ASKED.base.cases[0])
+
+
+@pytest.fixture(scope="module")
+def attack(pid):
+    ((trial, (cell,)),) = ASKED.groups()
+    return Attack(trial, pid, cell.space, lanes=4)
+
+
+@pytest.fixture(scope="module")
+def space():
+    return ASKED.cells()[0].space
+
+
+def test_it_is_the_loop_of_simulate(attack, pid, space):
+    errors = 0.3 * np.sin(np.arange(space.samples))
+    stuck = np.array([3.0, 20.0, 40.0])
+    lane, harm = attack.trace(attack.one(None), errors, stuck)
+    trace = gl.simulate(gl.patient(), pid, erring(errors, stuck, 6), scenario=gl.Scenario(horizon_min=240.0))
+    np.testing.assert_allclose(lane.glucose_mg_dl[:-1], trace.glucose_mg_dl, atol=0.05)
+    np.testing.assert_allclose(lane.reading_mg_dl, trace.reading_mg_dl, atol=0.05)
+    np.testing.assert_allclose(lane.insulin_mU_min, trace.insulin_mU_min, atol=0.05)
+    assert (lane.status == np.asarray(trace.status)).mean() > 0.9
+    assert harm.lowest_mg_dl[0] == pytest.approx(float(jnp.min(trace.fine_glucose_mg_dl)), abs=0.05)
+
+
+def test_a_sequence_does_the_same_whichever_others_are_tried_beside_it(attack, space):
+    errors = np.random.default_rng(0).uniform(-0.3, 0.3, (space.samples, 7))
+    stuck = np.tile(np.array([[2.0], [30.0], [40.0]]), 7)
+    who = attack.one(None)
+    together = attack.on_one(who, errors, stuck)
+    alone = attack.on_one(who, errors[:, 5:6], stuck[:, 5:6])
+    for name in ("lowest_mg_dl", "below_54_min", "peak_mg_dl"):
+        assert getattr(together, name)[5] == getattr(alone, name)[0]
+
+
+def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
+    worst = worst_errors(attack, attack.one(3), space, Effort(generations=8, starts=1, population=4))
+    assert np.abs(worst.errors).max() <= 0.3
+    assert worst.tried == 32
+    fresh = attack.on_one(attack.one(3), worst.errors[:, None], worst.stuck_from[:, None])
+    assert fresh.lowest_mg_dl[0] == worst.lowest_mg_dl
+    assert worst.lane.glucose_mg_dl.min() >= worst.lowest_mg_dl
+
+
+def test_people_err_by_chance_each_in_a_way_of_his_own(attack, space):
+    found = random_errors(attack, space, 5, seed=1)
+    fewer = random_errors(attack, space, 3, seed=1)
+    np.testing.assert_array_equal(found.harm.lowest_mg_dl[:3], fewer.harm.lowest_mg_dl)
+    assert np.unique(found.harm.lowest_mg_dl).size == 5
+    assert found.ever_below_54_pct in {20.0 * n for n in range(6)}
+
+
+def test_what_does_not_fit_is_refused(pid):
+    space = ErrorSpace(samples=10, error=0.1)
+    with pytest.raises(ValueError, match="errors of 10 samples do not fit a run of 48"):
+        Attack(ASKED.base, pid, space)
+    varied = dataclasses.replace(ASKED.base.plan, size_spread_pct=10.0)
+    with pytest.raises(ValueError, match="leave their spreads at 0"):
+        Attack(dataclasses.replace(ASKED.base, plan=varied), pid, space)

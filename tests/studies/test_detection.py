@@ -1,0 +1,230 @@
+"""Estimators of unknown meals on trial: scores by hand, days that are what they say, and a true meal found."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from glucoloop.meals import Eaten, draw_meals
+from glucoloop.studies.detection.days import who_and_when
+from glucoloop.studies.detection.evaluate import evaluate
+from glucoloop.studies.detection.keys import detection_keys, read_detection
+from glucoloop.studies.detection.scores import (
+    days_of,
+    delays_min,
+    false_alarms,
+    followed_min,
+    in_order,
+    told_at,
+    under_way,
+)
+
+# Scores, by hand ------------------------------------------------------------------------------------------------------
+
+T_MIN = 5.0 * np.arange(60)
+END = 300.0
+NAN = np.nan
+
+
+def day(**above):
+    """Probability of 0.1, and 0.9 at the samples named by their times: ``day(at=[35.0])``."""
+    return np.where(np.isin(T_MIN, above["at"]), 0.9, 0.1)
+
+
+def meals(*days):
+    """Of each day, beginnings and sizes."""
+    begin, carbs = (np.array([[meal[part] for meal in of_day] for of_day in days], float).T for part in (0, 1))
+    return Eaten(t_min=begin, carbs_g=carbs, eating_min=np.zeros_like(begin))
+
+
+def test_a_delay_ends_at_the_first_sample_above_the_threshold():
+    # 36 g are served in 100 min, so each meal is under way for 160 min
+    eating = np.stack(
+        [
+            day(at=[30.0, 40.0, 45.0]),  # a false alarm, and then the meal
+            day(at=[35.0]),  # above it already, and not found anew
+            day(at=[35.0, 60.0]),
+            day(at=[200.0, 205.0]),  # too late: the meal was over at 197 min
+            day(at=[190.0]),
+            day(at=[]),
+        ],
+        axis=1,
+    )
+    delay, already = delays_min(eating, T_MIN, meals(*[[(37.0, 36.0)]] * 6), 0.5, END)
+    np.testing.assert_array_equal(delay, [[3.0, NAN, NAN, NAN, 153.0, NAN]])
+    assert already.tolist() == [[False, True, True, False, False, False]]
+    # a higher threshold than all finds nothing; what equals it is not above it
+    assert np.isnan(delays_min(eating, T_MIN, meals(*[[(37.0, 36.0)]] * 6), 0.9, END)[0]).all()
+
+
+def test_a_meal_is_not_found_by_the_next_one():
+    eating = day(at=[70.0, 75.0])[:, None]
+    delay, already = delays_min(eating, T_MIN, meals([(10.0, 36.0), (62.0, 36.0)]), 0.5, END)
+    np.testing.assert_array_equal(delay, [[NAN], [8.0]])
+    assert not already.any()
+
+
+def test_false_alarms_are_rises_while_no_meal_is_under_way():
+    eaten = meals([(50.0, 18.0)])  # served until 100 min, under way until 160 min
+    quiet = ~under_way(eaten, T_MIN)
+    assert T_MIN[~quiet[:, 0]].tolist() == [*range(50, 161, 5)]
+    eating = day(at=[0.0, 10.0, 15.0, 45.0, 50.0, 80.0, 160.0, 165.0, 200.0, 210.0])[:, None]
+    # at 0, 10, 45 (which lasts into the meal), 200 and 210 min; what rose at 160 min did so under way
+    assert false_alarms(eating, quiet, 0.5) == 5
+    assert false_alarms(eating, np.ones_like(quiet), 0.5) == 7
+    assert days_of(quiet, 5.0) == pytest.approx((60 - 23) * 5.0 / 1440.0)
+
+
+def test_what_is_told_of_a_meal_is_told_in_its_time():
+    values = np.arange(60.0)[:, None]
+    eaten = meals([(12.0, 3.6), (62.0, 3.6), (230.0, 3.6)])
+    over = followed_min(eaten, END)
+    assert over.ravel().tolist() == [62.0, 230.0, 300.0]
+
+    def told(after, since):
+        return told_at(values, T_MIN, eaten.t_min + after, eaten.t_min + since, over).ravel()
+
+    np.testing.assert_array_equal(told(30.0, 10.0), [9.0, 19.0, 52.0])  # at 45, 95 and 260 min
+    np.testing.assert_array_equal(told(48.0, 10.0), [12.0, 22.0, 56.0])  # at 60, 110 and 280 min
+    np.testing.assert_array_equal(told(60.0, 10.0), [NAN, 25.0, 58.0])  # the second has begun
+    np.testing.assert_array_equal(told(70.0, 10.0), [NAN, 27.0, NAN])  # the day is over
+    np.testing.assert_array_equal(told(30.0, 34.0), [NAN, NAN, NAN])  # not yet detected
+    np.testing.assert_array_equal(told(30.0, NAN), [NAN, NAN, NAN])  # never
+
+
+def test_meals_of_a_day_are_put_in_order():
+    begin, carbs = np.array([[90.0, 20.0], [30.0, 40.0]]), np.array([[9.0, 2.0], [3.0, 4.0]])
+    ordered = in_order(Eaten(t_min=begin, carbs_g=carbs, eating_min=carbs))
+    assert ordered.eating_min.tolist() == ordered.carbs_g.tolist()
+    assert ordered.t_min.tolist() == [[30.0, 20.0], [90.0, 40.0]]
+    assert ordered.carbs_g.tolist() == [[3.0, 2.0], [9.0, 4.0]]
+
+
+# The nominal person, free of noise ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def asked():
+    return read_detection(
+        {
+            "days": 3,
+            "noise_variance": 0.0,
+            "controller": "basal",
+            "estimators": ["moving-horizon"],
+            "meals_per_h": 0.05,
+            "disturbance_variance": 0.1,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def result(asked):
+    return evaluate(asked)
+
+
+@pytest.mark.long
+def test_true_meals_are_all_found_and_sized(result):
+    (of,) = result.estimators
+    assert of.meals.carbs_g.size == 6
+    assert not of.meals.missed.any()
+    assert not of.meals.already.any()
+    assert of.meals.delay_min.max() < 25.0
+    # each begins and ends within a sample, of which there is no telling where
+    np.testing.assert_allclose(of.meals.estimated_g, of.meals.carbs_g, atol=2.0 * 1.8)
+    at = of.curve.threshold == 0.5
+    assert of.curve.false_alarms_fasting_per_day[at] == 0.0
+    assert of.curve.false_alarms_between_per_day[at] == 0.0
+    assert (np.diff(of.curve.missed_pct) >= 0.0).all()
+    assert of.fasting_days == pytest.approx(3.0)
+    # what is expected of a meal comes to be what it is
+    assert np.abs(of.size_error.error_g[1, -1]) < 1.8
+
+
+def test_meals_are_those_of_the_plan(asked, result):
+    (of,) = result.estimators
+    drawn = draw_meals(asked.plan, asked.trial.seed, [0])
+    np.testing.assert_allclose(of.meals.carbs_g, drawn.carbs_g[:, 0])
+    np.testing.assert_allclose(of.meals.t_min + 1440.0 * of.meals.day, drawn.t_min[:, 0])
+    assert of.meals.day.tolist() == [0, 0, 1, 1, 2, 2]
+    assert len(set(np.round(of.meals.t_min % 5.0, 6))) == 6  # off the grid of samples
+
+
+def test_the_example_is_the_first_day(asked, result):
+    (of,) = result.estimators
+    held = of.example
+    np.testing.assert_allclose(held.insulin_mU_min, held.insulin_mU_min[0])
+    np.testing.assert_array_equal(held.glucose_mg_dl, held.reading_mg_dl)  # no noise
+    eaten = of.meals.carbs_g[of.meals.day == 0].sum()
+    assert 5.0 * held.emptying_mg_min.sum() / 1000.0 == pytest.approx(eaten, rel=0.01)
+    assert 5.0 * held.estimated_emptying_mg_min.sum() / 1000.0 == pytest.approx(eaten, rel=0.08)
+
+
+def test_numbers_of_the_summary_are_those_of_the_meals(result):
+    (of,) = result.estimators
+    summary = of.summary()
+    assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
+    assert summary["delay_median_min"] == pytest.approx(np.median(of.meals.delay_min))
+    error = of.meals.estimated_g - of.meals.carbs_g
+    assert summary["size_error_after_end_mean_absolute_g"] == pytest.approx(np.abs(error).mean())
+    assert summary["missed_pct"] == 0.0
+    at_30 = of.meals.expected_g[30.0] - of.meals.carbs_g
+    assert summary["size_error_at_30_min_median_g"] == pytest.approx(np.median(at_30))
+
+
+def test_a_summary_of_no_meals_is_none():
+    with_meals = read_detection({"days": 1, "meals": [], "meal_size_spread_pct": 0.0})
+    assert with_meals.trial.plan.meals == ()
+
+
+# What is asked for ----------------------------------------------------------------------------------------------------
+
+
+def test_a_test_is_read_again_from_its_keys(asked):
+    for detection in (asked, read_detection({}), read_detection({"people": 7, "population": "parker2000"})):
+        again = read_detection(detection_keys(detection))
+        assert again == detection
+        assert detection_keys(again) == detection_keys(detection)
+
+
+def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
+    one, many = read_detection({}), read_detection({"people": 30, "population": "parker2000", "seed": 3})
+    assert (one.trial.people, one.days, one.estimators) == (1, 100, ("moving-horizon", "kalman"))
+    assert (many.trial.people, many.days) == (30, 1)
+    assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.estimators)
+    person, day_of, unable = who_and_when(dataclasses.replace(many, days=2))
+    assert day_of.tolist() == [0, 1] * (person.size // 2)
+    assert person.size // 2 + unable == 30
+
+
+def test_settings_of_the_estimator_are_not_the_controllers():
+    asked = read_detection({"controller": "mpc-se", "measurement_variance": 3.0, "move_weight": 2.0})
+    (case,) = asked.trial.cases
+    assert asked.settings["measurement_variance"] == 3.0
+    assert case.tuning["measurement_variance"] == 1.45
+    assert case.tuning["move_weight"] == 2.0
+    assert asked.case("kalman") == asked.case("moving-horizon") == "mpc-se"
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"estimators": []}, "estimators names none; give one or more of moving-horizon, kalman"),
+        ({"estimators": ["kalmen"]}, "estimators has the unknown 'kalmen'; did you mean 'kalman'?"),
+        ({"estimators": ["kalman", "kalman"]}, "estimators has 'kalman' twice; leave one out"),
+        ({"threshold": 0.0}, "a threshold of 0 is not possible; give more than 0 and less than 1"),
+        ({"threshold": 1.0}, "a threshold of 1 is not possible"),
+        ({"days": 0}, "days is 0; give"),
+        ({"days": 366, "people": 1000}, "366 days of 1000 people are too many; give at most 100000 days in all"),
+        ({"estimator": "kalman"}, "the controller meal-mpc is tried with each of the estimators"),
+        ({"announce_meals": False}, "announce_meals is no part of a test of estimators"),
+        ({"duration_min": 100.0}, "unknown key 'duration_min' of a test of estimators"),
+        ({"controller": "mcp"}, "unknown controller 'mcp'"),
+        ({"controller": "basal", "move_weight": 1.0}, "the controller basal has no setting 'move_weight'"),
+        ({"meal_horizon": 2.5}, "meal_horizon is 2.5; give a whole number"),
+        ({"sample_time_min": 7.0}, "a horizon of 1440 min is not a whole number of samples of 7 min"),
+    ],
+)
+def test_what_cannot_be_is_refused(keys, sentence):
+    with pytest.raises(ValueError, match=r"^.*$") as refused:
+        read_detection(keys)
+    assert sentence in str(refused.value)

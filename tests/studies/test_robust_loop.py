@@ -1,0 +1,156 @@
+"""Many tunings in one program are what each comes to alone."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop._pytree import pytree, static
+from glucoloop.cohorts import blocks
+from glucoloop.config.trial import read_trial
+from glucoloop.control import Decision, Status
+from glucoloop.meals import Meal, Scenario
+from glucoloop.metrics import summarise
+from glucoloop.patients import patient
+from glucoloop.sensors import white_noise
+from glucoloop.simulation import simulate
+from glucoloop.studies.robust import Group, Search, SearchEngine, Tuned, TuningLoop, draw_subjects
+from glucoloop.studies.robust.objectives import METRICS
+
+SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
+MINUTES = 150.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _designed_at_once():
+    """The least controller with a number to tune in place of one whose design takes seconds."""
+
+    def design(trial, case):
+        del trial
+        if case.tuning["filter_min"] <= 0.0:
+            raise ValueError("a filter of no length is not possible")
+        return proportional(case.tuning["filter_min"])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("glucoloop.studies.robust.loop.controller_of", design)
+        yield
+
+
+@pytree
+class Proportional:
+    """Insulin beyond what was delivered at the start, in proportion to the reading."""
+
+    gain: jax.Array
+    sample_time_min: float = static()
+
+    def init(self, observation):
+        return observation.delivered_mU_min
+
+    def step(self, state, observation):
+        rate = state + self.gain * (observation.glucose_mg_dl - observation.setpoint_mg_dl)
+        return state, Decision(insulin_mU_min=jnp.clip(rate, 0.0, 66.9), status=jnp.asarray(Status.OK))
+
+
+def proportional(filter_min):
+    return Proportional(gain=jnp.asarray(2.0 / filter_min), sample_time_min=5.0)
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return read_trial(
+        {"duration_min": MINUTES, "meals": ["40g@30min"], "noise_variance": 1.45, "people": 3, "seed": 7},
+        [{"label": "imc", "controller": "imc"}],
+    )
+
+
+@pytest.fixture(scope="module")
+def subjects(trial):
+    return draw_subjects(
+        patient(), trial.population, people=3, people_seed=7, seeds=2, first_seed=100, setpoint_mg_dl=81.1
+    )
+
+
+@pytest.fixture(scope="module")
+def loop(trial, subjects):
+    return TuningLoop(trial, trial.cases[0], SPACE, subjects)
+
+
+@pytest.mark.long
+def test_each_tuning_and_subject_is_as_alone(subjects, loop):
+    tunings = [{"filter_min": value} for value in (1.0, 4.0, 15.0)]
+    found = list(loop.run(subjects, tunings))
+    for tuning, metrics in zip(tunings, found, strict=True):
+        controller = proportional(tuning["filter_min"])
+        for place in (1, 4):
+            person = jax.tree.map(lambda a, i=place: a[i] if jnp.ndim(a) else a, subjects.patient)
+            key = subjects.key[place] if place < subjects.people else jax.random.key(101)  # as the command line has it
+            scenario = Scenario([Meal(40.0, 30.0)], MINUTES)
+            alone = summarise(simulate(person, controller, white_noise(1.45, 5.0), None, scenario, key))
+            for name, error in zip(METRICS, (0.01, 0.01, 0.01, 0.2), strict=True):
+                assert metrics[name][place] == pytest.approx(float(getattr(alone, name)), abs=error)
+    peaks = [metrics["peak_mg_dl"][4] for metrics in found]
+    assert peaks[0] < peaks[1] < peaks[2]  # less insulin
+
+
+def test_blocks_make_no_difference(subjects, loop, monkeypatch):
+    tunings = [{"filter_min": value} for value in (1.0, 2.0, -1.0, 3.0)]
+    whole = list(loop.run(subjects, tunings))
+    assert [metrics is None for metrics in whole] == [False, False, True, False]  # the third one is refused
+    monkeypatch.setitem(blocks._SIZES, "native", 8)
+    for one, other in zip(whole, loop.run(subjects, tunings), strict=True):
+        for name in METRICS if one is not None else ():
+            np.testing.assert_array_equal(one[name], other[name])
+
+
+class ClosedForm:
+    """Stands for the loop: subject i undershoots by what the filter is away from his own best."""
+
+    def __init__(self, trial, case, space, example):
+        pass
+
+    def run(self, subjects, tunings=({},)):
+        own = np.linspace(1.0, 3.0, subjects.number) + float(subjects.insulin_mU_min[0]) / 100.0
+        for tuning in tunings:
+            undershoot = np.abs(tuning["filter_min"] - own)
+            metrics = (undershoot, 81.1 - undershoot, 90.0 + tuning["filter_min"] + own, own)
+            yield dict(zip(METRICS, metrics, strict=True))
+
+
+def test_a_search_goes_on_to_the_same_candidates(trial, monkeypatch):
+    monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
+    search = Search(
+        trial=trial, space=SPACE, group=Group(2, 1, 2, 0), check=Group(2, 2, 2, 10), batch=4, sampler_seed=1
+    )
+    engine = SearchEngine(search)
+    whole = list(engine.candidates(2, ()))
+    assert [of.number for of in whole] == list(range(8))
+    assert whole[0].tuning == search.start
+    rest = list(engine.candidates(2, (), whole[:3]))
+    assert [vars(of) for of in rest] == [vars(of) for of in whole[3:]]
+    assert list(engine.candidates(2, (), whole)) == []
+    other = dataclasses.replace(whole[2], tuning={"filter_min": 1.23})
+    with pytest.raises(ValueError, match="candidate 2 of the search was another tuning than tpe proposes now"):
+        next(engine.candidates(2, (), [*whole[:2], other]))
+    checked = {of.label: of for of in engine.check(whole[3].tuning)}
+    assert checked.keys() == {"chosen", "as it was"}
+    assert checked["chosen"].undershoot_mg_dl.shape == (4,)
+    assert checked["chosen"].scores["undershoot-p95"] != whole[3].scores["undershoot-p95"]  # on others
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"space": ()}, "nothing is tuned"),
+        ({"objectives": ("peak-p95", "peak-p95")}, "give two that differ"),
+        ({"at_most": (("peak-p95", "mpc"),)}, "bounded by 'mpc', which is neither"),
+        ({"at_most": (("peaks", 1.0),)}, "unknown objective 'peaks'"),
+        ({"check": Group(2, 1, 2, 10)}, "people are drawn with the seed 1 for the search and for the check"),
+        ({"check": Group(2, 2, 2, 1)}, "the noise of seed 1 is met in the search and in the check"),
+    ],
+)
+def test_searches_that_are_refused(trial, change, sentence):
+    sound = {"trial": trial, "space": SPACE, "group": Group(2, 1, 2, 0), "check": Group(2, 2, 2, 10)}
+    with pytest.raises(ValueError, match=sentence):
+        Search(**{**sound, **change})

@@ -1,0 +1,151 @@
+"""Ranges, fronts, objectives and samplers of a search for a robust tuning."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from glucoloop.studies.robust import (
+    BOTH,
+    FURTHER,
+    OBJECTIVES,
+    SPACE,
+    Bound,
+    Told,
+    Tuned,
+    choose,
+    keeps,
+    make_sampler,
+    objective,
+    pareto,
+    parse_range,
+    scores,
+)
+
+
+def test_ranges_are_read_as_they_are_written():
+    for tuned in (*SPACE.values(), *FURTHER.values()):
+        assert parse_range(tuned.text, tuned.name) == tuned
+        assert (tuned.at(0.0), tuned.at(1.0)) == (tuned.low, tuned.high)
+    assert parse_range(".1:2", "move_weight") == Tuned("move_weight", 0.1, 2.0, log=True)
+    assert parse_range(" 7.5 ", "caution_weight") == 7.5
+    assert Tuned("x", 1.0, 100.0, log=True).at(0.5) == 10.0
+    assert Tuned("x", 1.0, 100.0, log=False).at(0.5) == 50.5
+    assert Tuned("x", 1.0, 2.0, log=False).rounded(1.23456) == 1.235
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("2:1", "--move-weight is '2:1'.*the lower first"),
+        ("0:1", "a lower bound above 0"),
+        ("1:2:3", "write it like .1:2"),
+        ("nan", "write it like .1:2"),
+        ("a:b", "write it like .1:2"),
+    ],
+)
+def test_what_is_no_range_is_refused(text, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        parse_range(text, "move_weight", "--move-weight")
+
+
+def test_front_is_what_nobody_beats():
+    random = np.random.default_rng(0)
+    values = np.concatenate([random.integers(0, 6, (60, 2)).astype(float), random.random((40, 2)) * 6.0])
+    beaten = [any((other <= own).all() and (other < own).any() for other in values) for own in values]
+    np.testing.assert_array_equal(pareto(values), ~np.array(beaten))
+
+
+def test_choice_of_the_front():
+    front = np.array([[0.0, 10.0], [1.0, 2.0], [10.0, 0.0]])
+    names = ("peak-p95", "undershoot-p95")
+    assert [choose(front, names, of) for of in (*names, BOTH)] == [0, 2, 1]
+    assert choose(front[:1], names, BOTH) == 0
+    with pytest.raises(ValueError, match="'x' cannot be preferred; the known ones are: peak-p95"):
+        choose(front, names, "x")
+
+
+def test_bounds():
+    of = dict.fromkeys(OBJECTIVES, 1.0)
+    assert keeps(of, [Bound("peak-p95", 1.0)], ("peak-p95",))
+    assert not keeps(of, [Bound("peak-p95", 0.99)], ("peak-p95",))
+    assert not keeps({**of, "peak-p95": np.nan}, [], ("peak-p95",))
+    assert Bound("peak-p95", 100.0).violation({"peak-p95": 110.0}) == pytest.approx(0.1)
+
+
+def test_scores_by_hand():
+    lowest = np.array([59.9, 60.0, 81.0, 70.0, 75.0, 80.0])
+    metrics = {
+        "undershoot_mg_dl": 81.1 - lowest,
+        "minimum_mg_dl": lowest,
+        "peak_mg_dl": np.array([100.0, 120.0, 110.0, 90.0, 91.0, 95.0]),
+        "insulin_total_variation_mU_min": np.array([9.0, 9.0, 9.0, 1.0, 2.0, 6.0]),
+    }
+    found = scores(metrics, 3)
+    assert found.keys() == OBJECTIVES.keys()
+    assert found["undershoot-median"] == pytest.approx(6.1)
+    assert found["undershoot-p95"] == pytest.approx(0.9 * 11.1 + 0.1 * 6.1)  # of three, 95 % lies at 1.9
+    assert (found["peak-median"], found["total-variation"]) == (91.0, 2.0)
+    assert found["people-peak-p95"] == pytest.approx(119.0)
+    assert found["people-below-60"] == 1.0
+    metrics["minimum_mg_dl"] = np.full(6, np.nan)
+    assert np.isnan(scores(metrics, 3)["people-below-60"])
+
+
+def test_unknown_objectives_are_refused():
+    with pytest.raises(ValueError, match="unknown objective 'peak'; did you mean"):
+        objective("peak")
+
+
+TWO = (Tuned("x", 0.01, 10.0, log=True), Tuned("y", -5.0, 5.0, log=False))
+
+
+def trade(point):
+    """Two parabolas whose front is x = 1 with y from 0 to 2, of which y may not exceed 1.5."""
+    far = np.log10(point["x"]) ** 2
+    return Told(values=(far + point["y"] ** 2, far + (point["y"] - 2.0) ** 2), violation=(point["y"] - 1.5,))
+
+
+@pytest.mark.parametrize("name", ["tpe", "nsga2", "random"])
+def test_samplers_stay_within_bounds_and_repeat_themselves(name):
+    def tried(rounds):
+        sampler = make_sampler(name, TWO, 3, batch=8, start={"x": 2.0, "y": 1.0})
+        for _ in range(rounds):
+            asked = sampler.ask(8)
+            sampler.tell([trade(point) for point in asked])
+            yield asked
+
+    first, again = list(tried(3)), list(tried(3))
+    assert first == again
+    assert first[0][0] == {"x": 2.0, "y": 1.0}
+    points = [point for asked in first for point in asked]
+    assert all(of.holds(point[of.name]) for point in points for of in TWO)
+    assert len({point["x"] for point in points}) > 20
+
+
+def test_tpe_learns():
+    def best(name):
+        sampler, found = make_sampler(name, TWO, 0, batch=16), []
+        for _ in range(6):
+            asked = sampler.ask(16)
+            found += [told for told in map(trade, asked) if told.violation[0] <= 0.0]
+            sampler.tell([trade(point) for point in asked])
+        return np.sort([sum(told.values) for told in found])[:20].mean()
+
+    assert best("tpe") < 0.7 * best("random")  # the least sum is 2
+
+
+def test_a_tuning_without_a_controller_is_told_too():
+    sampler = make_sampler("tpe", TWO, 0, batch=2)
+    sampler.ask(2)
+    sampler.tell([Told((np.nan, np.nan), (1e9,)), Told((1.0, 1.0), (0.0,))])
+    assert len(sampler.ask(2)) == 2
+
+
+def test_chance_needs_no_optuna(monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    assert len(make_sampler("random", TWO, 0, batch=4).ask(4)) == 4
+    with pytest.raises(ValueError, match=r"needs optuna; install it with: pip install 'glucoloop\[search\]'"):
+        make_sampler("tpe", TWO, 0, batch=4)
+    with pytest.raises(ValueError, match="unknown sampler 'x'"):
+        make_sampler("x", TWO, 0, batch=4)

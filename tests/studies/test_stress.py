@@ -1,0 +1,167 @@
+"""The stress test: each cell is the very trial that it stands for, and its row what became of the people."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from glucoloop.cohorts import engine
+from glucoloop.cohorts.people import People
+from glucoloop.studies.stress.keys import read_stress
+from glucoloop.studies.stress.reasons import reason_of
+from glucoloop.studies.stress.stress import StressRow, Tried, stress_rows
+
+FAULTS = [
+    "calibration, gain=1.25, offset_mg_dl=0",
+    "calibration, gain=0.8, offset_mg_dl=0",
+    "compression, start_min=60, duration_min=45, depth=0.4, tau_min=10",
+    "spikes, per_day=20, size_mg_dl=50",
+    "resolution, step_mU_min=4, least_mU_min=8",
+    "occlusion, start_min=60, latest_min=90, duration_min=60, open_fraction=0, noticed=false",
+]
+PEOPLE = np.arange(5)
+
+
+@pytest.fixture(scope="module")
+def asked():
+    keys = {"people": 5, "controllers": ["imc"], "duration_min": 200.0, "faults": FAULTS, "guards": "without"}
+    return read_stress({**keys, "seed": 4})
+
+
+@pytest.fixture(scope="module")
+def prepared(asked):
+    return engine.prepare(asked.stress.trial)
+
+
+@pytest.fixture(scope="module")
+def results(asked, prepared):
+    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in asked.stress.tried}
+
+
+def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
+    loops = {id(of_case.cohort) for of_case in prepared.cases.values()}
+    assert len(prepared.cases) == 1 + len(FAULTS)
+    assert len(loops) == 2  # a resolution does not come and go
+
+
+@pytest.mark.parametrize("fault", [FAULTS[0], FAULTS[4], FAULTS[5]])
+@pytest.mark.long
+def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
+    cell = next(cell for cell in asked.stress.tried if cell.fault == fault)
+    alone = dataclasses.replace(asked.base, faults=(fault,) if fault else ())
+    told = engine.run_people(engine.prepare(alone), alone.cases[0].label, PEOPLE)
+    for name in ("minimum_mg_dl", "peak_mg_dl", "insulin_total_mU", "samples_saturated"):
+        np.testing.assert_allclose(results[cell.label].metrics[name], told.metrics[name], rtol=1e-12)
+
+
+def test_faults_are_met_by_the_same_people_and_noise(asked, results):
+    without = results[asked.stress.tried[0].label]
+    for result in results.values():
+        np.testing.assert_array_equal(result.basal_insulin_mU_min, without.basal_insulin_mU_min)
+    # a fault that begins at 60 min changes nothing before: the least glucose of a run at rest is the same
+    assert len({float(result.metrics["minimum_mg_dl"][0]) for result in results.values()}) > 4
+
+
+def test_the_worst_person_is_simulated_again(asked, prepared, results):
+    cell = asked.stress.tried[1]
+    minimum = results[cell.label].metrics["minimum_mg_dl"]
+    person = int(np.argmin(minimum))
+    blank = {field.name: 0.0 for field in dataclasses.fields(StressRow)}
+    row = StressRow(**{**blank, "tried": cell, "worse": (person,), "worst_more_pct": 3.0})
+    reason = reason_of(prepared, row)
+    assert reason.person == person
+    least = float(minimum[person])
+    if least < 60.0:
+        assert f"least {least:.1f} mg/dl" in reason.text
+        assert "too high" in reason.text
+    else:
+        assert f"by {least - 60.0:.1f} mg/dl" in reason.text
+
+
+# ------------------------------------------------------------------------------------------- rows, by hand
+
+
+def people(below_60, minimum, able=(True, True, True), **metrics):
+    size = len(below_60)
+    filled = {
+        name: np.zeros(size)
+        for name in (
+            "time_below_54_pct", "low_events", "very_low_events", "samples_saturated", "samples_missing",
+            "samples_rejected", "samples_fallback", "samples_suspended", "samples_dose_limited",
+        )
+    }  # fmt: skip
+    filled |= {"time_below_60_pct": np.array(below_60), "minimum_mg_dl": np.array(minimum)}
+    filled |= {"peak_mg_dl": np.full(size, 150.0), "mean_mg_dl": np.full(size, 90.0)}
+    filled |= {name: np.array(values, float) for name, values in metrics.items()}
+    return People(
+        person=np.arange(size), able=np.array(able), basal_insulin_mU_min=np.full(size, 25.0), drawn={}, metrics=filled
+    )
+
+
+def test_a_row_compares_each_person_with_himself_without_the_fault(asked):
+    tried = (Tried("mpc", False, ""), Tried("mpc", False, FAULTS[0]))
+    stress = dataclasses.replace(asked.stress, tried=tried)
+    without = people([0.0, 2.0, 9.0], [70.0, 58.0, 40.0], time_below_validity_pct=[0.0, 0.0, 0.5])
+    under = people([1.5, 2.9, 2.0], [57.0, 53.0, 55.0], samples_fallback=[4.0, 0.0, 0.0], low_events=[2, 1, 0])
+    rows = stress_rows(stress, iter([{tried[0].label: without, tried[1].label: under}]))
+    assert rows[0].worse == ()
+    assert rows[0].worst_more_pct == 0.0
+    assert rows[1].worse == (0,)
+    assert not rows[1].stands
+    assert rows[1].worst_more_pct == pytest.approx(1.5)
+    assert rows[1].below_60_worst_pct == pytest.approx(2.9)
+    assert rows[1].ever_below_54_pct == pytest.approx(100.0 / 3.0)
+    assert (rows[1].lowest_mg_dl, rows[1].lowest_person) == (53.0, 1)
+    assert rows[1].fallback_pct == pytest.approx(100.0 * 4.0 / 3.0 / stress.trial.samples)
+    assert rows[1].low_events == 3
+    assert [row.people_below_validity for row in rows] == [1, 0]
+
+
+def test_people_who_cannot_take_part_are_left_out(asked):
+    tried = (Tried("mpc", False, ""), Tried("mpc", False, FAULTS[0]))
+    stress = dataclasses.replace(asked.stress, tried=tried)
+    first = {tried[0].label: people([0.0], [70.0], [True]), tried[1].label: people([5.0], [50.0], [True])}
+    nobody = people([np.nan], [np.nan], [False], mean_mg_dl=[np.nan])
+    second = {tried[0].label: nobody, tried[1].label: nobody}
+    rows = stress_rows(stress, iter([first, second]))
+    assert rows[1].people == 1
+    assert math.isclose(rows[1].below_60_mean_pct, 5.0)
+
+
+# ------------------------------------------------------------------------------------------- configuration
+
+
+def test_a_test_is_read_again_from_its_keys(asked):
+    keys = asked.keys()
+    again = read_stress({key: value for key, value in keys.items() if key != "case"}, keys["case"])
+    assert again.stress == asked.stress
+    assert again.keys() == keys
+
+
+def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
+    asked = read_stress({})
+    assert [case.controller for case in asked.base.cases] == ["imc", "mpc", "mpc-se", "nlqdmc-se"]
+    assert asked.base.noise_variance == 1.45
+    assert len(asked.stress.tried) == 4 * 2 * (1 + len(asked.faults))
+    labels = [cell.label for cell in asked.stress.tried]
+    assert len(set(labels)) == len(labels)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"guards": "some"}, "guards is 'some'; give both, with or without"),
+        ({"traces": "all"}, "traces is no part of a stress test"),
+        ({"guard": True}, "guard is no part of a stress test"),
+        ({"faults": ["stuck", "stuck"]}, "the fault 'stuck' is given twice"),
+        ({"faults": "stuck"}, "faults is 'stuck'; give a list of faults"),
+        ({"faults": []}, "faults is []; give a list of faults"),
+        ({"guard_fastest_mg_dl_min": "fast"}, "guard_fastest_mg_dl_min is 'fast'; give a number"),
+        ({"faults": ["stuck, start_min=900"]}, "the fault stuck begins at 900 min, but the run ends at 600 min"),
+    ],
+)
+def test_what_cannot_be_is_refused(keys, sentence):
+    with pytest.raises(ValueError, match=r"^.*$") as refused:
+        read_stress(keys)
+    assert sentence in str(refused.value)

@@ -1,0 +1,445 @@
+"""Random loops with random faults: each breach of a promise is found, and each loop can be closed again."""
+
+import dataclasses
+import math
+import typing
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control import Decision, Guard, Observation, Status
+from glucoloop.episodes import Episode, never
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
+from glucoloop.patients import patient
+from glucoloop.patients.sorensen.equations import STATE_NAMES
+from glucoloop.patients.sorensen.soundness import sound
+from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
+from glucoloop.pumps.faults import occlusion
+from glucoloop.registry.fault_text import parse_fault
+from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
+from glucoloop.simulation.loop import Sampled
+from glucoloop.studies.verification import Campaign, campaign, invariants, met, run_campaign
+from glucoloop.studies.verification import loops as campaign_loops
+from glucoloop.studies.verification import people as campaign_people
+from glucoloop.studies.verification.invariants import PROMISES, Promises
+from glucoloop.studies.verification.people import able_people, draw_people, draw_random_meals
+from glucoloop.studies.verification.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
+from glucoloop.studies.verification.result import SAME_BITS
+from glucoloop.studies.verification.watched import (
+    WatchedDecision,
+    WatchedDelivery,
+    WatchedPump,
+    WatchedReading,
+    WatchedSensor,
+    all_finite,
+)
+
+PERSON = patient()
+REST = PERSON.steady_state(PERSON.basal_insulin_mU_min)
+GLUCOSE = float(PERSON.glucose_mg_dl(REST))
+
+
+def happened(**others):
+    """A sample at rest, but for what is given."""
+    told = {
+        "x": REST,
+        "reading": 81.1,
+        "dose": 20.0,
+        "command": 20.0,
+        "word": 20.0,
+        "status": int(Status.OK),
+        "controller": True,
+        "pump": True,
+        "of_pump": True,
+        "of_sensor": True,
+        "inside": jnp.full(5, GLUCOSE),
+        **others,
+    }
+    decision = WatchedDecision(
+        insulin_mU_min=jnp.asarray(told["command"]),
+        status=jnp.asarray(told["status"]),
+        told_mU_min=jnp.asarray(told["word"]),
+        sound=jnp.asarray(told["controller"]),
+    )
+    delivery = WatchedDelivery(
+        insulin_mU_min=jnp.asarray(told["dose"]),
+        reported_mU_min=jnp.asarray(told["word"]),
+        sound=jnp.asarray(told["pump"]),
+        clocks=jnp.asarray(told["of_pump"]),
+    )
+    reading = WatchedReading(
+        glucose_mg_dl=jnp.asarray(told["reading"]), valid=jnp.asarray(True), clocks=jnp.asarray(told["of_sensor"])
+    )
+    return Sampled(
+        x=told["x"],
+        glucose_mg_dl=jnp.asarray(GLUCOSE),
+        reading=reading,
+        decision=decision,
+        delivery=delivery,
+        inside_mg_dl=told["inside"],
+        lowest_valid_mg_dl=jnp.asarray(0.0),
+    )
+
+
+def broken_by(sampled, lowest=GLUCOSE):
+    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest))
+    assert tuple(held) == PROMISES
+    return {name for name, holds in held.items() if not bool(holds)}
+
+
+def with_state(**values):
+    x = REST
+    for name, value in values.items():
+        x = x.at[STATE_NAMES.index(name)].set(value)
+    return x
+
+
+@pytest.mark.parametrize(
+    ("told", "promise"),
+    [
+        *(({"dose": value}, invariants.DOSE) for value in (math.nan, math.inf, -1e-12, 66.9000001)),
+        *(({"command": value}, invariants.COMMAND) for value in (-1e-9, 66.9000001)),
+        ({"command": 36.71, "word": 20.0}, invariants.RATE),
+        ({"command": 3.29, "word": 20.0}, invariants.RATE),
+        *(({"status": value}, invariants.STATUS) for value in (-1, len(Status), 0.5)),
+        ({"controller": False}, invariants.CONTROLLER),
+        ({"pump": False}, invariants.PUMP),
+        ({"of_pump": False}, invariants.FAULTS),
+        ({"of_sensor": False}, invariants.FAULTS),
+        *(({"x": with_state(**{name: -1e-6})}, invariants.INSULIN_THERE) for name in ("I_B", "I_PI", "N")),
+        *(({"x": with_state(**{name: GLUCOSE - 20.0})}, invariants.GLUCOSE_THERE) for name in ("G_BV", "G_G")),
+        ({"x": with_state(G_BI=GLUCOSE - 75.0)}, invariants.GLUCOSE_THERE),  # 70 for the lightest person
+        *(({"x": with_state(**{name: -0.2})}, invariants.GLUCOSE_THERE) for name in ("G_L", "G_K", "G_PV", "G_PI")),
+    ],
+)
+def test_each_breach_is_found_and_nothing_else(told, promise):
+    command = {} if "command" not in told or "word" in told else {"word": told["command"]}
+    assert broken_by(happened(**told, **command)) == {promise}
+
+
+def test_nothing_is_broken_at_rest_and_what_is_no_number_breaks_what_it_is_in():
+    assert broken_by(happened()) == set()
+    assert invariants.PATIENT in broken_by(happened(x=with_state(A_NHGP=math.nan)))
+    assert broken_by(happened(command=math.nan)) == {invariants.COMMAND, invariants.RATE}
+    # a pump that says nothing, or nothing that can be meant, has no rate to keep to
+    for word in (math.nan, math.inf, -1.0, 70.0):
+        assert broken_by(happened(word=word)) == set()
+    # what glucose was, not what it is, explains what an organ has left
+    assert broken_by(happened(x=with_state(G_G=GLUCOSE - 20.0)), lowest=GLUCOSE - 19.0) == set()
+
+
+def test_breaches_are_counted_and_dated():
+    fold, place = Promises(sound=sound), PROMISES.index(invariants.DOSE)
+    kept = fold.init(jnp.asarray(GLUCOSE), jnp.asarray(20.0))
+    low = jnp.asarray([80.0, 59.9, 70.0, 60.0, 50.0])
+    for number, (dose, inside) in enumerate([(20.0, low), (-1.0, low), (20.0, low + 20.0), (-1.0, low)]):
+        kept = fold.step(kept, happened(dose=dose, inside=inside), jnp.asarray(5.0 * number))
+    assert float(kept.broken[place]) == 2.0
+    assert float(kept.first_min[place]) == 5.0
+    assert float(kept.broken.sum()) == 2.0
+    assert np.isinf(np.delete(np.asarray(kept.first_min), place)).all()
+    assert float(kept.below_60) == 6.0
+    assert float(kept.lowest_mg_dl) == 50.0
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_one_number_that_is_not_finite_is_seen_wherever_it_is(value):
+    sound = {"a": jnp.asarray([1e300, -1e300, 1.7e308, 1.7e308]), "b": (jnp.asarray(3), jnp.asarray(True), 2.0)}
+    assert bool(all_finite(sound))
+    assert not bool(all_finite({**sound, "a": sound["a"].at[2].set(value)}))
+    assert not bool(all_finite({**sound, "b": value}))
+
+
+@pytree
+class Told:
+    """A pump and a sensor whose state is what they were made with."""
+
+    state: typing.Any
+
+    def init(self, value, key):
+        del value, key
+        return self.state
+
+    def deliver(self, state, command, key):
+        del key
+        return state, Delivery(insulin_mU_min=command, reported_mU_min=command)
+
+    def read(self, state, glucose, key):
+        del key
+        return state, Reading(glucose_mg_dl=glucose, valid=jnp.asarray(True))
+
+
+def clock(until, age):
+    return Episode(until=jnp.asarray(until), age=jnp.asarray(age))
+
+
+@pytest.mark.parametrize(
+    ("state", "sound", "clocks"),
+    [
+        ({"rate": 3.0, "episode": clock(math.inf, -1.0)}, True, True),
+        ({"rate": math.inf, "episode": clock(3.0, 0.0)}, False, True),
+        ({"rate": 3.0, "episode": clock(math.nan, 0.0)}, True, False),
+        ({"rate": 3.0, "episode": clock(-math.inf, 0.0)}, True, False),
+        *(({"rate": 3.0, "episode": clock(0.0, age)}, True, False) for age in (math.nan, math.inf, 0.5, -2.0)),
+    ],
+)
+def test_watched_parts_tell_what_is_wrong_with_them(state, sound, clocks):
+    key = jax.random.key(0)
+    _, delivery = WatchedPump(inner=Told(state=state)).deliver(state, jnp.asarray(5.0), key)
+    assert (bool(delivery.sound), bool(delivery.clocks)) == (sound, clocks)
+    _, reading = WatchedSensor(inner=Told(state=state)).read(state, jnp.asarray(90.0), key)
+    assert bool(reading.clocks) == clocks
+
+
+def test_a_watched_pump_does_as_the_one_inside():
+    key, inner = jax.random.key(3), occlusion(never(), LimitedPump())
+    state, watched = inner.init(jnp.asarray(20.0), key), WatchedPump(inner=inner)
+    (one, bare), (other, told) = inner.deliver(state, jnp.asarray(50.0), key), watched.deliver(state, 50.0, key)
+    jax.tree.map(np.testing.assert_array_equal, one, other)
+    assert (bare.insulin_mU_min, bare.reported_mU_min) == (told.insulin_mU_min, told.reported_mU_min)
+    assert bool(told.sound & told.clocks)
+
+
+# people, meals and faults
+
+
+SAMPLES = 96
+
+
+@pytest.fixture(scope="module")
+def faults():
+    return random_faults(random_order(5, 2), 5, np.arange(4000), SAMPLES)
+
+
+def test_faults_are_up_to_three_at_once_of_every_kind(faults):
+    there = np.array([faults.there[kind] for kind in KINDS])
+    share = np.bincount(there.sum(axis=0)) / 4000
+    np.testing.assert_allclose(share, np.full(4, 0.25), atol=0.03)
+    np.testing.assert_allclose(there.mean(axis=1), 1.5 / len(KINDS), atol=0.02)
+    assert np.isnan(faults.settings["nonsense"]["value"]).any()
+    assert sorted(faults.order.sensor) == sorted(set(KINDS) - set(PUMP_KINDS))
+    for kind in KINDS:
+        never_begins = np.isinf(faults.earliest[kind]) & (faults.probability[kind] == 0.0)
+        if kind != "resolution":
+            np.testing.assert_array_equal(never_begins, ~faults.there[kind])
+
+
+def test_what_a_person_meets_does_not_depend_on_who_else_is_asked_for(faults):
+    some = random_faults(faults.order, 5, [17, 3, 999], SAMPLES)
+    for of_all, of_some in zip(jax.tree.leaves(vars(faults)), jax.tree.leaves(vars(some)), strict=True):
+        if np.ndim(of_all):
+            np.testing.assert_array_equal(np.asarray(of_all)[[17, 3, 999]], of_some)
+
+
+def test_faults_as_text_are_the_same_faults_to_the_bit(faults):
+    """The text makes its own few wrappers; the campaign has all of them around every person."""
+    many = np.array([sum(faults.there[kind][i] for kind in KINDS) for i in range(200)])
+    chosen = [*np.flatnonzero(many == 3)[:3], np.flatnonzero(faults.there["resolution"])[0]]
+    glucose = 81.0 + 40.0 * np.sin(np.arange(SAMPLES) / 9.0)
+    command = 25.0 + 20.0 * np.cos(np.arange(SAMPLES) / 4.0)
+    seen = set()
+
+    def run(sensor, pump, key):
+        def one(carry, entry):
+            number, true, wanted = entry
+            of_sensor, of_pump = carry
+            now = jax.random.fold_in(key, number)
+            of_sensor, reading = sensor.read(of_sensor, true, now)
+            of_pump, delivery = pump.deliver(of_pump, wanted, now)
+            return (of_sensor, of_pump), (reading, delivery)
+
+        start = sensor.init(jnp.asarray(81.0), key), pump.init(jnp.asarray(25.0), key)
+        return jax.lax.scan(one, start, (np.arange(SAMPLES), glucose, command))[1]
+
+    keys = keys_of_people(5, np.asarray(chosen))
+    few = random_faults(faults.order, 5, chosen, SAMPLES)
+    together = jax.jit(run)
+    for place, person in enumerate(chosen):
+        texts = faults.texts(int(person))
+        seen |= {text.split(",")[0] for text in texts}
+        told = [parse_fault(text) for text in texts]
+        noise = WhiteNoise(
+            inner=IdealSensor(), variance=few.noise_variance[place], bound_mg_dl=few.noise_bound_mg_dl[place]
+        )
+        alone = jax.jit(run)(
+            faulty_sensor(noise, told, 5.0),
+            faulty_pump(LimitedPump(), told, 5.0, PARKER_1999_LIMITS),
+            keys[place],
+        )
+        of_all = together(few.sensor(person=place), few.pump(PARKER_1999_LIMITS, person=place), keys[place])
+        jax.tree.map(np.testing.assert_array_equal, alone, of_all)
+    assert len(seen) >= 6
+
+
+def test_people_are_of_two_populations_by_turns_and_eat_up_to_four_meals():
+    drawn = draw_people(9, np.arange(6))
+    flow, weight = np.asarray(drawn.patient.parameters.q_H), drawn.draw.values["weight_kg"]
+    np.testing.assert_allclose(flow[1::2], 43.7 * weight[1::2] / 70.0, rtol=1e-12)
+    np.testing.assert_allclose(flow[::2], 43.7, rtol=1e-12)
+    assert draw_people(9, [4]).basal_insulin_mU_min == drawn.basal_insulin_mU_min[4]
+    eaten = draw_random_meals(9, np.arange(500), 300.0)
+    t_min, carbs_g = eaten.t_min, eaten.carbs_g
+    assert (t_min.min() > 0.0) & (t_min.max() < 300.0)
+    assert set((carbs_g > 0.0).sum(axis=0)) == {0, 1, 2, 3, 4}
+    assert (carbs_g[carbs_g > 0.0].min() > 5.0) & (carbs_g.max() < 120.0)
+    able = able_people(9, 30)
+    assert able.size == 30
+    assert np.isfinite(draw_people(9, able).basal_insulin_mU_min).all()
+
+
+# a campaign
+
+
+@pytree
+class Rogue:
+    """A controller that does what none may where something told to it is not a number, and else nothing much."""
+
+    sample_time_min: float = static(default=5.0)
+
+    def init(self, observation: Observation):
+        return jnp.zeros_like(observation.glucose_mg_dl)
+
+    def step(self, state, observation: Observation):
+        mad = jnp.isnan(observation.glucose_mg_dl)
+        rate = jnp.where(mad, 1000.0, observation.delivered_mU_min)
+        state = jnp.where(mad, jnp.inf, state)
+        return state, Decision(insulin_mU_min=rate, status=jnp.where(mad, 77, int(Status.OK)))
+
+
+@pytest.fixture(scope="module")
+def closed():
+    """Campaigns with a rogue among the controllers; its loops are compiled once."""
+    made = {}
+    real = campaign.Loops
+
+    def once(seed, controller, order, horizon, situation):
+        guarded = isinstance(controller, Guard)
+        if guarded not in made:
+            made[guarded] = real(seed, controller, order, horizon, situation)
+        return made[guarded]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(campaign, "catalogue_controller", lambda name, patient: Rogue())
+        patch.setattr(campaign, "horizon_min", lambda name: 300.0)
+        patch.setattr(campaign, "Loops", once)
+        patch.setattr(campaign_loops, "block_size", lambda engine: 256)
+        yield lambda **given: run_campaign(Campaign(seed=5, controllers=("basal",), **given))
+
+
+@pytest.mark.long
+def test_a_rogue_is_found_and_a_guard_makes_an_honest_controller_of_it(closed):
+    result = closed(loops=600)
+    bare, guarded = result.arms
+    assert (result.loops, result.samples) == (600, 600 * 60)
+    assert (bare.loops, guarded.loops, bare.guarded, guarded.guarded) == (300, 300, False, True)
+    expected = {invariants.COMMAND, invariants.RATE, invariants.STATUS, invariants.CONTROLLER}
+    assert {promise for promise, count in bare.broken.items() if count} == expected
+    # the pump keeps its limits whatever it is asked for, and a guard cleans what the rogue is told
+    assert not any(guarded.broken.values())
+    assert result.violations[SAME_BITS] == 0
+    assert result.repeated == 2 * math.ceil(300 / campaign.REPEATED)
+    assert not result.holds
+    assert result.guarding[0].pairs == 300
+
+
+def test_a_broken_loop_is_closed_again_by_its_person_alone(closed):
+    told = {promise: [] for promise in PROMISES}
+    for broken in closed(loops=600).arms[0].told:
+        told[broken.promise].append(broken)
+    assert len(told[invariants.COMMAND]) == 10
+    broken = told[invariants.COMMAND][3]
+    assert any(fault.split(",")[0] in ("missing", "nonsense", "battery") for fault in broken.faults)
+    assert broken.faults == met("basal", 5, broken.person).faults
+    alone = closed(person=broken.person)
+    assert alone.loops == 2
+    again = next(of for of in alone.arms[0].told if of.promise == broken.promise)
+    assert again == broken
+
+
+def test_other_bits_of_a_second_time_are_found(closed, monkeypatch):
+    real, calls = campaign_loops.bits_of, []
+
+    def flip(arrays):
+        calls.append(None)
+        bits = real(arrays)
+        # two blocks, and then some of them for the second time
+        return bits if len(calls) != 3 else np.where(np.arange(bits.size) == 2, bits + np.uint64(1), bits)
+
+    monkeypatch.setattr(campaign_loops, "bits_of", flip)
+    result = closed(loops=600)
+    assert result.violations[SAME_BITS] == 1
+    assert len(result.arms[0].not_repeated) == 1
+    assert not result.holds
+
+
+def test_a_single_bit_makes_other_bits():
+    rows = np.random.default_rng(1).normal(size=(50, 40))
+    other = rows.copy()
+    other[np.arange(40) % 50, np.arange(40)] = np.nextafter(other[np.arange(40) % 50, np.arange(40)], np.inf)
+    assert np.all(campaign_loops.bits_of([rows]) != campaign_loops.bits_of([other]))
+    np.testing.assert_array_equal(campaign_loops.bits_of([rows]), campaign_loops.bits_of([rows[:20], rows[20:]]))
+
+
+def test_an_interrupt_hands_back_what_is_done(closed):
+    told = []
+
+    def progress(number):
+        told.append(number)
+        if len(told) == 2:
+            raise KeyboardInterrupt
+
+    result = run_campaign(Campaign(seed=5, controllers=("basal",), loops=600), progress)
+    assert result.interrupted
+    assert [arm.guarded for arm in result.arms] == [False]
+    assert result.loops == 300
+
+
+def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
+    pairs = Campaign(loops=100_000).pairs()
+    assert sum(pairs.values()) >= 50_000
+    assert 2 * sum(pairs.values()) < 100_020
+    assert pairs["nlqdmc-se"] * 20 == pytest.approx(pairs["mpc"], abs=20)
+    assert pairs["meal-mpc"] == pairs["nlqdmc-se"]
+    assert len({count for name, count in pairs.items() if name not in ("nlqdmc-se", "meal-mpc")}) == 1
+    assert Campaign(loops=1, controllers=("nlqdmc-se",)).pairs() == {"nlqdmc-se": 1}
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"loops": 0}, "loops is 0; give a whole number from 1"),
+        ({"loops": True}, "loops is True"),
+        ({"loops": 10**10}, "loops is 10000000000"),
+        ({"seed": -1}, "seed is -1"),
+        ({"person": 2**32}, "person is 4294967296"),
+        ({"controllers": ("mcp",)}, "unknown controller 'mcp'"),
+        ({"controllers": ()}, "no controller to try"),
+        ({"controllers": ("pid", "pid")}, "named twice"),
+    ],
+)
+def test_what_cannot_be_tried_is_refused(given, told):
+    with pytest.raises(ValueError, match=told):
+        Campaign(**given)
+
+
+def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
+    def nobody(seed, person, patient):
+        drawn = draw_people(seed, person, patient)
+        return dataclasses.replace(drawn, able=np.zeros_like(drawn.able))
+
+    monkeypatch.setattr(campaign, "draw_people", nobody)
+    with pytest.raises(ValueError, match="no basal rate holds person 3 of seed 1 at the setpoint; give another person"):
+        run_campaign(Campaign(seed=1, controllers=("basal",), person=3))
+
+
+def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
+    def odd(seed, person, patient):
+        drawn = draw_people(seed, person, patient)
+        return dataclasses.replace(drawn, able=np.asarray(person) % 2 == 1)
+
+    monkeypatch.setattr(campaign_people, "draw_people", odd)
+    np.testing.assert_array_equal(able_people(1, 700), 1 + 2 * np.arange(700))
