@@ -1,4 +1,4 @@
-"""Configuration: what a command was asked to do, complete and checked."""
+"""Configuration of a command, complete and checked."""
 
 from glucoloop.config.comparison import Comparison, read_comparison
 from glucoloop.config.identification import IdentificationConfig, read_identification

@@ -1,4 +1,4 @@
-"""A bound that is asked for: the situation, and what is to be known of its meals, and when."""
+"""Configuration of a bound: the situation, and the times at which its meals become known."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ _MOST_KNOWN: Final = 20
 
 
 class BoundConfig(SurroundingKeys):
-    """Surroundings as of a run, without a controller, and what is known in them."""
+    """Surroundings as in a run, without a controller, and the knowledge of the meals."""
 
     duration_min: Annotated[float, Field(gt=0.0, le=7200.0), DURATION] = 600.0
     objective: Literal["deviation", "undershoot", "peak", "sse"] = "deviation"
     undershoot_weight: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
-    """Of squares below the setpoint, for ``sse``."""
+    """Weight of squares below the setpoint, for ``sse``."""
     known_after_min: Annotated[tuple[float, ...], Field(max_length=_MOST_KNOWN)] = (0.0, 10.0)
-    """From the start of a meal until it is known, dead time not counted; negative: in advance."""
+    """Times from the start of a meal until it is known, without the dead time; negative if it is known in advance."""
     in_advance: bool = False
-    """Whether there is a plan for somebody who knows all meals from the start, too."""
+    """Whether a plan is also made with all meals known from the start."""
 
     @property
     def hedged(self) -> bool:
-        """Whether it is worked out what noise lets one know: of one meal at rest, for the largest deviation."""
+        """Whether the bound under sensor noise is computed: for one meal at rest, and the largest deviation."""
         elsewhere = self.setpoint_mg_dl is not None or self.initial_glucose_mg_dl is not None
         return self.noise_variance > 0.0 and len(self.meals) == 1 and not elsewhere and self.objective == "deviation"
 
 
 def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> BoundConfig:
-    """Bound from flat keys.
+    """Read the configuration of a bound from flat keys.
 
     Parameters
     ----------
     keys : mapping
     names : mapping, optional
-        What a key is called where it was given; for messages.
+        Name under which the user gave each key, for messages.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Cases of a comparison as people write them: ``careful: mpc, move_weight=1``."""
+"""Text of a case of a comparison: ``careful: mpc, move_weight=1``."""
 
 from __future__ import annotations
 

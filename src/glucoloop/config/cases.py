@@ -1,4 +1,4 @@
-"""Cases that a file and the command line tell of: what is given on the command line wins, here as everywhere."""
+"""Cases from a file and the command line; those given on the command line take precedence."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.guard import GUARD
 
 CASES_KEY: Final = "case"
-"""Of the tables in a file: ``[[case]]``."""
+"""Key of the tables of cases in a file: ``[[case]]``."""
 CONTROLLERS_KEY: Final = "controllers"
-"""Of a list of controllers, each a case with its usual tuning."""
+"""Key of a list of controllers, each a case with its usual tuning."""
 _GIVEN_CASES: Final = "cases"
 
 
@@ -79,7 +79,7 @@ def refuse_idle(
 
 
 def _with(given: Mapping[str, Any], case: Mapping[str, Any], of_file: Mapping[str, Any]) -> dict[str, Any]:
-    """A case of the file under what was given: of that, what its controller and its guard have."""
+    """A case of the file with those given keys that its controller and its guard have."""
     told = {**of_file, **case, **given}
     controllers = ["mpc", *controllers_of(of_file, [told])]
     upper = {key: value for key, value in given.items() if key in case_key_names(*controllers)}

@@ -1,4 +1,4 @@
-"""An identification: the experiment on the simulated patient, or the record of a real one, and how it is fitted."""
+"""Configuration of an identification: experiment on the simulated patient or record of a real one, and the fit."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ EXPERIMENT_KEYS: Final = (
     "amplitude_mU_min",
     "samples",
 )
-"""They describe the simulated experiment, which a record takes the place of."""
+"""Keys of the simulated experiment, which a record replaces."""
 RECORD_KEYS: Final = ("method", "max_gap_min", "basal_insulin_mU_min", "starts_at_rest")
-"""They describe a record."""
+"""Keys that describe a record."""
 
 
 class IdentificationConfig(BaseModel):
-    """Everything about an identification."""
+    """Complete configuration of an identification."""
 
     model_config = STRICT
 
     data: str | None = None
-    """Path of a record; None: the experiment is made on the simulated patient."""
+    """Path of a record, or None for an experiment on the simulated patient."""
     patient: str = USUAL_PATIENT.name
     operating_point: str = USUAL_PATIENT.usual_point
     noise_variance: Variance = 0.0
@@ -57,12 +57,12 @@ class IdentificationConfig(BaseModel):
     dead_time_min: DeadTime = 0.0
     amplitude_mU_min: Annotated[float, Field(gt=0.0, le=10_000.0), RATE_CHANGE] = USUAL_PATIENT.pulse_mU_min
     samples: Annotated[int, Field(ge=4, le=100_000)] | None = None
-    """Length of the simulated record; None: the shortest, twice the memory."""
+    """Length of the simulated record, or None for the shortest: twice the memory."""
 
     method: Literal["auto", "csrs", "least-squares"] = "auto"
     max_gap_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 15.0
     basal_insulin_mU_min: Annotated[float, Field(ge=0.0, le=10_000.0), INSULIN_RATE] | None = None
-    """Rate before the record; None: as the method finds it."""
+    """Rate before the record, or None for the rate that the method finds."""
     starts_at_rest: bool = True
 
     sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
@@ -73,7 +73,7 @@ class IdentificationConfig(BaseModel):
     laguerre_functions: Functions = 2
     seed: Seed = 0
     allow_unusual: bool = False
-    """Whether values that are hardly meant are taken as they are."""
+    """Whether unusual values are accepted."""
 
     @property
     def dead_time_samples(self) -> int:
@@ -82,7 +82,7 @@ class IdentificationConfig(BaseModel):
 
 
 def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> IdentificationConfig:
-    """Identification from flat keys, completed.
+    """Read the configuration of an identification from flat keys, and complete it.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
 
 
 def overlay_identification(lower: Mapping[str, object], upper: Mapping[str, object]) -> dict[str, object]:
-    """Flat keys in two layers, of which the upper one wins; with a key go those below that it excludes."""
+    """Merge flat keys of two layers. The upper one wins; each of its keys removes those below that it excludes."""
     excluded: set[str] = set()
     if "data" in upper:
         excluded.update(EXPERIMENT_KEYS)

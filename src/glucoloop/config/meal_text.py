@@ -1,4 +1,4 @@
-"""Meals as people write them: ``50g@50min``, ``50@50``, ``50g@1.5h``, or ``50g@50min/15min`` if eating takes 15 min."""
+"""Text of a meal: ``50g@50min``, ``50@50``, ``50g@1.5h``, or ``50g@50min/15min`` if eating takes 15 min."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.registry.settings import known_names
 
 VARY_KEY: Final = "vary"
-"""Of the tables in a file: ``[[vary]]``."""
+"""Key of the tables of variation in a file: ``[[vary]]``."""
 
 
 class Vary(BaseModel):
@@ -35,7 +35,7 @@ class Vary(BaseModel):
 
 
 class _Named(BaseModel):
-    """What a population's file holds beside its table."""
+    """Keys of a population's file apart from its tables."""
 
     model_config = STRICT
 
@@ -53,7 +53,7 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
     patient : str
         Name of the nominal patient.
     name : str
-        What it is called unless the keys tell.
+        Name of the population if the keys have none.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
 
 
 def _text(path: Path) -> str:
-    """Text of a file, but no more than a configuration may have, and so much that its length is told as too large."""
+    """Text of a file, read only up to the largest size of a configuration, so that a larger one is refused."""
     if "\0" in str(path):
         raise ValueError(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
     with path.open(encoding="utf-8-sig") as file:

@@ -1,4 +1,4 @@
-"""A run: the situation a controller is put in, and the controller with its tuning and its model.
+"""Configuration of a run: the situation of a controller, and the controller with its tuning and model.
 
 In files and on the command line both are given by flat keys; what is not given is filled in here, so that a
 configuration that was read is complete.
@@ -52,13 +52,13 @@ STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_n
 LONGEST_RUN_MIN: Final = 366 * 1440.0
 LARGEST_SEED: Final = 2**32 - 1
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
-"""With it the paper's memory of three hours still has no more samples than a memory may have."""
+"""Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 PAPER_SAMPLE_TIME_MIN: Final = 5.0
 _OF_PATIENT: Final = ("operating_point", "max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
 """Keys whose usual values are the patient's."""
 IDENTIFICATION_KEYS: Final = ("model_noise_variance", "memory", "laguerre_pole", "laguerre_functions")
-"""How a model is identified for the run, in place of `model`, which names a file."""
+"""Keys of the identification of a model for the run; `model`, which names a file, replaces them."""
 
 Record = TypeVar("Record", bound=BaseModel)
 Setpoint = Annotated[float, Field(gt=0.0, le=2000.0), SETPOINT]
@@ -79,24 +79,24 @@ Functions = Annotated[int, Field(ge=0, le=50)]
 
 
 def place_of(patient: str, operating_point: str) -> str:
-    """Where a patient rests, in a few words: the operating point, after the name of another patient than the usual."""
+    """Short name of the operating point, after the name of the patient unless it is the usual one."""
     return operating_point if patient == USUAL_PATIENT.name else f"{patient}, {operating_point}"
 
 
 class SurroundingKeys(BaseModel):
-    """Patient, meals, sensor and pump, whoever or whatever doses."""
+    """Patient, meals, sensor and pump, without the controller."""
 
     model_config = STRICT
 
     patient: str = USUAL_PATIENT.name
     operating_point: str = USUAL_PATIENT.usual_point
     setpoint_mg_dl: Setpoint | None = None
-    """Target; None: the patient's own."""
+    """Target of the controller, or None for the patient's own."""
     initial_glucose_mg_dl: Glucose | None = None
-    """Where the patient rests at the start; None: at the setpoint."""
+    """Glucose at which the patient rests at the start, or None for the setpoint."""
     meals: tuple[str, ...] = ("50g@50min",)
     meal_model: str | None = None
-    """How meals are digested and absorbed; None: as the patient does."""
+    """Name of the model of digestion and absorption, or None for the patient's own."""
     duration_min: Duration = 600.0
     sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
     noise_variance: Variance = 0.0
@@ -105,7 +105,7 @@ class SurroundingKeys(BaseModel):
     min_insulin_mU_min: LeastRate = USUAL_PATIENT.min_insulin_mU_min
     max_insulin_mU_min: LargestRate = USUAL_PATIENT.max_insulin_mU_min
     allow_unusual: bool = False
-    """Whether values that are hardly meant are taken as they are."""
+    """Whether unusual values are accepted."""
 
     @property
     def place(self) -> str:
@@ -113,7 +113,7 @@ class SurroundingKeys(BaseModel):
         return place_of(self.patient, self.operating_point)
 
     def eaten(self) -> tuple[Meal, ...]:
-        """The meals."""
+        """Meals of the run."""
         return tuple(parse_meal(text) for text in self.meals)
 
     def scenario(self, *, announced: bool = False) -> Scenario:
@@ -142,16 +142,16 @@ class SurroundingKeys(BaseModel):
 
 
 class SituationKeys(SurroundingKeys):
-    """What all controllers of a comparison share."""
+    """Keys that all controllers of a comparison share."""
 
     announce_meals: bool = False
     noise_bound_mg_dl: NoiseBound = 5.0
     site: str | None = None
-    """Where the sensor sits; None: where the glucose is that is controlled."""
+    """Site of the sensor, or None for the site at which glucose is controlled."""
     pump_resolution_mU_min: RateStep | None = None
-    """Smallest step of the pump; None: any rate."""
+    """Smallest step of the pump, or None for a pump that delivers any rate."""
     faults: tuple[str, ...] = ()
-    """Of sensor and pump, the first innermost; around noise and dead time."""
+    """Faults of sensor and pump, the first innermost; they wrap noise and dead time."""
     integrator: Literal["fast", "adaptive"] = "fast"
     seed: Seed = 0
 
@@ -172,7 +172,7 @@ class SituationKeys(SurroundingKeys):
         return whole_samples(self.dead_time_min, self.sample_time_min)
 
     def situation(self) -> Situation:
-        """What an experiment is made of.
+        """Situation of an experiment from these keys.
 
         Raises
         ------
@@ -201,18 +201,18 @@ class CaseKeys(BaseModel):
     known_dead_time: bool = False
     guard: bool = False
     guard_limits: Mapping[str, Value] = Field(default_factory=dict)
-    """Empty without a guard."""
+    """Limits of the guard; empty without a guard."""
     model: str | None = None
-    """Path of a model file; None: a model is identified from the patient."""
+    """Path of a model file, or None to identify a model from the patient."""
     model_noise_variance: Variance | None = None
     """Noise of the record that the model is identified from."""
     memory: Memory | None = None
     laguerre_pole: Pole | None = None
     laguerre_functions: Functions | None = None
-    """0: the impulse response is left as it was estimated."""
+    """Number of Laguerre functions; 0 leaves the impulse response as it was estimated."""
 
     def case(self, label: str | None = None) -> Case:
-        """What an experiment is made of; called as its controller if it has no other label."""
+        """Case of an experiment; its controller's name is its label unless another one is given."""
         return Case(
             label=self.controller if label is None else label,
             controller=self.controller,
@@ -240,20 +240,20 @@ class Run:
 
 
 def case_keys(case: CaseKeys) -> dict[str, Any]:
-    """The flat keys of a case: its tuning stands among the others."""
+    """Flat keys of a case; those of its tuning stand among the others."""
     keys = case.model_dump(mode="json")
     limits = keys.pop("guard_limits")
     return {"controller": keys.pop("controller"), **keys.pop("tuning"), **keys, **limits}
 
 
 def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Run:
-    """Run from flat keys.
+    """Read the configuration of a run from flat keys.
 
     Parameters
     ----------
     keys : mapping
     names : mapping, optional
-        What a key is called where it was given; for messages.
+        Name under which the user gave each key, for messages.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
 
 
 def of_patient(keys: Mapping[str, object]) -> dict[str, object]:
-    """Flat keys with those that are usual for the patient, where they are not given.
+    """Flat keys completed with those that are usual for the patient.
 
     Raises
     ------
@@ -290,7 +290,7 @@ def of_patient(keys: Mapping[str, object]) -> dict[str, object]:
 
 
 def patient_of(keys: Mapping[str, object]) -> PatientEntry:
-    """The patient that flat keys tell of; one that is not a text is refused with the other keys."""
+    """The patient that flat keys name; a value that is not a text is refused later with the other keys."""
     name = keys.get("patient", USUAL_PATIENT.name)
     return patient_entry(name) if isinstance(name, str) else USUAL_PATIENT
 
@@ -312,12 +312,12 @@ def refuse_impossible(situation: SituationKeys) -> None:
 
 
 def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], names: Names = None) -> None:
-    """Ask about what is hardly meant.
+    """Ask for confirmation of unusual values.
 
     Raises
     ------
     ValueError
-        For the first value outside the range in which people mean it.
+        For the first value outside its plausible range.
     """
     ask_about_pump(
         patient(situation.patient, situation.operating_point),
@@ -331,7 +331,7 @@ def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], na
 
 
 def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
-    """Case from flat keys, completed for its situation."""
+    """Read a case from flat keys, completed for its situation."""
     own = _only(keys, CaseKeys)
     controller = str(own.get("controller", "mpc"))
     _refuse_reserved(catalogue.controller_entry(controller))
@@ -381,12 +381,12 @@ def refuse_limits_without_guard(keys: Mapping[str, object], *, guarded: bool, na
 
 
 def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: bool = False) -> tuple[str, ...]:
-    """Faults in full.
+    """Faults with all their settings.
 
     Raises
     ------
     ValueError
-        For a text that is no fault, one that begins after the end of the run, or a setting that is hardly meant,
+        For a text that is no fault, one that begins after the end of the run, or an unusual setting,
         unless that is allowed.
     """
     faults = [parse_fault(text) for text in texts]
@@ -412,15 +412,15 @@ def _identification(situation: SituationKeys) -> dict[str, object]:
 def overlay(
     lower: Mapping[str, object], upper: Mapping[str, object], names: Mapping[str, str] | None = None
 ) -> dict[str, object]:
-    """Flat keys in two layers, of which the upper one wins.
+    """Merge flat keys of two layers, of which the upper one wins.
 
-    With a key go those it excludes: a model file and the way of identifying one, and the settings of a controller that
-    another one takes the place of.
+    Each upper key removes those below that it excludes: a model file and the keys that identify a model, and the
+    settings of a controller that another one replaces.
 
     Raises
     ------
     ValueError
-        Where one layer holds keys that exclude one another.
+        If one layer holds keys that exclude one another.
     """
     for layer in (lower, upper):
         both = [key for key in IDENTIFICATION_KEYS if key in layer]
@@ -448,7 +448,7 @@ def overlay(
 
 
 def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
-    """Keys less what was usual for their patient: another one has usual values of its own."""
+    """Keys without those that were usual for their patient, since another patient has its own."""
     entry = patient_of(lower)
     usual: dict[str, object] = {key: getattr(entry, key) for key in _OF_PATIENT if key != "operating_point"}
     sample_time = lower.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
@@ -465,7 +465,7 @@ def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
 
 
 def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> list[str]:
-    """Controllers that flat keys name, alone or in cases.
+    """Controllers that flat keys name, directly or in cases.
 
     Raises
     ------
@@ -486,7 +486,7 @@ def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
 
 
 def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> None:
-    """Refuse a key that neither a situation, a case nor a controller has: one of this package, or of the cases."""
+    """Refuse a key that belongs neither to a situation, a case nor a controller of this package or of the cases."""
     known = run_keys(*controllers_of(keys, cases))
     for key in keys:
         if key not in known:
@@ -499,13 +499,13 @@ def run_keys(*controllers: str) -> list[str]:
 
 
 def case_key_names(*controllers: str) -> list[str]:
-    """The flat keys that a case of a comparison may set, likewise."""
+    """All flat keys that a case of a comparison may set, with the settings of named controllers of other packages."""
     own = [key for key in CaseKeys.model_fields if key not in ("tuning", "guard_limits")]
     return [*own, *sorted(catalogue.setting_names(*controllers)), *GUARD]
 
 
 def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead time") -> int:
-    """Minutes as samples; `what` they are, for messages.
+    """Minutes as a number of samples; `what` names the quantity in messages.
 
     Raises
     ------
@@ -523,7 +523,7 @@ def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead ti
 
 
 def checked(record: type[Record], keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Record:
-    """A record from its keys, refused in one sentence."""
+    """Build a record from its keys, or refuse them in one sentence."""
     try:
         return record.model_validate({key: tuple(v) if isinstance(v, list) else v for key, v in keys.items()})
     except ValidationError as error:

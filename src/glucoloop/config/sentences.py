@@ -23,7 +23,7 @@ _KINDS: Final = {
 }
 _LONGEST_VALUE: Final = 60
 _GROUPS: Final = ("tuning", "guard_limits")
-"""Keys of a record whose own keys stand among the others in a file."""
+"""Keys of records whose own keys stand among the others in a file."""
 
 
 def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping[str, str] | None = None) -> str:
@@ -35,7 +35,7 @@ def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping
         Raised when `record` was built.
     record : type
     names : mapping, optional
-        What a key is called where it was given, such as an option of the command line.
+        Name under which the user gave each key, such as an option of the command line.
     """
     errors = error.errors(include_url=False)
     # Where a value may be of several types, what is wrong with one that is not finite is told by the right one.
@@ -56,7 +56,7 @@ def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping
 
 
 def _meant(value: object, record: type[BaseModel], key: str) -> str:
-    """The unit that a value beyond the bounds looks like."""
+    """The unit in which a value beyond the bounds would be plausible."""
     found = record.model_fields.get(key)
     quantity = None if found is None else quantity_of(found)
     if quantity is None or isinstance(value, bool) or not isinstance(value, int | float):
@@ -84,7 +84,7 @@ def _wanted(error: Any, record: type[BaseModel], key: str) -> str:
 
 
 def _bounds(record: type[BaseModel], key: str) -> str:
-    """Bounds of a field in words, from its own metadata, so that they are told whole."""
+    """Bounds of a field in words, complete, from its metadata."""
     found = record.model_fields.get(key)
     if found is None:
         return ""
@@ -104,7 +104,7 @@ def metadata_of(field: FieldInfo) -> list[Any]:
 
 
 def quantity_of(field: FieldInfo) -> Quantity | None:
-    """What a field measures, with the range in which people mean it; None if that is not declared."""
+    """Quantity of a field with its plausible range; None if it is not declared."""
     return next((item for item in metadata_of(field) if isinstance(item, Quantity)), None)
 
 

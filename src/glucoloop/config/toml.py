@@ -12,17 +12,17 @@ import tomli_w
 import glucoloop
 
 VERSION_KEY = "glucoloop"
-"""Key under which a written file tells the version that wrote it."""
+"""Key of the version of glucoloop that wrote the file."""
 LARGEST_CHARACTERS: Final = 1_000_000
 _MOST_DOTS: Final = 3000
-"""In a line. Memory that the parser takes for a dotted key grows with the square of its length."""
+"""Largest number of dots in a line; the parser's memory for a dotted key grows with the square of its length."""
 _DEEPEST: Final = 10
 LARGEST_INTEGER: Final = 2**63 - 1
-"""TOML's own; of a larger one neither the float nor the text need exist."""
+"""Largest integer of TOML; a larger one may exist neither as float nor as text."""
 
 
 def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
-    """Keys of a configuration file, and the version that wrote it, if it tells.
+    """Keys of a configuration file, and the version that wrote it, if it is given.
 
     Raises
     ------
@@ -52,9 +52,9 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
 
 
 def deeper_than(value: object, levels: int) -> bool:
-    """Whether tables and lists lie in one another more often than that: what somebody else wrote may nest without end.
+    """Whether tables and lists are nested more deeply than a number of levels.
 
-    It does not call itself, so it tells of any depth.
+    It is not recursive, so that any depth is measured; files of other people may nest without limit.
     """
     there = [value]
     for _ in range(levels + 1):
@@ -80,7 +80,7 @@ def _too_large(name: str) -> str:
 
 
 def beside(path: str, file: Path) -> str:
-    """A path that stands in a configuration file: relative ones start at the file."""
+    """Path given in a configuration file; a relative one starts at the folder of the file."""
     return str(file.parent / path)
 
 

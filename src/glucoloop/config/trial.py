@@ -1,4 +1,4 @@
-"""A trial from flat keys: the people, their meals and sensor, and the controllers that are tried on them."""
+"""Configuration of a trial: people, meals, sensor, and the controllers under test."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ SITUATION_KEYS: Final = (
     "seed",
     ALLOW_UNUSUAL,
 )
-"""What a trial has in common with a single run."""
+"""Keys that a trial has in common with a single run."""
 _LENGTHS: Final = ("days", "duration_min")
 _DIGITS: Final = 20
 
 
 class TrialKeys(BaseModel):
-    """What a trial has and a single run has not."""
+    """Keys of a trial that a single run does not have."""
 
     model_config = STRICT
 
@@ -74,7 +74,7 @@ class TrialKeys(BaseModel):
     meals: tuple[str, ...] = USUAL_DAY
     days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
     duration_min: Duration | None = None
-    """None: the days."""
+    """Length of the run, or None for the days."""
     meal_size_spread_pct: Annotated[float, Field(ge=0.0, lt=100.0)] = 0.0
     meal_time_spread_min: Annotated[float, Field(ge=0.0, lt=MIN_PER_DAY)] = 0.0
     design: Literal["nominal", "individual"] = "nominal"
@@ -83,22 +83,22 @@ class TrialKeys(BaseModel):
 
 
 def trial_key_names() -> list[str]:
-    """The flat keys of a trial, but for those of its cases."""
+    """Flat keys of a trial, without those of its cases."""
     return ["population", *TrialKeys.model_fields, *SITUATION_KEYS, "traces", CONTROLLERS_KEY]
 
 
 def read_trial(
     keys: Mapping[str, object], cases: Sequence[Mapping[str, object]] = (), names: Mapping[str, str] | None = None
 ) -> Trial:
-    """Trial from the keys that hold for all cases, and those of each.
+    """Read the configuration of a trial from the shared keys and those of each case.
 
     Parameters
     ----------
     keys : mapping
     cases : sequence of mapping
-        Each with its label; the controllers that `keys` names come before them. Without either it is linear MPC.
+        Cases with their labels; the controllers that `keys` names come before them. Without either it is linear MPC.
     names : mapping, optional
-        What a key is called where it was given; for messages.
+        Name under which the user gave each key, for messages.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def read_trial(
 def overlay_trial(
     lower: Mapping[str, object], upper: Mapping[str, object], names: Mapping[str, str] | None = None
 ) -> dict[str, object]:
-    """Flat keys in two layers, of which the upper one wins; with a key go those below that it excludes."""
+    """Merge flat keys of two layers. The upper one wins; each of its keys removes those below that it excludes."""
     excluded: set[str] = set()
     if any(key in upper for key in _LENGTHS):
         excluded.update(_LENGTHS)
@@ -219,7 +219,7 @@ def _case_keys(case: Case) -> dict[str, Any]:
 
 
 def _own_case_keys(controllers: Sequence[str]) -> list[str]:
-    """A model of one's own would be that of one person; the trial's are identified from its people."""
+    """Keys of a case in a trial: without `model`, since models are identified from the people of the trial."""
     return [key for key in case_key_names(*controllers) if key != "model"]
 
 

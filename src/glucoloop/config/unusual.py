@@ -1,4 +1,4 @@
-"""Values of a configuration that are possible but hardly meant: each is asked about in the error.
+"""Questions about values of a configuration that are possible but probably not meant.
 
 The plausible range of a key stands in its type, beside its bounds; that of a setting of a controller, a guard or a
 fault stands in the catalogue. `allow_unusual` in a file, or the option, confirms all of them.
@@ -20,17 +20,17 @@ from glucoloop.registry.settings import Setting
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 Names = Mapping[str, str] | None
-"""What a key is called where it was given."""
+"""Name under which the user gave each key."""
 ALLOW_UNUSUAL: Final = "allow_unusual"
 
 
 def ask_about(record: BaseModel, names: Names = None) -> None:
-    """Ask about the values of a record that lie outside the ranges in which people mean them.
+    """Ask for confirmation of the values of a record outside their plausible ranges.
 
     Raises
     ------
     ValueError
-        For the first such value, with the unit that it looks like and how it is confirmed.
+        For the first such value, with the unit in which it would be plausible and the way to confirm it.
     """
     for key, field in type(record).model_fields.items():
         value = getattr(record, key)
@@ -40,7 +40,7 @@ def ask_about(record: BaseModel, names: Names = None) -> None:
 
 
 def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object], names: Names = None) -> None:
-    """The same for settings of a catalogue that were given."""
+    """Ask for confirmation of unusual settings of a catalogue that were given."""
     for setting in settings:
         value = given.get(setting.name)
         if setting.quantity is not None and isinstance(value, int | float):
@@ -48,13 +48,13 @@ def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object],
 
 
 def ask_about_meals(meals: Iterable[Meal]) -> None:
-    """The same for the size of each meal."""
+    """Ask for confirmation of meals of unusual size."""
     for meal in meals:
         ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
 
 
 def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
-    """Ask about a meal like ``45g@7`` in a run of a day or longer: minutes are meant by few who leave the unit out."""
+    """Ask about a meal like ``45g@7`` in a run of a day or longer, where hours were probably meant."""
     if horizon_min < MIN_PER_DAY:
         return
     for text in meals:
@@ -76,9 +76,9 @@ def ask_about_pump(
     max_insulin_mU_min: float,
     names: Names = None,
 ) -> None:
-    """Ask about a pump that cannot give the rate at which the patient rests.
+    """Ask about a pump that cannot deliver the rate at which the patient rests.
 
-    A target above the patient's own needs less insulin than that, so that a smaller pump will do for it.
+    A target above the patient's own needs less insulin than that, so that a smaller pump is enough.
     """
     basal, resting = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
     if setpoint_mg_dl is not None and setpoint_mg_dl > resting:

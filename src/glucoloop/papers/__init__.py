@@ -1,1 +1,1 @@
-"""Published studies, each carried out again in full."""
+"""Published studies, each reproduced in full."""

@@ -1,4 +1,4 @@
-"""What people look at: tables, figures and pages. Plotting libraries are imported only when something is drawn."""
+"""Tables, figures and pages of results. Plotting libraries are imported only when something is drawn."""
 
 from glucoloop.report._page import plots_lack
 from glucoloop.report.figure import plot

@@ -1,4 +1,4 @@
-"""What pages have in common: their look in light and in dark, and pictures that need no network."""
+"""Common parts of all pages: their style in light and dark mode, and plots that need no network."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ TRANSPARENT: Final = "rgba(0, 0, 0, 0)"
 
 
 def page(title: str, main: str, style: str = "") -> str:
-    """A page of its own.
+    """A self-contained HTML page.
 
     Parameters
     ----------
     title : str
-        Shown as it is.
+        Title; characters special to HTML are escaped.
     main : str
-        HTML of what stands below the title.
+        HTML below the title.
     style : str
-        CSS beyond what all pages have.
+        CSS in addition to that of all pages.
     """
     return _PAGE.substitute(title=html.escape(title), style=style, main=main, footer=FOOTER)
 
@@ -43,19 +43,19 @@ def picture(
     buttons: Sequence[str],
     library: bool = True,
 ) -> str:
-    """HTML of a plot whose words follow the reader's theme; without plotly, a sentence in its place.
+    """HTML of a plot whose text follows the reader's theme; without plotly, a sentence in its place.
 
     Parameters
     ----------
     data, layout
-        As plotly takes them.
+        Data and layout in plotly's form.
     name : str
-        Of the element.
+        Name of the HTML element.
     height_px : float
     buttons : sequence of str
-        Plotly's, named one by one: its own choice includes sending the data away. None, no bar of buttons.
+        Names of plotly's buttons; its default set includes one that uploads the data. Empty for no button bar.
     library : bool
-        Whether plotly itself comes with it, as it must with the first plot of a page.
+        Whether plotly itself is included, as it must be with the first plot of a page.
     """
     lacking = plots_lack()
     if lacking:
@@ -82,12 +82,12 @@ def picture(
 
 
 def plots_lack() -> str | None:
-    """What the plots of pages lack to be drawn, and how to get it; None if nothing."""
+    """Reason why plots of pages cannot be drawn and how to mend it; None if they can."""
     return missing("A plot to zoom into", "plotly")
 
 
 def plain_layout(**layout: Any) -> dict[str, Any]:
-    """A layout in the page's own font on the page's own ground."""
+    """Plotly layout with the page's font and background."""
     return {
         "autosize": True,
         "paper_bgcolor": TRANSPARENT,
@@ -98,7 +98,7 @@ def plain_layout(**layout: Any) -> dict[str, Any]:
 
 
 def numbers(values: npt.ArrayLike, digits: int = 3) -> list[float | None]:
-    """For JSON, which knows no NaN."""
+    """Rounded numbers for JSON, with None for NaN."""
     return [round(value, digits) if np.isfinite(value) else None for value in np.asarray(values, float).tolist()]
 
 

@@ -1,4 +1,4 @@
-"""Traces made ready to be drawn: labelled, of one person each, and of the same scenario."""
+"""Traces prepared for drawing: labelled, of one person each, and of the same scenario."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ _SAME_MG_DL = 1e-9
 
 @dataclass(frozen=True)
 class Run:
-    """One trace in NumPy's terms."""
+    """One trace as NumPy arrays."""
 
     label: str
     t_min: Floats
-    """(samples + 1,) the samples and the horizon."""
+    """(samples + 1,) times of the samples and of the horizon."""
     insulin_mU_min: Floats
-    """(samples + 1,) delivered from each of these times on; the last is that of the last sample."""
+    """(samples + 1,) rates delivered from each of these times on; the last repeats that of the last sample."""
     fine_t_min: Floats
     fine_glucose_mg_dl: Floats
     reading_t_min: Floats
-    """When readings were valid; empty if all of them are the patient's glucose."""
+    """Times of valid readings; empty if all of them equal the patient's glucose."""
     reading_mg_dl: Floats
     setpoint_mg_dl: float
     basal_insulin_mU_min: float
     lowest_valid_mg_dl: float
     """Glucose below which the patient's model is not valid."""
     validity_note: str | None
-    """When glucose was lower; None: never."""
+    """Sentence on the times at which glucose was below that limit; None if it never was."""
     meals: tuple[tuple[float, float], ...]
-    """(min, g) of each."""
+    """Time in min and carbohydrate in g of each meal."""
 
     @property
     def horizon_min(self) -> float:
@@ -52,7 +52,7 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
     ----------
     traces : Trace or mapping of str to Trace
     label : str
-        Of a single trace.
+        Label of a single trace.
 
     Raises
     ------
@@ -104,5 +104,5 @@ def limits_passed(runs: Sequence[Run]) -> list[float]:
 
 
 def values_in_words(values: list[float], unit: str) -> str:
-    """Different values, each once, with their unit."""
+    """Text of the distinct values with their unit."""
     return " and ".join(dict.fromkeys(f"{value:.4g}" for value in values)) + f" {unit}"

@@ -1,4 +1,4 @@
-"""How figures look: sizes of a printed column, colours that everyone can tell apart, and fonts that can be read."""
+"""Style of figures: sizes of printed columns, colours that everyone can tell apart, and legible fonts."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _MAX_TICK_STEPS: Final = {"single": 6, "double": 12}
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of a run."""
+    """Colour and dashes of the curves of a run."""
     return {"color": OKABE_ITO[index % len(OKABE_ITO)], "linestyle": DASHES[index % len(DASHES)], "linewidth": 1.2}
 
 
 def literal(text: str) -> str:
-    """Text without mathematics: a dollar is a dollar."""
+    """Text with dollar signs escaped, so that it is not read as mathematics."""
     return text.replace("$", r"\$")
 
 
@@ -65,12 +65,12 @@ def new_figure(width: Width, height_mm: float, title: str | None) -> Figure:
 
 
 def _characters(width: Width, font_pt: float) -> int:
-    """Characters that surely fit side by side."""
+    """Number of characters that certainly fit side by side."""
     return int(WIDTHS_MM[width] / _MM_PER_INCH * 72.0 / (0.65 * font_pt))
 
 
 def dress(axes: Axes) -> None:
-    """Frame, ticks and fonts of a panel."""
+    """Style frame, ticks and fonts of a panel."""
     axes.spines[["top", "right"]].set_visible(False)
     for spine in axes.spines.values():
         spine.set_linewidth(0.6)
@@ -104,9 +104,9 @@ def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str],
 
 
 def time_axis(horizon_min: float, width: Width) -> tuple[float, str, float]:
-    """Minutes per unit of the axis, the unit, and the distance of ticks in it.
+    """Number of minutes per unit of the time axis, the unit, and the distance of ticks in it.
 
-    Minutes up to twelve hours, and hours beyond.
+    The unit is minutes up to twelve hours, and hours beyond.
     """
     in_minutes = horizon_min <= _LONGEST_IN_MINUTES
     divisor, unit = (1.0, "min") if in_minutes else (MIN_PER_H, "h")

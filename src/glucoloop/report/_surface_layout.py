@@ -1,4 +1,4 @@
-"""Where each tuning of a surface stands: two parameters make the axes, the others a panel for each combination."""
+"""Layout of a surface of tunings: two parameters span the axes, each combination of the others has a panel."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ class Cell:
     """One place of the grid."""
 
     kind: Kind
-    """"impossible" where the prediction horizon is shorter than the move horizon; "refused" where the design failed."""
+    """Kind of the cell: "impossible" if the prediction horizon is shorter than the move horizon; "refused" if the
+    design failed.
+    """
     point: int | None = None
-    """Of the surface's arrays, where the tuning was tried."""
+    """Index into the surface's arrays, if the tuning was tried."""
     reason: str = ""
-    """Why the design failed."""
+    """Reason why the design failed."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Which parameter stands where, and what every cell holds."""
+    """Axes and panels of the parameters, and the content of every cell."""
 
     x: str
     y: str
@@ -38,15 +40,15 @@ class Layout:
     levels: dict[str, list[float]]
     """The values of each parameter, in rising order."""
     cells: dict[tuple[float, ...], Cell]
-    """By the values of the parameters, in the order of `levels`."""
+    """Cells by the values of the parameters, in the order of `levels`."""
 
     def combinations(self) -> list[tuple[float, ...]]:
-        """What distinguishes the panels; one empty combination for a single panel."""
+        """Parameter values that distinguish the panels; one empty combination for a single panel."""
         place = [list(self.levels).index(name) for name in self.panels]
         return sorted({tuple(values[at] for at in place) for values in self.cells})
 
     def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
-        """The cells of a panel, `[row][column]`; no place is left empty."""
+        """Cells of a panel, `[row][column]`; every place holds a cell."""
         fixed = {name: values[0] for name, values in self.levels.items()}
         fixed |= dict(zip(self.panels, combination, strict=True))
 
@@ -71,7 +73,7 @@ def layout(surface: TuningSurface) -> Layout:
     Raises
     ------
     ValueError
-        For more panels than can be seen.
+        For more panels than can be read.
     """
     tried = {tuning: Cell("tried", point) for point, tuning in enumerate(surface.tunings)}
     refused = {tuning: Cell("refused", reason=reason) for tuning, reason in surface.refused}
@@ -98,5 +100,5 @@ def layout(surface: TuningSurface) -> Layout:
 
 
 def texts(names: Sequence[str], symbols: dict[str, str], values: Sequence[float]) -> str:
-    """Parameters and their values, as the title of a panel tells them."""
+    """Title of a panel: the parameters and their values."""
     return ", ".join(f"{symbols[name]} = {value:g}" for name, value in zip(names, values, strict=True))

@@ -13,7 +13,7 @@ from glucoloop.report._trial_panels import Panel, colour
 from glucoloop.report.trial_report import CaseReport, Floats, TrialReport
 
 BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
-"""Lower and upper quantile of each band, and how strongly it is coloured."""
+"""Lower and upper quantile of each band, and its opacity."""
 
 _MOST_POINTS: Final = 500  # of a curve; more would hardly be seen
 _TIME_PX: Final = 370
@@ -67,7 +67,7 @@ def _thin(size: int) -> slice:
 
 
 def _times(t_min: Floats, divisor: float) -> dict[str, Any]:
-    """Evenly spaced, a first time and a distance are enough."""
+    """Times for plotly: a first time and a distance for evenly spaced points, otherwise all times."""
     times = np.asarray(t_min, float) / divisor
     apart = np.diff(times)
     if apart.size and np.allclose(apart, apart[0], rtol=1e-9, atol=0.0):
@@ -157,7 +157,7 @@ def _bands(case: CaseReport, frame: TimeFrame, of_case: str) -> list[dict[str, A
 
 
 def worst_panels(report: TrialReport) -> dict[str, Panel]:
-    """Glucose and insulin of the people who fared worst, by label; two curves a person, in their order."""
+    """Glucose and insulin of the people with the worst outcomes, by label; two curves per person, in their order."""
     people = [person for case in report.cases.values() for person in case.worst]
     frame = _frame(report, [p.glucose_mg_dl for p in people], [p.insulin_mU_min for p in people])
     panels = {}

@@ -1,4 +1,4 @@
-"""Panels of a trial's page over people: the control-variability grid, and how metrics are spread."""
+"""Panels of a trial's page over people: control-variability grid, and distributions of metrics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LONGEST_NAME: Final = 24
 
 @dataclass(frozen=True)
 class Panel:
-    """What plotly draws."""
+    """Data and layout of a plotly plot."""
 
     data: list[dict[str, Any]]
     layout: dict[str, Any]
@@ -38,7 +38,7 @@ class Panel:
 
 
 def colour(index: int) -> str:
-    """Of a controller, wherever it is shown."""
+    """Colour of a controller in all panels."""
     return OKABE_ITO[index % len(OKABE_ITO)]
 
 
@@ -138,12 +138,12 @@ def _grid_layout(case: CaseReport) -> dict[str, Any]:
 
 
 def _beyond(limits: tuple[float, ...]) -> list[str]:
-    """Limits of the grid, whose border holds all that is beyond."""
+    """Labels of the grid's limits, whose outermost cells hold all values beyond."""
     return [f"≤ {limits[0]:g}", *(f"{limit:g}" for limit in limits[1:-1]), f"≥ {limits[-1]:g}"]
 
 
 def percent(share: float) -> str:
-    """A percentage as short as it can be told without making few into none."""
+    """Shortest text of a percentage that does not round a few to none."""
     if not np.isfinite(share):
         return NOT_AVAILABLE
     if 0.0 < share < 0.01:
@@ -155,7 +155,7 @@ def percent(share: float) -> str:
 
 
 def distribution_panels(report: TrialReport) -> dict[str, Panel]:
-    """How each metric is spread over the people, one row a controller, by the metric's name."""
+    """Distribution of each metric over the people, one row per controller, by the metric's name."""
     first = next(iter(report.cases.values()))
     return {metric: _distribution_panel(report, metric) for metric in first.metric_counts}
 

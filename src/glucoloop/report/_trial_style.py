@@ -1,4 +1,4 @@
-"""How a trial's page looks and behaves beyond what all pages do."""
+"""Style and script of a trial's page beyond those of all pages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ RANGE_COLOURS: Final = {
     "180 to 250": "#F0CE62",
     "above 250": "#D8923A",
 }
-"""Of the ranges of glucose."""
+"""Colours of the ranges of glucose."""
 
 STYLE: Final = """
 body { max-width: 84rem; padding: 1rem 1.25rem; --faint: color-mix(in srgb, var(--ink) 62%, var(--paper)); }

@@ -1,4 +1,4 @@
-"""The closed loop in a picture, ready for print: glucose above, insulin below."""
+"""Figure of the closed loop, ready for print: glucose above, insulin below."""
 
 from __future__ import annotations
 
@@ -47,24 +47,24 @@ def plot(
     Parameters
     ----------
     traces : Trace, PeopleRun, or mapping of str to one of these
-        Of one person each, or of many, who are drawn as bands of 90 % and of 50 % of them about their median. Labels
+        Traces of one person each, or of many, drawn as bands of 90 % and of 50 % of them about their median. Labels
         go to the legend.
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
     mmol : bool
         Whether a second axis shows glucose in mmol/l.
     units_per_hour : bool
         Whether a second axis shows insulin in U/h, as pumps do that give it under the skin.
     limits : DoseLimits
-        Of the pump.
+        Limits of the pump.
     lowest_glucose_mg_dl : float
         The bound on glucose.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Apart from pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
+        Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
 
     Raises
     ------
@@ -105,7 +105,7 @@ def plot(
 
 
 def _dot() -> Artist:
-    """Readings of any run, in the legend."""
+    """Legend entry for the readings of any run."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], linestyle="none", marker=".", markersize=4, markeredgewidth=0, color=GREY)
@@ -157,7 +157,7 @@ def _draw_glucose(
 
 
 def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float, panel_mm: float) -> None:
-    """A mark on the upper edge for each meal, and its carbohydrate above, upright where meals are close."""
+    """Mark each meal at the upper edge with its carbohydrate above, rotated where meals are close."""
     if not meals:
         return
     t_min = np.array([t for t, _ in meals])
@@ -222,7 +222,7 @@ def _extent(shown: Sequence[Floats]) -> tuple[float, float]:
 
 
 def _add_axis(axes: Axes, factor: float, name: str) -> None:
-    """A second axis, on the right: the unit of the left one is so many of its own."""
+    """Add a second axis on the right; a unit of the left axis is `factor` of its own."""
     right = axes.secondary_yaxis(
         "right",
         functions=(

@@ -1,4 +1,4 @@
-"""An identified model in pictures: Figs. 2 and 3 of Parker, Doyle & Peppas (1999)."""
+"""Figures of an identified model: Figs. 2 and 3 of Parker, Doyle & Peppas (1999)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plot_identification(
     title: str | None = None,
     width: Width = "double",
 ) -> Figure:
-    """Draw an impulse response as estimated and as smoothed, and how its model fares on other data.
+    """Draw the estimated and the smoothed impulse response, and the validation of the model.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def plot_identification(
         Input of the validation.
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def plot_validation(
         Input of the validation.
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The closed loop on a page of its own: one file that needs no network, to zoom into and to pass on."""
+"""Self-contained page of the closed loop: one file that needs no network and can be zoomed and shared."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def interactive_page(
     Parameters
     ----------
     traces : Trace or mapping of str to Trace
-        Of one person each.
+        Traces of one person each.
     metrics : Metrics or mapping of str to Metrics
-        Of these runs, under the same labels.
+        Metrics of these runs, under the same labels.
     title : str
     limits : DoseLimits
-        Of the pump.
+        Limits of the pump.
     lowest_glucose_mg_dl : float
         The bound on glucose.
 
@@ -209,7 +209,7 @@ def _layout(meals: Sequence[tuple[float, float]], divisor: float, unit: str, end
 
 
 def _meal_marks(meals: Sequence[tuple[float, float]], divisor: float) -> list[dict[str, Any]]:
-    """Carbohydrate above the panel; of many meals upright, and of very many only the moment."""
+    """Carbohydrate of each meal above the panel, rotated for many meals; only the times for very many."""
     upright = len(meals) > _MOST_LEVEL_TEXTS
     return [
         {

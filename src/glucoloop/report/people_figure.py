@@ -1,4 +1,4 @@
-"""Many people in one picture: bands of their glucose and insulin."""
+"""Figure of many people: bands of their glucose and insulin."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def plot_people(
     Parameters
     ----------
     runs : mapping of str to PeopleRun
-        Labels go to the legend. Only the first runs' meals are marked.
+        Runs by label for the legend. Only the meals of the first run are marked.
     title, width, lowest_glucose_mg_dl
         As for `plot`.
 

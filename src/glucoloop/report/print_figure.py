@@ -1,4 +1,4 @@
-"""Figures as files for print: the fonts are embedded as TrueType, and the same figure gives the same bytes."""
+"""Figures as files for print: fonts are embedded as TrueType, and the same figure gives the same bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 KINDS: Final = ("png", "svg", "pdf")
-"""The files that a command writes of each figure."""
+"""File formats in which a command writes each figure."""
 
 # Journals refuse PDF and PostScript with Type 3 fonts, matplotlib's default. In SVG letters are outlines, so that they
 # look the same where the font is missing; names of clipping paths would be drawn by chance without a salt.
@@ -37,13 +37,13 @@ def print_figure(size_inch: tuple[float, float], dpi: float) -> Figure:
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:
-    """The file of a figure, free of its date.
+    """File of a figure, without a date.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     kind : str
-        One of `KINDS`.
+        File format, one of `KINDS`.
     """
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind))

@@ -1,4 +1,4 @@
-"""The rows of a table of metrics: what each is called, its unit, and how its value is written."""
+"""Rows of a table of metrics: name, unit and format of each metric."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Described:
-    """How a metric is told: its value over the divisor is in the unit."""
+    """Description of a metric: its value divided by the divisor is in the unit."""
 
     name: str
     unit: str
@@ -34,11 +34,11 @@ class Described:
 
     @property
     def title(self) -> str:
-        """Name and unit."""
+        """Name and unit of the metric."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
     def value(self, value: float) -> str:
-        """A value of the metric, without its unit."""
+        """Text of a value of the metric, without its unit."""
         return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
 
 
@@ -50,9 +50,9 @@ class _Entry:
     digits: int = 1
     divisor: float = 1.0
     settled: str = ""
-    """Field that tells whether the value is more than a lower bound."""
+    """Field that says whether the value is more than a lower bound."""
     seldom: bool = False
-    """Whether it is left out where it is 0 in all runs."""
+    """Whether the metric is left out if it is 0 in all runs."""
 
     def value(self, metrics: Mapping[str, float | int | bool | None]) -> str:
         value = metrics[self.field]
@@ -137,12 +137,12 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
 
 
 def described(field: str) -> Described:
-    """How a metric is told.
+    """Description of a metric.
 
     Raises
     ------
     ValueError
-        For a name that is not a metric's.
+        For a name that is not that of a metric.
     """
     known = {entry.field: entry for entries in _SECTIONS.values() for entry in entries}
     if field not in known:

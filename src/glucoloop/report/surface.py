@@ -1,4 +1,4 @@
-"""The sum of squared errors over a grid of tunings, as a picture."""
+"""Figure of the sum of squared errors over a grid of tunings."""
 
 from __future__ import annotations
 
@@ -59,20 +59,20 @@ def plot_surface(
 ) -> Figure:
     """Draw the sum of squared errors of each tuning, its colour on a logarithmic scale.
 
-    Tunings that break the constraints or oscillate are hatched; the best of the others has a star and the printed one
-    a diamond. Two of the parameters that vary make the axes, and the others a panel for each combination. Every place
-    of the grid says what it is: where there is no number the cell is grey, and the legend tells why.
+    Tunings that break the constraints or oscillate are hatched; the best of the others has a star and the printed one a
+    diamond. Two of the parameters that vary span the axes, and each combination of the others has a panel. Cells
+    without a number are grey, and the legend gives the reason.
 
     Parameters
     ----------
     surface : TuningSurface
     printed : MPCTuning, optional
-        The paper's tuning; where it is not a point of the surface, only the legend tells it.
+        The paper's tuning; if it is not a point of the surface, only the legend mentions it.
     called : str
-        What it is called in the legend, such as usual for a patient that is not the paper's.
+        Name of that tuning in the legend, such as "usual" for a patient that is not the paper's.
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell
 
 
 def _states(surface: TuningSurface, cell: Cell) -> str:
-    """What is to be said of a cell beside its number; empty where the number says it all."""
+    """Text of a cell in addition to its number; empty where the number is enough."""
     if cell.point is None:
         return cell.kind
     if not np.isfinite(surface.sse[cell.point]):
@@ -191,14 +191,14 @@ def _mark_style(marker: str, size: float) -> dict[str, Any]:
 
 
 def _mark_of(marker: str, size: float) -> Artist:
-    """A mark as the legend shows it."""
+    """Marker as it appears in the legend."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], **_mark_style(marker, size))
 
 
 def _fill(axes: Axes, places: Sequence[tuple[int, int]], hatch: str, face: str | None) -> None:
-    """Hatch cells, all as one shape; those without a number of their own get a ground."""
+    """Hatch cells as one shape; cells without a number of their own get a background."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
     from matplotlib.transforms import Bbox, BboxTransformTo

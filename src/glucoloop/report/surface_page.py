@@ -1,4 +1,4 @@
-"""A search over tunings as a page: the surface as tables whose cells are coloured, and the tunings in their order."""
+"""Page of a search over tunings: the surface as coloured tables, and the tunings in order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from glucoloop.report.tuning_rows import heads, remarks, tuning_rows
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MOST_ROWS: Final = 200
-"""Tunings in the list; all are in ``surface.csv``."""
+"""Largest number of tunings in the list; all are in ``surface.csv``."""
 _NAMES: Final = {
     "prediction_horizon": "p",
     "reference_filter": "φ_r",
@@ -56,7 +56,7 @@ def surface_page(
         The paper's tuning, as `TuningSurface.rank_of` finds it.
     title : str
     grid : collection of MPCTuning, optional
-        What the coloured surface shows; everything by default. The list shows everything.
+        Tunings in the coloured surface; all by default. The list shows all of them.
     notes : sequence of str
         Sentences below the title.
 
@@ -111,7 +111,7 @@ def _surface(surface: TuningSurface, printed: TuningRank, places: Layout) -> lis
 
 
 def _colours(surface: TuningSurface) -> list[tuple[str, str]]:
-    """Ground and letters of each point."""
+    """Background and text colour of each point."""
     from matplotlib import colormaps
 
     logarithm = np.log(np.maximum(surface.sse, 1e-12))
@@ -153,7 +153,7 @@ def _cell(
 
 
 def _short(value: float) -> str:
-    """Three digits that count, without an exponent for what usually comes."""
+    """Text of a number with three significant digits, without an exponent in the usual range."""
     return f"{value:.0f}" if 100.0 <= value < 1e7 else f"{value:.3g}"
 
 

@@ -19,7 +19,7 @@ def metrics_table(metrics: Metrics) -> Table:
     Parameters
     ----------
     metrics : Metrics
-        Of one person.
+        Metrics of one person.
 
     Returns
     -------
@@ -39,9 +39,9 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     Parameters
     ----------
     metrics : mapping of str to Metrics
-        Each of one person.
+        Metrics of one person each, by label.
     distances : mapping of str to Distance, optional
-        To the bound of the situation, under the same labels: adds a section.
+        Distances to the bound of the situation, under the same labels, for a further section.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A trial in a picture, ready for print: response bands, the control-variability grid and the time in range."""
+"""Figure of a trial, ready for print: response bands, the control-variability grid and the time in range."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _LEAST_SHARE_TOLD: Final = 7.0  # percent of a bar that has room for its own num
 
 @dataclass(frozen=True)
 class _Sheet:
-    """Panels in their places."""
+    """Figure with its panels in place."""
 
     figure: Figure
     glucose: list[Axes]
@@ -48,27 +48,27 @@ class _Sheet:
     bars: Axes
     columns: int
     characters: int
-    """That fit above a panel."""
+    """Number of characters that fit above a panel."""
 
 
 def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw a trial: for each controller the bands of glucose and insulin and the grid, and the times in range below.
 
     Bands hold the middle 50, 90 and 98 % of the people at each moment, on axes that all controllers share. In the
-    grid each person is counted at his least and greatest glucose, the colour on a logarithmic scale.
+    grid each person is counted at the least and the greatest glucose, the colour on a logarithmic scale.
 
     Parameters
     ----------
     report : TrialReport
     title : str, optional
-        The report's own if not given; an empty one leaves it out.
+        Title; that of the report if not given, none if empty.
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Apart from pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
+        Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
 
     Raises
     ------
@@ -116,7 +116,7 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
 
 
 def _sheet(report: TrialReport, title: str, width: Width) -> _Sheet:
-    """The empty sheet: below each other as many rows of panels as the controllers need, then the bars."""
+    """Empty figure with as many rows of panels as the controllers need, and the bars below."""
     people = len(report.cases)
     most = _COLUMNS.get(width, 1)
     rows = -(-people // most)
@@ -198,7 +198,7 @@ def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> N
 
 
 def _fill(text: str, characters: int) -> str:
-    """Lines that break at spaces, though not at those which hold together."""
+    """Text broken into lines at ordinary spaces only."""
     lines = [""]
     for word in text.split(" "):
         if lines[-1] and len(lines[-1]) + len(word) >= characters:

@@ -1,4 +1,4 @@
-"""A trial on a page of its own: one file that needs no network, to look into and to pass on."""
+"""Self-contained page of a trial: one file that needs no network and can be shared."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def trial_page(report: TrialReport) -> str:
 
     The headline numbers of each controller; quantiles of glucose and insulin over time on axes that all controllers
     share and that zoom together; how the metrics are spread over the people; the control-variability grid; the time in
-    each range of glucose; and the people who fared worst, with their traces.
+    each range of glucose; and the people with the worst outcomes, with their traces.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def trial_page(report: TrialReport) -> str:
 
 
 class _Drawing:
-    """Plots numbered as they come; the first brings plotly along."""
+    """Plots numbered in order; the first one includes plotly."""
 
     def __init__(self) -> None:
         self.drawn = 0
@@ -72,7 +72,7 @@ class _Drawing:
 
 
 def count(people: int) -> str:
-    """A number of people, its thousands set apart."""
+    """Text of a number of people, with its thousands separated."""
     return f"{people:,}".replace(",", "\u202f")
 
 
@@ -126,7 +126,7 @@ def _headlines(report: TrialReport) -> str:
 
 
 def _unit_apart(name: str) -> tuple[str, str]:
-    """A name and the unit that it ends in."""
+    """Name split from the unit at its end."""
     text, opening, unit = name.rpartition(" (")
     return (text, unit[:-1]) if opening and unit.endswith(")") else (name, "")
 

@@ -1,4 +1,4 @@
-"""What a page or a figure shows of a trial: plain numbers, counted and summed elsewhere."""
+"""Content of a page or figure of a trial: plain numbers, counted and summed elsewhere."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from glucoloop.report.rows import described
 Floats = npt.NDArray[np.float64]
 
 QUANTILES: Final = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-"""The quantiles that bands are drawn between."""
+"""Quantiles between which bands are drawn."""
 
 RANGES: Final = ("below 54", "54 to 70", "70 to 180", "180 to 250", "above 250")
-"""The ranges of glucose [mg/dl] that time is shared out between."""
+"""Ranges of glucose [mg/dl] over which the time is distributed."""
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """How a metric is spread over the people."""
+    """Distribution of a metric over the people."""
 
     edges: Floats
-    """(bins + 1,) in the metric's own unit; the same for every controller."""
+    """(bins + 1,) edges in the metric's own unit; the same for every controller."""
     counts: npt.NDArray[Any]
-    """(bins,) people; those beyond the edges are counted in the outermost bins."""
+    """(bins,) numbers of people; those beyond the edges are counted in the outermost bins."""
     p5: float
     """The metric that 5 % of the people stay below."""
     median: float
@@ -37,46 +37,46 @@ class Distribution:
 
 @dataclass(frozen=True)
 class WorstPerson:
-    """One of those who fared worst, with what happened to him."""
+    """One of the people with the worst outcomes, with glucose and insulin."""
 
     person: int
-    """His number in the population."""
+    """Number of the person in the population."""
     minimum_mg_dl: float
-    """His least glucose."""
+    """Least glucose of the person."""
     t_min: Floats
-    """(points,) of his glucose."""
+    """(points,) times of the person's glucose."""
     glucose_mg_dl: Floats
-    """(points,) free of noise."""
+    """(points,) glucose free of noise."""
     insulin_t_min: Floats
-    """(samples,) since when each rate was delivered."""
+    """(samples,) times from which each rate was delivered."""
     insulin_mU_min: Floats
-    """(samples,)"""
+    """(samples,) delivered rates."""
     note: str = ""
-    """What sets him apart, in a phrase."""
+    """Distinctive parameters of the person, in a phrase."""
 
 
 @dataclass(frozen=True)
 class CaseReport:
-    """What one controller came to."""
+    """Results of one controller."""
 
     bands_t_min: Floats
-    """(samples + 1,) the samples and the horizon."""
+    """(samples + 1,) times of the samples and of the horizon."""
     glucose_quantiles: Mapping[float, Floats]
-    """(samples + 1,) of glucose [mg/dl] over the people, for each of `QUANTILES`."""
+    """(samples + 1,) quantiles of glucose [mg/dl] over the people, for each of `QUANTILES`."""
     insulin_t_min: Floats
-    """(samples,) since when each rate was delivered."""
+    """(samples,) times from which each rate was delivered."""
     insulin_quantiles: Mapping[float, Floats]
-    """(samples,) of delivered insulin [mU/min] over the people, for each of `QUANTILES`."""
+    """(samples,) quantiles of delivered insulin [mU/min] over the people, for each of `QUANTILES`."""
     metric_counts: Mapping[str, Distribution]
-    """By the name of a field of `Metrics`, in the order shown."""
+    """Distributions by the name of a field of `Metrics`, in the order shown."""
     cvga_counts: npt.NDArray[Any]
-    """(60, 60) people, as `glucoloop.metrics.control_variability.grid_counts` gives them."""
+    """(60, 60) numbers of people, as `glucoloop.metrics.control_variability.grid_counts` gives them."""
     time_in_range_pct: Mapping[str, float]
-    """Mean over the people, for each of `RANGES`; see `ranges_pct`."""
+    """Mean time over the people in each of `RANGES`; see `ranges_pct`."""
     table: Mapping[str, float | str]
     """Headline numbers in the order shown; a name may end in its unit in parentheses, as in "Worst (mg/dl)"."""
     worst: Sequence[WorstPerson]
-    """The worst first."""
+    """People with the worst outcomes, the worst first."""
 
 
 @dataclass(frozen=True)
@@ -86,23 +86,23 @@ class TrialReport:
     Raises
     ------
     ValueError
-        If there is no controller, or controllers differ in what is told of them, or something is missing.
+        If there is no controller, or controllers differ in their parts, or something is missing.
     """
 
     title: str
     setpoint_mg_dl: float
     people: int
-    """Asked for."""
+    """Number of people asked for."""
     unable: int
-    """Of these, the people without a basal rate, who are in nothing else."""
+    """Number of people without a basal rate, who are in none of the other numbers."""
     facts: Mapping[str, str]
-    """What was tried, by a word: population, seed, days."""
+    """Settings of the trial by name: population, seed, days."""
     cases: Mapping[str, CaseReport]
-    """By label, in the order shown."""
+    """Results by label, in the order shown."""
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be shown."""
+        """Refuse a report that cannot be shown."""
         if not self.cases:
             raise ValueError("the trial has no controller to show; give at least one")
         first_label, first = next(iter(self.cases.items()))
@@ -166,7 +166,7 @@ def ranges_pct(
     time_above_180_pct: float,
     time_above_250_pct: float,
 ) -> dict[str, float]:
-    """Times in `RANGES`, from the metrics of these names, which include one another; they make 100."""
+    """Times in `RANGES`, from the metrics of these names, which include one another; they add up to 100."""
     times = (
         time_below_54_pct,
         time_below_70_pct - time_below_54_pct,

@@ -1,4 +1,4 @@
-"""The tunings of a surface as rows of text, the best first, for a screen or a page."""
+"""The tunings of a surface as rows of text, the best first, for the terminal or a page."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from glucoloop.tuning.surface import TuningRank, TuningSurface
 
 @dataclass(frozen=True)
 class TuningRow:
-    """One tuning."""
+    """One tuning as a row of text."""
 
     point: int
-    """Of the surface's arrays."""
+    """Index of the tuning into the surface's arrays."""
     apart: bool
     """Whether rows between this one and the one above are left out."""
     cells: tuple[str, ...]
-    """As many as `heads` names."""
+    """Text of each column that `heads` names."""
 
 
 def heads(surface: TuningSurface) -> list[tuple[str, str]]:
@@ -28,7 +28,7 @@ def heads(surface: TuningSurface) -> list[tuple[str, str]]:
 
 
 def tuning_rows(surface: TuningSurface, printed: TuningRank, top: int) -> Iterator[TuningRow]:
-    """The first tunings of the order, and the printed one at its place.
+    """The best tunings in order, and the printed one at its place.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def tuning_rows(surface: TuningSurface, printed: TuningRank, top: int) -> Iterat
     printed : TuningRank
         The paper's tuning, as `TuningSurface.rank_of` finds it.
     top : int
-        How many tunings are shown, beside the printed one.
+        Number of tunings that are shown, in addition to the printed one.
     """
     order = surface.order().tolist()
     here = order.index(surface.index(printed.tuning))
@@ -47,7 +47,7 @@ def tuning_rows(surface: TuningSurface, printed: TuningRank, top: int) -> Iterat
 
 
 def remarks(surface: TuningSurface, point: int) -> Iterator[str]:
-    """Why a tuning is not acceptable."""
+    """Reasons why a tuning is not acceptable."""
     if not surface.feasible[point]:
         yield "breaks a constraint"
     if surface.oscillates[point]:

@@ -1,4 +1,4 @@
-"""When glucose was lower than the patient's model is valid for, in numbers and in a sentence."""
+"""Periods in which glucose was below the range in which the patient's model is valid, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _MOST_PERIODS: Final = 3
 def periods_below(
     t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: npt.ArrayLike
 ) -> list[tuple[float, float]]:
-    """The first and the last moment of each period in which glucose is below a limit.
+    """First and last moment of each period in which glucose is below a limit.
 
     Parameters
     ----------
     t_min, glucose_mg_dl : array_like, shape (points,)
-        Of one person; a value that is not a number is not below.
+        Times and glucose of one person; NaN is not below the limit.
     limit_mg_dl : array_like, shape ()
 
     Returns
     -------
     list of (float, float)
-        In min; the two are the same for a single point.
+        Times in min; both are the same for a single point.
     """
     t, below = np.asarray(t_min, float), np.asarray(glucose_mg_dl, float) < np.asarray(limit_mg_dl, float)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], below, [False]]).astype(int)))
@@ -40,12 +40,12 @@ def validity(trace: Trace) -> dict[str, Any]:
 
 
 def validity_note(trace: Trace) -> str | None:
-    """What to know of a run in which glucose was lower than the model is valid for, or None."""
+    """Warning about a run in which glucose was below the range in which the model is valid, or None."""
     return validity_told(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
 
 
 def validity_told(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
-    """The same of glucose at some times, with the limit of the model; arguments as for `periods_below`."""
+    """The same warning for glucose at given times and the limit of the model; arguments as for `periods_below`."""
     periods = periods_below(t_min, glucose_mg_dl, limit_mg_dl)
     if not periods:
         return None

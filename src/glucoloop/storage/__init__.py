@@ -1,1 +1,1 @@
-"""Files: models, tables, reports and the folders they go to, written whole or not at all."""
+"""Files: models, tables, reports and their folders, written completely or not at all."""

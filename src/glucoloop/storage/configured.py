@@ -1,6 +1,6 @@
-"""The folder of long work that a configuration of flat keys describes: it goes on only with the same configuration.
+"""Folder of a long computation with a configuration of flat keys; it resumes only with the same configuration.
 
-The configuration stands in the folder's first file, and beside it with which arithmetic was computed.
+The first file of the folder holds the configuration and the arithmetic of the results.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ ARITHMETIC: Final = "arithmetic.json"
 
 
 class ConfiguredFolder(ResumableFolder):
-    """A folder of work with a configuration.
+    """A folder of a computation with a configuration.
 
     Parameters
     ----------
     path : Path
     layout : Layout
-        Whose first file is the configuration, and whose files hold `ARITHMETIC`.
+        Layout whose first file is the configuration, and whose files include `ARITHMETIC`.
     command : str
         Name of the command that does the work.
     keys : mapping
         The configuration as flat keys.
     summary : str
-        Name of the file that sums the finished work up.
+        Name of the summary of the finished work.
     may_change : collection of str
-        Keys that say how far the work goes, in which it may differ from what is there.
+        Keys of the extent of the work, in which it may differ from the earlier work in the folder.
     """
 
     def __init__(
@@ -56,16 +56,16 @@ class ConfiguredFolder(ResumableFolder):
 
     @abstractmethod
     def read_done(self) -> None:
-        """Take up what is done so far.
+        """Read the results so far.
 
         Raises
         ------
         ValueError
-            If it is damaged, or more than is asked for.
+            If they are damaged, or more than is asked for.
         """
 
     def finish(self, files: Mapping[str, bytes]) -> None:
-        """Put the files about the whole work in their places, the digests of all files last."""
+        """Write the files about the whole work, the digests of all files last."""
         for name, data in files.items():
             self.put_file(name, data)
         names = (self.layout.first, ARITHMETIC, self.layout.done, *files)
@@ -77,11 +77,11 @@ class ConfiguredFolder(ResumableFolder):
         return found
 
     def create(self) -> None:
-        """Say what the folder is about."""
+        """Write the configuration into the folder."""
         self._write_what()
 
     def load(self) -> None:
-        """Take up what is done of the same work; work that goes further makes anew what rests on how far."""
+        """Read the results of the same work; if it was extended, its configuration is written again."""
         place = self.path / self.layout.first
         there, version = read_toml(kept_text(place, "a configuration"), str(place))
         self._refuse_another(there, version)
@@ -93,7 +93,7 @@ class ConfiguredFolder(ResumableFolder):
             self._write_what()
 
     def refuse_foreign_parts(self) -> None:
-        """What is done is one file, in which nothing else can be."""
+        """Accept the folder, since the results are one file that holds nothing else."""
 
     def _write_what(self) -> None:
         first = self.layout.first
@@ -137,7 +137,7 @@ class ConfiguredFolder(ResumableFolder):
             )
 
     def _is_whole(self, there: Mapping[str, Any]) -> bool:
-        """Whether all is there, as far as is asked for; ValueError if something was changed."""
+        """Whether all results asked for are there; ValueError if a file was changed."""
         if not disk.is_file(self.path / SUMS):
             return False
         sums, layout = disk.read_sums(self.path), self.layout

@@ -1,10 +1,11 @@
-"""File operations of this layer: what they write is there whole or not at all, and they touch files and folders only.
+"""File operations of this layer: files are written completely or not at all, and only files and folders are touched.
 
-A folder may come from somebody else. What stands under one of its names and is no regular file or real folder - a
-symbolic link, a pipe, a device, a socket - is named in an error; it is never read, waited for, or written through.
+A folder may come from another person. A symbolic link, pipe, device or socket under one of its names is reported in an
+error; it is never read, waited for, or written through.
 
-What is in the making has a name that begins with a dot and ends in ``.part``; it is on the disk before it is renamed,
-and what is removed is renamed first. So a process may die between any two operations, and `is_part` tells what it left.
+A file being made has a name that begins with a dot and ends in ``.part``; it is on the disk before it is renamed, and a
+file is renamed before it is removed. So a process may die between any two operations, and `is_part` recognises what it
+left.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ except ImportError:  # Windows, where nothing is locked
 SUMS: Final = "SHA256SUMS"
 PART: Final = ".part"
 LARGEST_BYTES: Final = 4_000_000_000
-"""Of a file that is read into memory."""
+"""Largest size of a file that is read into memory."""
 
 _SAFE: Final = (
     getattr(os, "O_NOFOLLOW", 0)
@@ -36,7 +37,7 @@ _SAFE: Final = (
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_BINARY", 0)
 )
-"""No link is followed and no pipe is waited for."""
+"""Flags for opening a file without following a link or waiting for a pipe."""
 _CHUNK: Final = 1 << 20
 _AT_CWD: Final = -100
 _EXCHANGE: Final = 2
@@ -53,7 +54,7 @@ _KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
 
 
 def kind(path: Path) -> str:
-    """What stands under a name, like ``"a pipe"``; the empty text if nothing does."""
+    """Kind of the object under a name, like ``"a pipe"``; the empty text if there is none."""
     try:
         mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -89,14 +90,14 @@ def names(folder: Path) -> list[str]:
 
 
 def is_part(name: str, *of: str) -> bool:
-    """Whether a process that died left this in the making or in the removing, of one of some names or of any."""
+    """Whether a dead process left a file of this name unfinished or half removed, of given names or of any."""
     if not (name.startswith(".") and name.endswith(PART)):
         return False
     return not of or name[1 : -len(PART)] in of
 
 
 def part_of(path: Path) -> Path:
-    """Where something is while it is made or removed."""
+    """Temporary path of a file or folder while it is made or removed."""
     return path.with_name(f".{path.name}{PART}")
 
 
@@ -135,7 +136,7 @@ def digest(path: Path) -> str:
 
 
 def write_new(place: Path, data: bytes) -> None:
-    """Write a file that is not there yet, down to the disk."""
+    """Write a file that does not exist yet, and flush it to the disk."""
     descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFE, 0o666)
     try:
         try:
@@ -152,7 +153,7 @@ def write_new(place: Path, data: bytes) -> None:
 
 
 def put_file(place: Path, data: bytes) -> None:
-    """Put a file in its place, taking that of an earlier one."""
+    """Put a file in its place, replacing an earlier one."""
     is_file(place)
     part = part_of(place)
     remove(part)
@@ -185,7 +186,7 @@ def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
 
 
 def make_folders(path: Path) -> list[Path]:
-    """Make a folder and those that lead to it; returns the new ones, the deepest first."""
+    """Make a folder and its parents; returns the new ones, the deepest first."""
     missing: list[Path] = []
     while not path.is_dir():
         missing.insert(0, path)
@@ -209,16 +210,16 @@ def make_folders(path: Path) -> list[Path]:
 
 
 def remove_empty(folders: list[Path]) -> None:
-    """Remove folders that were made in vain, as far as they are empty."""
+    """Remove folders that were made but not used, if they are empty."""
     with contextlib.suppress(OSError):
         for folder in folders:
             os.rmdir(folder)
 
 
 def remove(path: Path) -> None:
-    """Remove what stands under a name, if anything does; a folder is there whole until it is gone.
+    """Remove the object under a name, if there is one; a folder disappears in one step.
 
-    A link is removed, and not what it points to.
+    A link is removed, and not its target.
     """
     there = kind(path)
     if not there:
@@ -237,7 +238,7 @@ def remove(path: Path) -> None:
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Let two folders of the same disk take each other's place in one step; False where the system cannot."""
+    """Exchange two folders of the same disk in one step; False where the system cannot."""
     call = _renameat2()
     if call is None:
         return False
@@ -255,7 +256,7 @@ def rename(one: Path, other: Path) -> None:
 
 
 def sync(folder: Path) -> None:
-    """Make what happened to the names in a folder last; Windows does so by itself and opens no folders."""
+    """Flush changes of the names in a folder to the disk; Windows does so by itself and opens no folders."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # the user may have named it by a link
@@ -266,12 +267,12 @@ def sync(folder: Path) -> None:
 
 
 def sums_text(digests: Mapping[str, str]) -> bytes:
-    """The list that ``sha256sum -c`` checks."""
+    """List of digests that ``sha256sum -c`` checks."""
     return "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items())).encode()
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Name -> digest from the list in a folder; empty if there is no list.
+    """Digest of each name from the list in a folder; empty if there is no list.
 
     Raises
     ------
@@ -294,12 +295,12 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 @contextlib.contextmanager
 def flocked(path: Path, *, create: bool) -> Iterator[int | None]:
-    """Hold the lock of a file or folder while the block runs; the lock of a process that died is free.
+    """Hold the lock of a file or folder during the block; the lock of a dead process is free.
 
     Returns
     -------
     int or None
-        Its descriptor; None if another process holds the lock, or if there is nothing to lock and none is to be made.
+        Descriptor; None if another process holds the lock, or if there is nothing to lock and none is to be made.
 
     Raises
     ------
@@ -369,7 +370,7 @@ def _opened(path: Path) -> Iterator[int]:
 
 
 def _chunks(descriptor: int, most: int | None = None) -> Iterator[bytes]:
-    """Contents of a file that may grow while it is read."""
+    """Contents of a file in chunks, also of one that grows while it is read."""
     read = 0
     while chunk := os.read(descriptor, _CHUNK):
         read += len(chunk)

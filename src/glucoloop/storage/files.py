@@ -1,4 +1,4 @@
-"""Reading a file that somebody else may have written."""
+"""Reading of a file that another person may have written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def read_text(path: Path, what: str) -> str:
     ----------
     path : Path
     what : str
-        What it should be, for messages: ``"a model"``.
+        Expected content, for messages: ``"a model"``.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def kept_text(path: Path, what: str) -> str:
-    """Text of a file of a folder that this program keeps: as `read_text`, but of a regular file only."""
+    """Text of a file in a folder that this program keeps: like `read_text`, but of a regular file only."""
     try:
         data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
     except OSError as error:

@@ -1,10 +1,10 @@
-"""An output folder that appears whole: built beside its place, and put there in one step.
+"""Output folder that appears complete: it is built beside its place, and moved there in one step.
 
-Each folder holds a list of its files with their digests, which ``sha256sum -c SHA256SUMS`` checks. An old folder gives
-way only if it holds just these files, unchanged: what somebody else put or edited there is never lost.
+Each folder holds a list of its files with their digests, which ``sha256sum -c SHA256SUMS`` checks. An old folder is
+replaced only if it holds exactly these files, unchanged: files that a person added or edited are never lost.
 
-A folder in the making is a hidden one beside its place, locked by the process that makes it; the next command that
-writes to the same place sweeps those of processes that died.
+A folder being made is a hidden one beside its place, locked by its process; the next command that writes to the same
+place removes those of dead processes.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 
 _OLD: Final = ".old"
-"""Ends the name of a folder that gives way, where two names cannot be exchanged in one step."""
+"""Suffix of the name of a replaced folder, where two names cannot be exchanged in one step."""
 
 
 class OutputFolder:
-    """A folder in the making; see `output_folder`."""
+    """A folder being made; see `output_folder`."""
 
     def __init__(self, path: Path, building: Path) -> None:
         self.path = path
@@ -33,7 +33,7 @@ class OutputFolder:
         self._digests: dict[str, str] = {}
 
     def write(self, name: str, data: bytes | str) -> None:
-        """Write one file, down to the disk, so that a full one is told now at the latest."""
+        """Write one file and flush it to the disk, so that a full disk is noticed here at the latest."""
         data = data.encode() if isinstance(data, str) else data
         if name in self._digests:
             disk.remove(self._building / name)
@@ -41,22 +41,22 @@ class OutputFolder:
         self._digests[name] = hashlib.sha256(data).hexdigest()
 
     def names(self) -> list[str]:
-        """Files written so far."""
+        """Names of the files written so far."""
         return sorted(self._digests)
 
     def paths(self) -> dict[str, str]:
-        """Name -> where the file will be."""
+        """Final path of each file, by name."""
         return {name: str(self.path / name) for name in self.names()}
 
     def seal(self) -> None:
-        """List the files with their digests."""
+        """Write the list of the files with their digests."""
         disk.write_new(self._building / SUMS, disk.sums_text(self._digests))
         disk.sync(self._building)
 
 
 @contextlib.contextmanager
 def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
-    """A folder to write to; it is at its place when the block ends, and nothing has changed if the block fails.
+    """A folder to write to; it appears at its place when the block ends, and nothing changes if the block fails.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
 
 
 def _not_ours(place: Path, holds: list[str]) -> str:
-    """What the folder holds that glucoloop did not write, or the empty text."""
+    """Files in the folder that glucoloop did not write, in words, or the empty text."""
     try:
         sums = disk.read_sums(place)
     except (OSError, ValueError):
@@ -137,7 +137,7 @@ def _not_ours(place: Path, holds: list[str]) -> str:
 
 @contextlib.contextmanager
 def _new_folder(place: Path) -> Iterator[Path]:
-    """A new hidden folder beside a place, locked while the block runs where the system can."""
+    """A new hidden folder beside a place, locked during the block where the system can."""
     building = place.with_name(f".{place.name}.{secrets.token_hex(4)}{disk.PART}")
     with contextlib.ExitStack() as stack:
         try:
@@ -153,7 +153,7 @@ def _new_folder(place: Path) -> Iterator[Path]:
 
 
 def _recover(place: Path) -> None:
-    """Sweep what processes that died left beside a place; an old folder that gave way to nothing is put back."""
+    """Remove the leftovers of dead processes beside a place; a replaced folder without a successor is restored."""
     if not disk.can_lock():
         return
     ours = re.compile(rf"\.{re.escape(place.name)}\.[0-9a-f]{{8}}({re.escape(_OLD)})?{re.escape(disk.PART)}")
@@ -169,7 +169,7 @@ def _recover(place: Path) -> None:
 
 
 def _names(folder: Path) -> list[str]:
-    """Names in a folder; none in one that can be written to, but not read."""
+    """Names in a folder; none in one that can be written but not read."""
     try:
         return disk.names(folder)
     except OSError:
@@ -177,7 +177,7 @@ def _names(folder: Path) -> list[str]:
 
 
 def _swap(building: Path, place: Path) -> None:
-    """Put the new folder in its place, in one step where the system can; the old one is then where the new one was."""
+    """Put the new folder in its place, in one step where the system can; the old one takes the place of the new one."""
     if not disk.kind(place):
         disk.rename(building, place)
     elif not disk.exchange(building, place):

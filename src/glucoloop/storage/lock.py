@@ -1,4 +1,4 @@
-"""One run at a time in a folder."""
+"""Lock that allows one run at a time in a folder."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _DIGITS: Final = 20
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder while the block runs; the lock of a process that died is free.
+    """Hold the lock of a folder during the block; the lock of a dead process is free.
 
     Raises
     ------
     ValueError
-        If another run holds it, or what is called so is no file.
+        If another run holds it, or its name belongs to something that is not a file.
     """
     if not disk.can_lock():
         yield

@@ -1,4 +1,4 @@
-"""``model.json``: an identified step-response model, and how it came about."""
+"""``model.json``: an identified step-response model and its origin."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from glucoloop.storage.strict_json import json_text
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
 _LARGEST_RESPONSE: Final = 1e6
-"""Of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
+"""Largest response of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
 Response = Annotated[list[float], Field(min_length=1, max_length=10_000)]
 
@@ -34,37 +34,37 @@ class RestingPoint(BaseModel):
     model_config = STRICT
 
     name: str | None
-    """Of the simulated patient's operating point; None for a record."""
+    """Name of the simulated patient's operating point; None for a record."""
     basal_insulin_mU_min: Annotated[float, Field(ge=0.0)]
     glucose_mg_dl: float
 
 
 class Provenance(BaseModel):
-    """How the model came about."""
+    """Origin of the model."""
 
     model_config = STRICT
 
     glucoloop: str
-    """Version."""
+    """Version of glucoloop."""
     source: str
-    """A sentence."""
+    """Sentence on the source of the record."""
     method: str
     dead_time_min: Annotated[float, Field(ge=0.0)] = 0.0
-    """Dead time of the readings in the record; the model holds it."""
+    """Dead time of the readings in the record, which the model contains."""
     settings: dict[str, Any] = Field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    """What was done to the record."""
+    """Sentences on the processing of the record."""
 
 
 class Quality(BaseModel):
-    """What the record says about the model; see `identification.Reliability`."""
+    """Quality of the model according to the record; see `identification.Reliability`."""
 
     model_config = STRICT
 
     gain_margin: Annotated[float, Field(ge=0.0)]
     """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
     explained_percent: Annotated[float, Field(le=100.0)]
-    """Part of the variance that is predicted of readings left out of the fit."""
+    """Share of the variance of readings left out of the fit that is predicted."""
 
 
 class ModelFile(BaseModel):
@@ -81,7 +81,7 @@ class ModelFile(BaseModel):
     """h_1 .. h_M, its increments."""
     operating_point: RestingPoint
     quality: Quality | None = None
-    """None in a file that somebody else wrote."""
+    """Quality of the model; None in a file from another program."""
     provenance: Provenance
 
     @model_validator(mode="after")
@@ -103,11 +103,11 @@ class ModelFile(BaseModel):
         return self
 
     def step_response_model(self) -> StepResponseModel:
-        """The model proper."""
+        """Step-response model for a controller."""
         return StepResponseModel(step_response=jnp.asarray(self.step_response), sample_time_min=self.sample_time_min)
 
     def doubts(self) -> tuple[str, ...]:
-        """Why no controller should be designed on the model, one sentence each; empty for a model that will do."""
+        """Reasons why no controller should be designed on the model, one sentence each; empty for a sound model."""
         quality, resting = self.quality, self.operating_point
         return doubts(
             self.step_response[-1],

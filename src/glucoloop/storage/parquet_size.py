@@ -1,6 +1,6 @@
-"""How much a Parquet file unfolds to, from its footer alone: a few kilobytes can hold gigabytes.
+"""Uncompressed size of a Parquet file from its footer: a few kilobytes can hold gigabytes.
 
-The footer is a Thrift structure in the compact protocol. Only what tells sizes is taken out of it.
+The footer is a Thrift structure in the compact protocol. Only the sizes are read from it.
 
 References
 ----------
@@ -27,11 +27,11 @@ _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _ST
 
 @dataclass(frozen=True)
 class ParquetSize:
-    """What a file says that it holds."""
+    """Size of a file according to its footer."""
 
     rows: int
     bytes: int
-    """Of all pages, uncompressed."""
+    """Size of all pages, uncompressed."""
 
 
 def parquet_size(data: bytes) -> ParquetSize:
@@ -61,7 +61,7 @@ def parquet_size(data: bytes) -> ParquetSize:
 
 
 class _Reader:
-    """Plain values out of bytes of the compact protocol: a structure is a dictionary by the number of the field."""
+    """Reader of the compact protocol; a structure becomes a dictionary by field number."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -100,7 +100,7 @@ class _Reader:
         raise ValueError
 
     def _of_data(self, size: int) -> int:
-        """A number of elements, each of which takes a byte or more."""
+        """A number of elements, refused if there are fewer bytes left than elements."""
         if size > len(self._data) - self._at:
             raise ValueError
         return size

@@ -1,10 +1,10 @@
-"""The folder of compiled programs: code, which runs as it stands, so it is its owner's alone and checked before use.
+"""Folder of compiled programs. They are executable code, so it must be private, and they are checked before use.
 
-JAX reads and writes the entries, and runs whatever it finds. Somebody who may write to the folder may run code and
-change results; so a folder that others can write to, or that is somebody else's, is not used. Beside each entry stands
-its digest, written when the process that compiled it ends; an entry that does not fit, or has none, is removed before
-JAX sees it. That tells damage, a write that was cut short and an entry that was edited; against somebody who has the
-owner's own rights, and could change this program as well, nothing here helps.
+JAX reads and writes the entries, and runs any entry that it finds. A person who may write to the folder could run code
+and change results; so a folder that others own or can write to is not used. Beside each entry stands its digest,
+written when the process that compiled it ends; an entry without a matching digest is removed before JAX sees it. This
+detects damage, an interrupted write and an edited entry. It does not protect against a person with the owner's own
+rights, who could change this program as well.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Final
 from glucoloop.storage import disk
 
 MOST_BYTES: Final = 256_000_000
-"""Of all entries; the oldest go first."""
+"""Largest size of all entries together; the oldest are removed first."""
 _ENTRY: Final = "-cache"
 _DIGEST: Final = ".sha256"
 _DIGEST_BYTES: Final = 64
@@ -27,12 +27,12 @@ _OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 def private_folder(folder: Path) -> None:
-    """Make a folder that is this user's alone, or check that it is.
+    """Make a folder that only this user can use, or check that it is one.
 
     Raises
     ------
     ValueError
-        If somebody else owns it or may write to it.
+        If another user owns it or may write to it.
     OSError
         If it cannot be made or written to.
     """
@@ -55,7 +55,7 @@ def private_folder(folder: Path) -> None:
 
 
 def check_programs(folder: Path, most_bytes: int = MOST_BYTES) -> None:
-    """Remove entries that are not as they were written, and the oldest ones beyond a total size."""
+    """Remove entries that were changed, and the oldest ones beyond a total size."""
     found: list[tuple[float, int, Path]] = []
     for name in disk.names(folder):
         entry = folder / name.removesuffix(_DIGEST)

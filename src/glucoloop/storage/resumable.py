@@ -1,7 +1,7 @@
-"""The folder of long work: what is done stays, a run that was cut short goes on, and what is damaged is refused.
+"""Folder of a long computation: results stay, an interrupted run resumes, and damaged results are refused.
 
-The first file says what the work is; the list of digests, written last, marks it as finished. Between two operations
-on the disk a process may die, and the next one finds what was done, sweeps what was in the making, and goes on.
+The first file describes the work; the list of digests, written last, marks it as finished. A process may die between
+any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ _MOVE: Final = "move that away, or choose another folder with --out"
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """What a folder may hold."""
+    """Names that a folder may hold."""
 
     what: str
-    """The work: ``"trial"``."""
+    """Name of the work: ``"trial"``."""
     first: str
-    """File that says what the work is: written first, removed last."""
+    """File that describes the work: written first, removed last."""
     files: tuple[str, ...]
     """Further files, in the order of their removal."""
     done: str
-    """What is done so far, which is added to step by step."""
+    """File or folder of the results so far, which grows step by step."""
     done_is_folder: bool
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All that may be in the folder."""
+        """All names that may be in the folder."""
         return (self.first, *self.files, self.done, SUMS, LOCK)
 
 
@@ -47,40 +47,40 @@ class ResumableFolder(ABC):
         self.path = path
         self.layout = layout
         self.notes: tuple[str, ...] = ()
-        """What else is worth knowing, one sentence each."""
+        """Further notes, one sentence each."""
 
     @property
     def finished(self) -> bool:
-        """Whether all that was asked for is there."""
+        """Whether all results asked for are there."""
         return disk.is_file(self.path / SUMS)
 
     @property
     @abstractmethod
     def anything_done(self) -> bool:
-        """Whether there is something that would be lost with the folder."""
+        """Whether there are results that would be lost with the folder."""
 
     @property
     @abstractmethod
     def kept(self) -> str:
-        """What is done, for messages: ``"3 of 5 shards are done and kept"``."""
+        """Extent of the results, for messages: ``"3 of 5 shards are done and kept"``."""
 
     @abstractmethod
     def create(self) -> None:
-        """Say what the work is, in a folder that holds nothing."""
+        """Write the description of the work into an empty folder."""
 
     @abstractmethod
     def load(self) -> None:
-        """Take up what is there.
+        """Read the results in the folder.
 
         Raises
         ------
         ValueError
-            If it is other work, or damaged. Nothing has changed then.
+            If the folder holds other work, or is damaged. Nothing is changed in that case.
         """
 
     @abstractmethod
     def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if what is done so far, by whatever work, is mixed with what this program does not write."""
+        """Raise ValueError if the results, of any work, are mixed with files that this program does not write."""
 
     def put_file(self, name: str, data: bytes) -> None:
         """Put a file in its place.
@@ -88,14 +88,14 @@ class ResumableFolder(ABC):
         Raises
         ------
         ValueError
-            If it cannot be written; what is done stays.
+            If it cannot be written; the results so far stay.
         """
         with self.unwritten(name):
             disk.put_file(self.path / name, data)
 
     @contextlib.contextmanager
     def unwritten(self, what: str) -> Iterator[None]:
-        """Tell an error of the disk in the block."""
+        """Report an error of the disk in the block as a ValueError."""
         try:
             yield
         except OSError as error:
@@ -105,7 +105,7 @@ class ResumableFolder(ABC):
             ) from None
 
     def changed(self, sums: Mapping[str, str]) -> str | None:
-        """The first file of the folder itself that is there, but not as a list of digests says."""
+        """First file of the folder itself that differs from a list of digests, or None."""
         layout = self.layout
         for name in (layout.first, *layout.files, *([] if layout.done_is_folder else [layout.done])):
             there = disk.digest(self.path / name)
@@ -114,7 +114,7 @@ class ResumableFolder(ABC):
         return None
 
     def refuse_changed(self, sums: Mapping[str, str]) -> None:
-        """Raise ValueError if a file of the folder itself is not as a list of digests says."""
+        """Raise ValueError if a file of the folder itself differs from a list of digests."""
         name = self.changed(sums)
         if name is not None:
             raise ValueError(
@@ -133,13 +133,13 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
     ----------
     folder : ResumableFolder
     overwrite : bool
-        Begin again, unless the folder holds the very same work and that is not finished: then it goes on.
+        Begin again, unless the folder holds the same work unfinished: then it is resumed.
 
     Raises
     ------
     ValueError
-        If the place is taken by something else, by other work or by another run, if what is there is damaged, or if
-        the folder cannot be written to. A new folder is gone again if the block fails before anything is done.
+        If the place is taken by something else, by other work or by another run, if the results in it are damaged, or
+        if the folder cannot be written to. A new folder is removed if the block fails before there are results.
     """
     path, made = folder.path, list[Path]()
     with contextlib.ExitStack() as stack:
@@ -168,7 +168,7 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
 
 
 def _begin(folder: ResumableFolder, *, overwrite: bool) -> bool:
-    """Create what is not there, and take up what is; returns whether the work is new."""
+    """Create a new folder or read an existing one; returns whether the work is new."""
     _refuse_foreign(folder)
     there = disk.is_file(folder.path / folder.layout.first)
     if there and overwrite and not _goes_on(folder):
@@ -183,7 +183,7 @@ def _begin(folder: ResumableFolder, *, overwrite: bool) -> bool:
 
 
 def _goes_on(folder: ResumableFolder) -> bool:
-    """Whether the folder holds the same work, whole as far as it got, and that is not finished."""
+    """Whether the folder holds the same work, undamaged and not finished."""
     try:
         folder.load()
     except ValueError:
@@ -206,7 +206,7 @@ def _refuse_foreign(folder: ResumableFolder) -> None:
 
 
 def _sweep(folder: ResumableFolder) -> None:
-    """Remove what a process that died left in the making."""
+    """Remove unfinished files that a dead process left."""
     path, layout = folder.path, folder.layout
     for name in disk.names(path.resolve()):
         if disk.is_part(name, *layout.names):
@@ -218,7 +218,7 @@ def _sweep(folder: ResumableFolder) -> None:
 
 
 def _clear(folder: ResumableFolder) -> None:
-    """Take earlier work away: what was done in one step, then the list of digests, and what it is about last."""
+    """Remove earlier work: the results in one step, then the list of digests, and the description last."""
     path, layout = folder.path, folder.layout
     folder.refuse_foreign_parts()
     changed = folder.changed(disk.read_sums(path))

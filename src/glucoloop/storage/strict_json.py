@@ -1,4 +1,4 @@
-"""JSON that any reader takes: a number that is not finite becomes null."""
+"""JSON that every parser accepts: a number that is not finite becomes null."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables: what happened in a run, sample by sample and minute by minute, and records to identify from."""
+"""Tables of a run, sample by sample and minute by minute, and records for identification."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from glucoloop.storage.parquet_size import parquet_size
 
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
 MEAL_COLUMN: Final = "carbs_g"
-"""A record may have it."""
+"""Optional column of meals in a record."""
 
 _CELL_BYTES: Final = 16
 _OVERHEAD_BYTES: Final = 10_000_000
 
 
 def sample_table(trace: Trace) -> pl.DataFrame:
-    """One row per sample; see `Trace.to_polars`."""
+    """Table with one row per sample; see `Trace.to_polars`."""
     return trace.to_polars()
 
 
 def minute_table(trace: Trace) -> pl.DataFrame:
-    """Glucose free of noise on the grid of one minute: columns ``t_min`` and ``glucose_mg_dl``."""
+    """Table of noise-free glucose on the grid of one minute: columns ``t_min`` and ``glucose_mg_dl``."""
     return pl.DataFrame({"t_min": np.asarray(trace.fine_t_min), "glucose_mg_dl": np.asarray(trace.fine_glucose_mg_dl)})
 
 
 def record_table(record: Record) -> pl.DataFrame:
-    """A record with a row for each reading; the last one has no insulin rate after it, and repeats the one before.
+    """Table of a record with one row per reading; the last row repeats the insulin rate of the row before.
 
-    It has meals only if something is known of them.
+    It has a column of meals only if they are known.
     """
     insulin, glucose = np.asarray(record.insulin_mU_min), np.asarray(record.glucose_mg_dl)
     meals = {} if record.carbs_g is None else {MEAL_COLUMN: np.append(np.asarray(record.carbs_g), 0.0)}
@@ -53,7 +53,7 @@ def record_table(record: Record) -> pl.DataFrame:
 
 
 def stacked(tables: Mapping[str, pl.DataFrame]) -> pl.DataFrame:
-    """Tables of several cases as one, its first column the case."""
+    """Tables of several cases in one, whose first column is the case."""
     return pl.concat([table.select(pl.lit(label).alias("case"), pl.all()) for label, table in tables.items()])
 
 
@@ -66,22 +66,22 @@ def parquet(table: pl.DataFrame) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class TableBounds:
-    """How large a table can be."""
+    """Largest size of a table."""
 
     least_rows: int
     most_rows: int
     columns: int
-    """At most."""
+    """Largest number of columns."""
     longest_text: int = 0
-    """Bytes of the texts of a row, at most."""
+    """Largest size in bytes of the texts of a row."""
 
     @property
     def most_bytes(self) -> int:
-        """What it unfolds to, at most."""
+        """Largest uncompressed size."""
         return _OVERHEAD_BYTES + self.most_rows * (self.columns * _CELL_BYTES + self.longest_text)
 
     def check(self, data: bytes) -> int:
-        """Rows of a Parquet file; ValueError if it says that it holds more or less than can be."""
+        """Number of rows of a Parquet file; ValueError if its footer states a size out of bounds."""
         size = parquet_size(data)
         if not self.least_rows <= size.rows <= self.most_rows:
             wanted = f"{self.least_rows}" if self.least_rows == self.most_rows else f"at most {self.most_rows}"
@@ -92,12 +92,12 @@ class TableBounds:
 
 
 def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
-    """A table that this program wrote, checked for its size before it is unfolded.
+    """Read a table that this program wrote, with its size checked before it is decompressed.
 
     Raises
     ------
     ValueError
-        If it is no Parquet file, damaged, or larger than it can be.
+        If it is no Parquet file, damaged, or larger than its bounds.
     OSError
         If it cannot be read.
     """
@@ -117,14 +117,14 @@ def csv(table: pl.DataFrame) -> bytes:
 
 
 def read_record_columns(path: Path) -> dict[str, list[object]]:
-    """The columns of a record from a CSV file, numbers where they are numbers: meals last, if there are any.
+    """Columns of a record from a CSV file, with numbers as floats; meals are last, if there are any.
 
     Further columns and empty rows are left out.
 
     Raises
     ------
     ValueError
-        For a file that is not a table, or one that lacks a column.
+        For a file that is not a table, or that lacks a column.
     """
     text = read_text(path, "a record")
     try:
@@ -148,7 +148,7 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
 
 
 def _number(text: str | None) -> object:
-    """A number, NaN for an empty cell, or the text itself, which is refused where its row is known."""
+    """A number, NaN for an empty cell, or the text itself, which is refused later with its row."""
     if text is None or not text.strip():
         return float("nan")
     try:

@@ -1,1 +1,1 @@
-"""The meal-aware controller beside those of Parker, Doyle and Peppas (1999): each claim a number, with its seeds."""
+"""The meal-aware controller compared with those of Parker, Doyle and Peppas (1999): numeric claims with their seeds."""

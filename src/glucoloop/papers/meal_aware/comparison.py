@@ -1,4 +1,4 @@
-"""The claims, each a number beside its bound, and the numbers of every controller."""
+"""Claims about the meal-aware controller, each a number with its bound, and the numbers of every controller."""
 
 from __future__ import annotations
 
@@ -14,51 +14,51 @@ from glucoloop.papers.meal_aware.situations import OURS, Situation
 from glucoloop.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
 
 SHARES: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
-"""Percentiles that are told, in percent of the runs."""
+"""Percentiles that are reported, in percent of the runs."""
 
 Found = Callable[[Loops], float]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What is claimed of the meal-aware controller."""
+    """A claim about the meal-aware controller."""
 
     id: str
     situation: str
     what: str
     unit: str
     found: Found
-    """Of the loops of a controller, the number that the bound is about."""
+    """Function from the loops of a controller to the number that the bound is about."""
     bound: float | str
-    """A number, or the controller whose own number it is, of the same runs."""
+    """A number, or the name of a controller whose own number from the same runs is the bound."""
     at_least: bool = False
     """Whether the bound is the least value rather than the greatest."""
     digits: int = 2
     quiet: bool = False
-    """Whether it is about the run without noise, and not about the seeds."""
+    """Whether the claim is about the run without noise, and not about the seeds."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim and what became of it."""
+    """A claim with its result."""
 
     claim: Claim
     found: Mapping[str, float]
-    """By controller."""
+    """Number found for each controller."""
     bound: float
     runs: str
-    """Of which runs, in words."""
+    """Runs from which the numbers come, in words."""
     of: str = OURS
     """The controller that the claim is about."""
 
     @property
     def ours(self) -> float:
-        """Of the controller that the claim is about."""
+        """Number of the controller that the claim is about."""
         return self.found[self.of]
 
     @property
     def holds(self) -> bool:
-        """Whether the bound is kept; never by what is not a number."""
+        """Whether the bound is kept; NaN never keeps it."""
         if not (math.isfinite(self.ours) and math.isfinite(self.bound)):
             return False
         return self.ours >= self.bound if self.claim.at_least else self.ours <= self.bound
@@ -159,7 +159,7 @@ CLAIMS: Final = (
 
 
 def verdicts(study: Study) -> list[Verdict]:
-    """What became of each claim about a situation that was run."""
+    """Result of each claim about a situation that was run."""
     found = []
     for claim in CLAIMS:
         loops = study.loops.get(claim.situation)
@@ -173,7 +173,7 @@ def verdicts(study: Study) -> list[Verdict]:
 
 
 def runs_told(study: Study, situation: str) -> str:
-    """Of which runs the numbers of a situation are."""
+    """Runs from which the numbers of a situation come, in words."""
     asked = study.asked
     runs = next(one.runs for one in study.situations if one.name == situation)
     if runs == "people":
@@ -194,9 +194,9 @@ def spread(loops: Loops) -> dict[str, dict[str, float]]:
 
 
 def distances(study: Study, situation: Situation) -> dict[str, dict[str, float]]:
-    """How far above the bound the largest deviation is, by controller; empty where no bound is known.
+    """Excess of the largest deviation over the bound, by controller; empty where no bound is known.
 
-    The same as `bounds.distance_to_bound` for each run, of which percentiles are told.
+    It is that of `bounds.distance_to_bound` for each run; percentiles of it are reported.
     """
     bound = study.bounds.get(situation.name)
     if bound is None:

@@ -39,18 +39,20 @@ Floats = npt.NDArray[np.float64]
 Progress = Callable[[int], None]
 
 NEAR_MG_DL: Final = 15.0
-"""From the setpoint."""
+"""Distance from the setpoint within which glucose counts as near it."""
 LATE_MIN: Final = 200.0
-"""Before the end of a run."""
+"""Length of the last part of a run, for measures of its end."""
 SWING_MG_DL: Final = 5.0
-"""To either side of the setpoint: the largest error of a reading, so that noise alone makes no swing."""
+"""Smallest deviation to either side of the setpoint that counts as a swing. It is the largest error of a reading, so
+that noise alone makes no swing.
+"""
 _MOST_TOGETHER: Final = 50  # few enough that Ctrl-C is heeded soon
 _STEPS_TIMED: Final = 200
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One number of a run."""
+    """One number that describes a run."""
 
     name: str
     title: str
@@ -70,42 +72,42 @@ MEASURES: Final = (
     Measure("settling_5pct_min", "Settling, 5 %", "min", 0),
     Measure("insulin_total_variation_mU_min", "Total variation of insulin", "mU/min", 0),
 )
-"""Of glucose free of noise, on a grid of one minute."""
+"""Measures of noise-free glucose on a grid of one minute."""
 
 
 @dataclass(frozen=True)
 class Loops:
-    """Runs of one controller in one situation, runs trailing."""
+    """Runs of one controller in one situation; runs are the trailing axis."""
 
     run: npt.NDArray[np.int64]
     """(runs,) seeds of the sensor, or numbers of people."""
     numbers: Mapping[str, Floats]
-    """(runs,) each, by the name of a measure."""
+    """(runs,) values of each measure, by its name."""
     t_min: Floats
-    """(points,)"""
+    """(points,) times of glucose."""
     glucose_mg_dl: Floats
-    """(points, runs) free of noise."""
+    """(points, runs) glucose free of noise."""
     insulin_t_min: Floats
-    """(samples,)"""
+    """(samples,) times from which each rate is delivered."""
     insulin_mU_min: Floats
-    """(samples, runs) delivered from each sample to the next."""
+    """(samples, runs) rates delivered from each sample to the next."""
     setpoint_mg_dl: float
     unable: int = 0
-    """People without a basal rate for the setpoint, who are not among the runs."""
+    """Number of people without a basal rate for the setpoint, who are not among the runs."""
     quiet: Oscillation | None = None
-    """Of the same controller without noise, where that is asked for."""
+    """Oscillation of the same controller without noise, where it is evaluated."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that was run."""
+    """All runs of the comparison."""
 
     asked: Asked
     loops: Mapping[str, Mapping[str, Loops]]
-    """By situation and controller."""
+    """Loops by situation and controller."""
     situations: tuple[Situation, ...]
     bounds: Mapping[str, OptimalDoses]
-    """The best that anybody could do, by situation."""
+    """Best possible doses, by situation."""
     step_ms: Mapping[str, float]
     """Median time of one sample of one patient, by controller, as measured on this machine."""
     ours: str = OURS
@@ -113,7 +115,7 @@ class Study:
 
 
 def loops_to_close(asked: Asked, situations: Sequence[Situation], controllers: Sequence[str] = CONTROLLERS) -> int:
-    """How many loops a study has."""
+    """Number of loops in a study."""
     of_each = {"one": 1, "seeds": asked.seeds, "people": asked.people}
     return len(controllers) * sum(of_each[situation.runs] for situation in situations)
 
@@ -127,18 +129,18 @@ def study(
     ours: str = OURS,
     timed: bool = True,
 ) -> Study:
-    """Close every loop.
+    """Simulate every loop of the comparison.
 
     Parameters
     ----------
     asked : Asked
     situations : sequence of Situation
     progress : callable
-        Told of so many loops that have just been closed.
+        Called with the number of loops that have just been simulated.
     controllers : sequence of str
-        Of the catalogue, each at its defaults for the situation.
+        Names of controllers, each with its defaults for the situation.
     ours : str
-        The one of them that the claims are about.
+        The controller among them that the claims are about.
     timed : bool
         Whether one sample of one patient is timed.
     """
@@ -187,7 +189,7 @@ class _Models:
 
 @dataclass(frozen=True)
 class _Setting:
-    """What is around a controller, of one person."""
+    """Sensor, pump and scenario around a controller, of one person."""
 
     person: SemilinearPatient
     scenario: Scenario
@@ -209,7 +211,7 @@ class _Setting:
         )
 
     def sensor(self, variance: jax.Array) -> Sensor:
-        """That of `sensor_of`; a variance of 0 adds nothing, so that one program serves with and without noise."""
+        """Sensor as `sensor_of` makes it; a variance of 0 adds no noise, so that one program serves both cases."""
         noisy = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=self.bound_mg_dl)
         return dead_time(self.dead_time_samples, noisy) if self.dead_time_samples else noisy
 
@@ -239,7 +241,7 @@ def _controller(run: Run, person: SemilinearPatient, models: _Models) -> Control
 
 
 def _together(asked: Asked) -> int:
-    """Runs that go through a loop together; in every situation as many, for which it is compiled."""
+    """Number of runs that are simulated together; it is the same in every situation, since it is compiled in."""
     runs = asked.seeds + 1  # one without noise
     blocks = -(-runs // _MOST_TOGETHER)
     return -(-runs // blocks)
@@ -248,7 +250,7 @@ def _together(asked: Asked) -> int:
 def _loops_of_seeds(
     situation: Situation, name: str, seeds: Sequence[int], models: _Models, together: int, progress: Progress
 ) -> Loops:
-    """One run a seed, equal to that of ``glucoloop run`` with the seed."""
+    """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     runs = [read_run(situation.of(name, seed)) for seed in seeds]
     around, pump = _Setting.of(runs[0]), pump_of(_limits(runs[0]), None)
     own = controller_entry(name).uses_model
@@ -291,7 +293,7 @@ def _loops_of_seeds(
 
 
 def _loops_of_people(situation: Situation, name: str, asked: Asked, progress: Progress) -> Loops:
-    """One run a person, equal to that of ``glucoloop trial`` with the seed."""
+    """One run per person, equal to that of ``glucoloop trial`` with the seed."""
     keys = {key: value for key, value in situation.of(name, asked.seed).items() if key != "controller"}
     trial = read_trial({**keys, "population": "parker2000", "people": asked.people, "controllers": [name]})
     prepared = engine.prepare(trial)
@@ -324,7 +326,7 @@ def _loops_of_people(situation: Situation, name: str, asked: Asked, progress: Pr
 def numbers_of(
     metrics: Mapping[str, Floats], t_min: Floats, glucose_mg_dl: Floats, setpoint: float
 ) -> dict[str, Floats]:
-    """The measures of runs.
+    """Compute the measures of runs.
 
     Parameters
     ----------
@@ -332,7 +334,7 @@ def numbers_of(
         (runs,) each, by the name of a field of `Metrics`.
     t_min : (points,) array
     glucose_mg_dl : (points, runs) array
-        Where the points are farther apart than a minute, glucose is taken as straight between them.
+        Glucose; it is interpolated linearly where the points are farther apart than a minute.
     setpoint : float
     """
     minutes = np.arange(t_min[0], t_min[-1] + 0.5)
@@ -352,7 +354,7 @@ def numbers_of(
 
 
 def _bounds(situations: Sequence[Situation]) -> dict[str, OptimalDoses]:
-    """The best that anybody could do, whatever the noise: it depends on whether the meal is announced alone."""
+    """Best possible doses with any noise; they depend only on whether the meal is announced."""
     found: dict[bool, OptimalDoses] = {}
     bounds = {}
     for situation in situations:

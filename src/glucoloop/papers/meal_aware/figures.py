@@ -1,4 +1,4 @@
-"""A figure for each situation, ready for print: glucose above, insulin below."""
+"""One figure per situation, ready for print: glucose above, insulin below."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _ORDER: Final = (OURS, *(name for name in CONTROLLERS if name != OURS))
 COLOURS: Final = dict(zip(_ORDER, OKABE_ITO, strict=False))
-"""Of a controller, wherever it is shown."""
+"""Colour of each controller in all figures."""
 _LINES: Final = dict(zip(_ORDER, DASHES, strict=False))
 _BAND: Final = (5.0, 50.0, 95.0)
 _OPACITY: Final = 0.28
@@ -34,17 +34,17 @@ _AROUND_MU_MIN: Final = 2.0
 
 
 def draw(study: Study, *, width: Width = "double") -> dict[str, Figure]:
-    """A figure for each situation that was run, by its name.
+    """One figure for each situation that was run, by its name.
 
-    Where each controller has one run, its glucose and insulin are lines over each other, with those of the best doses
-    that there are; where it has many, a column of its own, with the median and a band from 5 to 95 % of the runs at
-    each moment. Glucose is free of noise, insulin is what was delivered.
+    Where each controller has one run, glucose and insulin of all controllers are drawn over each other, with those of
+    the best possible doses. Where a controller has many runs it has a column of its own, with the median and a band
+    from 5 to 95 % of the runs at each moment. Glucose is free of noise, insulin is as delivered.
 
     Parameters
     ----------
     study : Study
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def draw(study: Study, *, width: Width = "double") -> dict[str, Figure]:
 
 
 def caption(situation: Situation) -> str:
-    """What a figure shows."""
+    """Caption of a figure."""
     if situation.runs == "one":
         best = ", and the best doses that there are" if situation.bounded else ""
         return f"Glucose and delivered insulin of one run of each controller{best}. 50 g of carbohydrate at 50 min."
@@ -140,7 +140,7 @@ def _held(loops: Loops, insulin_mU_min: Any) -> tuple[Any, Any]:
 
 
 def _range(loops: Mapping[str, Loops]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Of glucose and insulin, that all columns share."""
+    """Ranges of glucose and insulin that all columns share."""
     glucose = np.concatenate([np.percentile(own.glucose_mg_dl, (5.0, 95.0), axis=1).ravel() for own in loops.values()])
     insulin = np.concatenate([np.percentile(own.insulin_mU_min, (5.0, 95.0), axis=1).ravel() for own in loops.values()])
     return (
@@ -159,7 +159,7 @@ def _dress(
     first: bool = True,
     columns: int = 1,
 ) -> None:
-    """Frame, setpoint, bound and meal of a pair of panels."""
+    """Draw frame, setpoint, bound and meal of a pair of panels."""
     entries.setdefault(
         f"setpoint {setpoint_mg_dl:g} mg/dl", above.axhline(setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=1)
     )

@@ -1,4 +1,4 @@
-"""The page of the claims: one self-contained file, and the same as plain data."""
+"""Report of the claims: a self-contained page, and the same as plain data."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ READINGS: Final[dict[str, str]] = {
         "knows so much, so that part of the distance cannot be gained."
     ),
 }
-"""How the claims are read."""
+"""Explanation of how the claims are tested."""
 
 
 def number(value: float, digits: int) -> str:
-    """A number in a table; a dash for what is not one."""
+    """Format a number for a table; a dash stands for NaN."""
     if not math.isfinite(value):
         return "–"
     told = f"{value:.{digits}f}"
@@ -70,12 +70,12 @@ def number(value: float, digits: int) -> str:
 
 
 def bound_told(verdict: Verdict) -> str:
-    """A bound as a table shows it."""
+    """Text of a bound in a table."""
     return f"{'≥' if verdict.claim.at_least else '≤'} {number(verdict.bound, verdict.claim.digits)}"
 
 
 def spread_told(shares: Mapping[str, float], digits: int, *, one: bool) -> str:
-    """A median, and 5 to 95 % where there are several runs."""
+    """Text of a median, with the range from 5 to 95 % where there are several runs."""
     if one:
         return number(shares["median"], digits)
     low, middle, high = (number(shares[share], digits) for share in SHARES)
@@ -83,7 +83,7 @@ def spread_told(shares: Mapping[str, float], digits: int, *, one: bool) -> str:
 
 
 def seeds_told(study: Study) -> list[str]:
-    """Which seeds these are, and on which ones the tuning was chosen; one sentence each."""
+    """The seeds of the study and those on which the tuning was chosen, one sentence each."""
     asked, seeds = study.asked, study.asked.sensor_seeds
     told = [
         f"Sensor seeds {seeds[0]} to {seeds[-1]}, and {asked.people} people of seed {asked.seed}.",
@@ -96,7 +96,7 @@ def seeds_told(study: Study) -> list[str]:
 
 
 def summary_told(verdicts: Sequence[Verdict]) -> str:
-    """How many claims hold."""
+    """Sentence with the number of claims that hold."""
     held = sum(verdict.holds for verdict in verdicts)
     if held == len(verdicts):
         return f"All {held} claims hold."
@@ -104,7 +104,7 @@ def summary_told(verdicts: Sequence[Verdict]) -> str:
 
 
 def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    """Plain values for JSON, the same for the same seeds: without what was timed."""
+    """Report as plain values for JSON, the same for the same seeds: measured times are left out."""
     return {
         "config": study.asked.model_dump(),
         "tuning": {"sensor_seeds": [TUNING_SEEDS.start, TUNING_SEEDS.stop - 1], "people_seed": TUNING_PEOPLE_SEED},
@@ -141,14 +141,14 @@ def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
 
 
 def page(study: Study, verdicts: Sequence[Verdict], figures: Mapping[str, str]) -> str:
-    """The claims on a page of its own.
+    """Self-contained page of the claims.
 
     Parameters
     ----------
     study : Study
     verdicts : sequence of Verdict
     figures : mapping
-        SVG texts, by situation.
+        Text of the SVG figure of each situation.
     """
     lead = " ".join([summary_told(verdicts), *seeds_told(study)])
     sections = [
@@ -251,7 +251,7 @@ def _situation(study: Study, situation: Situation, svg: str) -> str:
 
 
 def _wrapped(cell: str) -> str:
-    """A median with its range on a line of its own."""
+    """Text of a median with its range on a line of its own."""
     middle, opening, rest = html.escape(cell).partition(" (")
     return f"{middle}<small>{rest.removesuffix(')')}</small>" if opening else middle
 
@@ -279,7 +279,7 @@ def _readings() -> str:
 
 
 def _code(text: str) -> str:
-    """What stands between backticks is a command."""
+    """Text in which parts between backticks are marked as code."""
     parts = html.escape(text).split("`")
     return "".join(f"<code>{part}</code>" if place % 2 else part for place, part in enumerate(parts))
 

@@ -1,4 +1,4 @@
-"""The whole comparison: run, judge, draw, write."""
+"""The whole comparison: simulate, judge, draw and write."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ WriteFile = Callable[[str, bytes | str], None]
 
 
 def loops_of(asked: Asked) -> int:
-    """How many loops are closed."""
+    """Number of loops that are simulated."""
     return loops_to_close(asked, SITUATIONS, CONTROLLERS)
 
 
 def carry_out(asked: Asked, *, progress: Progress) -> tuple[Study, list[Verdict]]:
-    """Close every loop, and judge the claims.
+    """Simulate every loop and judge the claims.
 
     Parameters
     ----------
     asked : Asked
     progress : callable
-        Told of so many loops that have just been closed.
+        Called with the number of loops that have just been simulated.
     """
     done = study(asked, SITUATIONS, controllers=CONTROLLERS, ours=OURS, progress=progress)
     return done, verdicts(done)
 
 
 def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None:
-    """Write tables, figures, page and the configuration that repeats it.
+    """Write tables, figures, page, and the configuration that repeats the comparison.
 
     Parameters
     ----------
     write_file : callable
-        Takes a file's name and content.
+        Function that writes a file, given its name and content.
     done, judged
-        As from `carry_out`.
+        Results of `carry_out`.
     """
     inline = {}
     for name, figure in draw(done).items():
@@ -72,7 +72,7 @@ def _with_version(told: dict[str, Any]) -> dict[str, Any]:
 
 
 def claims_table(judged: Sequence[Verdict]) -> pl.DataFrame:
-    """One row a claim, with the number of every controller."""
+    """Table with one row per claim and the number of every controller."""
     return pl.DataFrame(
         [
             {
@@ -93,7 +93,7 @@ def claims_table(judged: Sequence[Verdict]) -> pl.DataFrame:
 
 
 def numbers_table(done: Study) -> pl.DataFrame:
-    """One row for each situation, controller and measure: the median and 5 to 95 % of the runs."""
+    """Table with one row per situation, controller and measure: median and 5 to 95 % of the runs."""
     rows = []
     for situation in done.situations:
         from_bound = distances(done, situation)
@@ -115,7 +115,7 @@ def numbers_table(done: Study) -> pl.DataFrame:
 
 
 def runs_table(done: Study) -> pl.DataFrame:
-    """One row a run: its seed or person, and every measure."""
+    """Table with one row per run: its seed or person, and every measure."""
     tables = [
         pl.DataFrame({"run": loops.run, **{measure.name: loops.numbers[measure.name] for measure in MEASURES}}).select(
             pl.lit(situation.name).alias("situation"), pl.lit(name).alias("controller"), pl.all()

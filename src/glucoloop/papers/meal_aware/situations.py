@@ -1,4 +1,4 @@
-"""What the controllers are put through, and what is asked for."""
+"""Situations in which the controllers are compared, and the extent of a comparison."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ MOST_PEOPLE: Final = 100_000
 QUICK: Final[dict[str, int]] = {"seeds": 16, "people": 64}
 
 TUNING_SEEDS: Final = range(900_000, 900_200)
-"""Of the sensor, on which the tuning of the meal-aware controller was chosen."""
+"""Seeds of the sensor on which the tuning of the meal-aware controller was chosen."""
 TUNING_PEOPLE_SEED: Final = 424_242
-"""Of the people."""
+"""Seed of the people on whom the tuning was chosen."""
 
 
 @dataclass(frozen=True)
 class Situation:
-    """Patient, meal and sensor that all controllers meet alike."""
+    """Patient, meal and sensor, the same for all controllers."""
 
     name: str
     title: str
     runs: Literal["one", "seeds", "people"]
     """One run, one for each seed of the sensor, or one for each of many people."""
     keys: Mapping[str, Any] = field(default_factory=dict)
-    """As in a configuration, beyond what all situations share."""
+    """Flat configuration keys beyond those that all situations share."""
     oscillation: bool = False
     """Whether the controllers are also tried without noise, to see whether they oscillate."""
     bounded: bool = False
-    """Whether the distance to the bound is told."""
+    """Whether the distance to the bound is reported."""
 
     def of(self, controller: str, seed: int) -> dict[str, Any]:
-        """The flat keys of a run of one person."""
+        """Flat keys of the run of one person."""
         shared = {"operating_point": OPERATING_POINT, "meals": [MEAL], "duration_min": HORIZON_MIN}
         return {**shared, **self.keys, "controller": controller, "seed": seed}
 
@@ -84,7 +84,7 @@ SITUATIONS: Final = (
 
 
 class Asked(BaseModel):
-    """How much is run, and from which seed."""
+    """Number of runs, and the first seed."""
 
     model_config = STRICT
 
@@ -94,12 +94,12 @@ class Asked(BaseModel):
 
     @property
     def sensor_seeds(self) -> range:
-        """The seeds of the sensor: those of ``glucoloop run --seed``."""
+        """Seeds of the sensor, as those of ``glucoloop run --seed``."""
         return range(self.seed, self.seed + self.seeds)
 
     @property
     def tuned_on(self) -> tuple[str, ...]:
-        """What of this the tuning was chosen on, in words; empty where the test is on seeds of its own."""
+        """Seeds and people of this comparison on which the tuning was chosen, in words; empty if there are none."""
         both = range(max(TUNING_SEEDS.start, self.seed), min(TUNING_SEEDS.stop, self.seed + self.seeds))
         found = []
         if len(both):
@@ -110,13 +110,13 @@ class Asked(BaseModel):
 
 
 def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Asked:
-    """What is asked for, from flat keys.
+    """Read the extent of a comparison from flat keys.
 
     Parameters
     ----------
     keys : mapping
     names : mapping, optional
-        What a key is called where it was given; for messages.
+        Name under which the user gave each key, for messages.
 
     Raises
     ------

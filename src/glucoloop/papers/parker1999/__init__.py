@@ -1,1 +1,1 @@
-"""Parker, Doyle and Peppas (1999), carried out again: every table, figure and claim beside the printed one."""
+"""Reproduction of Parker, Doyle and Peppas (1999): every table, figure and claim beside the printed one."""

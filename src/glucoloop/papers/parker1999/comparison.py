@@ -1,4 +1,4 @@
-"""Our numbers beside the printed ones."""
+"""Comparison of reproduced numbers with the printed ones."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from glucoloop.sensors import white_noise
 from glucoloop.tuning import printed_tuning
 
 _CLOSE: Final = 0.1
-"""A number within this part of the printed one agrees with it."""
+"""Relative difference within which a number agrees with the printed one."""
 _NOISE_DRAWS: Final = 200_000
 
 
 @dataclass(frozen=True)
 class Reproduced:
-    """What we find for one entry at one operating point."""
+    """Result for one printed entry at one operating point."""
 
     median: float | str
     low: float | None = None
@@ -50,7 +50,7 @@ class Reproduced:
 
     @property
     def text(self) -> str:
-        """As a table shows it."""
+        """Text of the result in a table."""
         if isinstance(self.median, str):
             return self.median
         middle = UNSETTLED if self.unsettled else _number(self.median)
@@ -61,11 +61,11 @@ class Reproduced:
 
 @dataclass(frozen=True)
 class Row:
-    """A printed entry and what stands beside it."""
+    """A printed entry with its reproductions."""
 
     entry: Entry
     reproduced: dict[str, Reproduced]
-    """By operating point."""
+    """Result at each operating point."""
 
     def difference(self, operating_point: str) -> float | None:
         """Reproduced less printed, where both are numbers."""
@@ -110,7 +110,7 @@ def _close(found: float, printed: float) -> bool:
 
 
 def count(rows: Iterable[Row], operating_point: str) -> str:
-    """How many entries reproduce at an operating point, as a sentence without its end."""
+    """Number of entries that reproduce at an operating point, as a sentence without its full stop."""
     measured = [row for row in rows if row.agrees(operating_point) is not None]
     agree = sum(bool(row.agrees(operating_point)) for row in measured)
     spread = sum(row.agrees_by_spread(operating_point) for row in measured)
@@ -119,7 +119,7 @@ def count(rows: Iterable[Row], operating_point: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits that count."""
+    """Text of a number with three significant digits."""
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
@@ -225,14 +225,14 @@ def _tuning(study: Study) -> dict[str, Reproduced]:
 
 
 def compare(studies: Mapping[str, Study], prefixes: tuple[str, ...] = ("",)) -> list[Row]:
-    """The printed entries with what each study found; an entry that a study leaves out is absent there.
+    """Compare the printed entries with the results of each study; entries that a study leaves out are absent.
 
     Parameters
     ----------
     studies : mapping of str to Study
-        By operating point.
+        Study at each operating point.
     prefixes : tuple of str
-        With which the names of the entries begin; all entries by default.
+        Prefixes of the names of the entries to compare; all entries by default.
     """
     found = {name: _tables(study) | _claims(study) | _model(study) | _tuning(study) for name, study in studies.items()}
     return [

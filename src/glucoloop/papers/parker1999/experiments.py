@@ -51,20 +51,20 @@ def _dead_time_min(run: Run) -> int:
 
 @dataclass(frozen=True)
 class Experiments:
-    """Which experiments of the paper are carried out."""
+    """Selection of the experiments of the paper."""
 
     model: bool = False
-    """Section III: identification and its validation."""
+    """Section III, identification and its validation."""
     without_noise: bool = False
-    """Table I and Fig. 5."""
+    """Table I and Fig. 5, runs without noise."""
     with_noise: frozenset[Run] = frozenset()
     """Rows of Table II, of which Fig. 4 and 6 show some."""
     tunings: bool = False
-    """Searches about the printed tunings."""
+    """Searches around the printed tunings."""
 
     @classmethod
     def of_paper(cls, dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: bool = True) -> Experiments:
-        """Everything, with the given dead times in Table II."""
+        """All experiments, with the given dead times in Table II."""
         return cls(model=True, without_noise=True, with_noise=noisy_runs(dead_times_min), tunings=tunings)
 
     def __or__(self, other: Experiments) -> Experiments:
@@ -87,33 +87,33 @@ class Loops:
     """Runs of one controller under several seeds."""
 
     metrics: Metrics
-    """Each field `(seeds,)`."""
+    """Metrics of the runs, each field `(seeds,)`."""
     example: Trace
-    """The first seed."""
+    """Trace of the first seed."""
 
 
 @dataclass(frozen=True)
 class ModelStudy:
-    """Section III: what identification gives."""
+    """Results of identification, Section III."""
 
     noise_free: Identification
     noisy: Identification
-    """Of the first seed."""
+    """Model identified from the noisy record of the first seed."""
     best_pole: float
     left_after_memory_pct: float
     time_constant_min: float
     validation_record: Record
     validation: Validation
-    """Of the first seed's Laguerre model."""
+    """Validation of the first seed's Laguerre model."""
     laguerre_residuals: Floats
     """(seeds,) sum of residuals of the Laguerre models."""
     least_squares_residuals: Floats
-    """(seeds,) of the models that were not smoothed."""
+    """(seeds,) sum of residuals of the models that were not smoothed."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """Everything measured at one operating point; what was not carried out is empty."""
+    """All results at one operating point; experiments that were not carried out are empty."""
 
     operating_point: str
     patient: SemilinearPatient
@@ -126,7 +126,7 @@ class Study:
     identified_anew: dict[str, Loops]
     """Linear MPC with known dead times, its models identified from delayed records."""
     tuning: dict[str, TuningSurface]
-    """Searches about the printed tunings, by controller; empty if none was made."""
+    """Searches around the printed tunings, by controller; empty if none was made."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _sensor(dead_time_min: int) -> Sensor:
 
 
 def _stack(controllers: Sequence[Controller]) -> Controller:
-    """Controllers of one kind as one, whose arrays have a leading axis."""
+    """Controllers of one kind stacked into one, whose arrays have a leading axis."""
     stacked: Controller = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *controllers)
     return stacked
 
@@ -156,7 +156,7 @@ def _stack(controllers: Sequence[Controller]) -> Controller:
 def _noisy_loops(
     person: SemilinearPatient, controllers: Controller | Sequence[Controller], dead_time_min: int, keys: jax.Array
 ) -> Loops:
-    """One run a key, each with its own controller if there are several."""
+    """One run per key, each with its own controller if there are several."""
     sensor = _sensor(dead_time_min)
 
     def run(controller: Controller, key: jax.Array) -> tuple[Metrics, Trace]:
@@ -241,9 +241,9 @@ def study(
     seeds : int
         Runs of each noisy experiment.
     seed : int
-        Where the seeds come from.
+        Seed from which the seeds of the runs are derived.
     progress : callable
-        Told what has just been done.
+        Called with the name of the step that has just been done.
     """
     wanted = Experiments.of_paper() if experiments is None else experiments
     person = patient(operating_point=operating_point)

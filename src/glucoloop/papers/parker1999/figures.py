@@ -1,4 +1,4 @@
-"""The figures of the paper's results, in its layout."""
+"""Figures of the paper's results, in its layout."""
 
 from __future__ import annotations
 

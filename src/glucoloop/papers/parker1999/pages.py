@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML page, and the same as Markdown and JSON."""
+"""Report of the reproduction: one self-contained HTML page, and the same as Markdown and JSON."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _columns(points: Sequence[str]) -> tuple[str, ...]:
 
 
 def _anew(studies: Mapping[str, Study]) -> Table:
-    """Known dead times of linear MPC, by shifting the model and by identifying it anew."""
+    """Table of linear MPC with known dead times: model shifted, and model identified again."""
     rows = []
     for point, study in studies.items():
         for dead_time, anew in study.identified_anew.items():
@@ -95,7 +95,7 @@ def tables(rows: Sequence[Row], studies: Mapping[str, Study]) -> list[Table]:
 
 
 def tables_at_the_end(rows: Sequence[Row]) -> list[Table]:
-    """What does not reproduce, and the readings that the rows rest on."""
+    """Tables of the entries that do not reproduce, and of the readings that the rows rest on."""
     if not rows:
         return []
     failed = tuple(
@@ -198,7 +198,7 @@ def html_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int, fi
 
 
 def _inline(svg: str, name: str) -> str:
-    """An SVG without its XML head, its ids made its own: those of another figure on the page must not be meant."""
+    """An SVG without its XML head, with ids made unique, so that they do not refer to another figure on the page."""
     body = svg[svg.index("<svg") :]
     own = "".join(letter if letter.isalnum() else "-" for letter in name)
     for mark in ('id="', 'href="#', "url(#"):

@@ -15,7 +15,7 @@ class Part:
 
     experiments: Experiments
     entries: tuple[str, ...] = ()
-    """With which the names of its printed numbers begin; none where it has no numbers."""
+    """Prefixes of the names of its printed numbers; empty where it has no numbers."""
     figures: tuple[str, ...] = ()
     """Names of figures, as `figures.draw` knows them."""
 
@@ -43,7 +43,7 @@ _ARABIC: Final = {"1": "I", "2": "II"}
 
 
 def chosen(tables: Sequence[str], figures: Sequence[str]) -> Part | None:
-    """The named tables and figures together; None if none is named.
+    """The union of the named tables and figures; None if none is named.
 
     Raises
     ------

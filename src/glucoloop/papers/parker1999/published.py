@@ -1,4 +1,4 @@
-"""The printed numbers, with page and place."""
+"""The printed numbers, with page and place in the paper."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Entry:
     kind: str
     """``"value"``, or ``"at-most"`` for a bound."""
     readings: tuple[str, ...]
-    """Names in `readings.READINGS` on which our own number rests."""
+    """Names in `readings.READINGS` on which the reproduced number depends."""
 
 
 def published() -> tuple[Entry, ...]:

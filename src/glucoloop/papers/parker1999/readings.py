@@ -1,4 +1,4 @@
-"""What the paper leaves open or prints illegibly, and how it is read here: settings, never hidden constants."""
+"""Choices where the paper is open or illegible: settings, never hidden constants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole paper: run, compare, draw, write."""
+"""The whole reproduction: run, compare, draw and write."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def carry_out(
     progress: Progress,
     part: Part | None = None,
 ) -> tuple[dict[str, Study], list[Row]]:
-    """Run the experiments at each operating point and set the results beside the printed numbers.
+    """Run the experiments at each operating point and compare the results with the printed numbers.
 
     Without a `part` they are those of the whole paper; with one, only what it needs is run.
 
@@ -62,11 +62,11 @@ def write(
     Parameters
     ----------
     write_file : callable
-        Takes a file's name and content.
+        Function that writes a file, given its name and content.
     studies, rows, seed, part
-        As from and for `carry_out`.
+        Arguments and results of `carry_out`.
     progress : callable
-        Told what has just been done.
+        Called with the name of the step that has just been done.
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""The folder of a trial: shards that appear whole, what became of them, and questions to them."""
+"""Folder of a trial: shards that appear complete, their results, and queries to them."""

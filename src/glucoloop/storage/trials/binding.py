@@ -1,4 +1,4 @@
-"""``shard.json``: to which trial and which people a shard belongs, so that none stands in for another."""
+"""``shard.json``: the trial and people of a shard, so that no shard is taken for another."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _KIND: Final = "glucoloop-shard"
 
 
 def bound(trial: Trial, index: int, files: Mapping[str, bytes], *, fingerprint: str, arithmetic: str) -> bytes:
-    """What binds the files of a shard to their trial.
+    """Record that ties the files of a shard to their trial.
 
     Parameters
     ----------
     trial : Trial
     index : int
     files : mapping
-        Contents by name.
+        Contents of the files by name.
     fingerprint : str
-        Of the trial.
+        Fingerprint of the trial.
     arithmetic : str
-        Digest of what the bits depend on.
+        Digest of the arithmetic on which the bits depend.
 
     Raises
     ------
@@ -57,12 +57,12 @@ def bound(trial: Trial, index: int, files: Mapping[str, bytes], *, fingerprint: 
 
 
 def whole_shard(place: Path, folder: Path, index: int, *, fingerprint: str, arithmetic: str) -> dict[str, str]:
-    """Digests of a shard that is as it was written, and where it belongs.
+    """Digests of an undamaged shard of this trial.
 
     Raises
     ------
     ValueError
-        If it is damaged, or a part of something else.
+        If it is damaged, or belongs to another trial.
     """
     mend = f"delete {place} and run the same command again"
     try:

@@ -1,7 +1,7 @@
-"""A trial on a Dask cluster: a shard is a task, and its files come back as bytes.
+"""Trial on a Dask cluster: a shard is a task, and its files come back as bytes.
 
-Workers need the same glucoloop, but no disk in common with this process, which alone writes to the folder. A task of a
-worker that dies is given to another one. A person's numbers do not depend on where they are computed.
+Workers need the same version of glucoloop, but no shared disk with this process, which alone writes to the folder. A
+task of a worker that dies is given to another one. The results of a person do not depend on the machine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from glucoloop.storage.trials.shard import compute_shard
 
 LOCAL: Final = "local"
 RETRIES: Final = 3
-"""How often a shard is tried again before the trial stops."""
+"""Number of times that a shard is tried again before the trial stops."""
 _IN_FLIGHT_PER_THREAD: Final = 2
 _LEAST_IN_FLIGHT: Final = 4
 _CONNECT_S: Final = 30
@@ -41,9 +41,9 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
     trial : Trial
     index : int
     version : str
-        Of glucoloop, where the folder is.
+        Version of glucoloop in the process that owns the folder.
     identity : mapping
-        What the bits depend on there; see `glucoloop.arithmetic`.
+        Arithmetic of that process, on which the bits depend; see `glucoloop.arithmetic`.
 
     Raises
     ------
@@ -81,14 +81,14 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     Parameters
     ----------
     address : str
-        Like ``tcp://10.0.0.1:8786``; or ``"local"``: worker processes are started on this machine.
+        Address such as ``tcp://10.0.0.1:8786``, or ``"local"`` to start worker processes on this machine.
     workers : int, optional
-        How many of them; one for each core by default.
+        Number of worker processes; one for each core by default.
 
     Raises
     ------
     ValueError
-        If Dask is not installed, or nobody answers at the address.
+        If Dask is not installed, or no scheduler answers at the address.
     """
     with needed_for("a cluster"):
         distributed = importlib.import_module("distributed")  # untyped
@@ -120,7 +120,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _silent(logger: str) -> Iterator[None]:
-    """Keep a logger from telling a lost scheduler with tracebacks: the error that is raised says it."""
+    """Keep a logger from printing tracebacks about a lost scheduler, since the raised error says it."""
     told = logging.getLogger(logger)
     before = told.level
     told.setLevel(logging.CRITICAL)
@@ -132,7 +132,7 @@ def _silent(logger: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _workers_deaf_to_interrupts() -> Iterator[None]:
-    """Ctrl-C reaches all processes of a terminal; those started in the block leave it to this one to stop them."""
+    """Start processes in the block so that Ctrl-C does not reach them; this process stops them itself."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -144,18 +144,18 @@ def _workers_deaf_to_interrupts() -> Iterator[None]:
 
 
 def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None:
-    """Have the missing shards computed by the workers of a cluster, and put them into the folder as they come.
+    """Compute the missing shards on the workers of a cluster, and put them into the folder as they arrive.
 
     Raises
     ------
     ValueError
-        If a shard fails again and again, or cannot be written; those that are done stay.
+        If a shard fails repeatedly, or cannot be written; finished shards stay.
     """
     trial, identity = folder.trial, arithmetic.identity()
     waiting = deque(folder.missing())
     tried: Counter[int] = Counter()
     running: dict[Any, int] = {}
-    """Shard by future."""
+    """Number of the shard of each future."""
     completed = importlib.import_module("distributed").as_completed(loop=client.loop)
 
     def fill() -> None:

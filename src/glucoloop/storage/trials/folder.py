@@ -1,8 +1,7 @@
-"""The folder of a trial: its shards appear whole, one after the other, and a run that was cut short goes on.
+"""Folder of a trial: its shards appear complete, one after the other, and an interrupted run resumes.
 
-What is there is never computed again, and never changed. Each shard says to which trial and which people it belongs
-and with which arithmetic it was computed; what does not belong there is refused. At the end the list of digests
-appears, which marks a trial as finished.
+Existing shards are never computed again, and never changed. Each shard names its trial, its people and its arithmetic;
+other files are refused. At the end the list of digests appears, which marks a trial as finished.
 """
 
 from __future__ import annotations
@@ -41,32 +40,32 @@ SUMMARY: Final = "summary.json"
 BANDS: Final = "bands.parquet"
 REPORT: Final = "report.html"
 FINAL: Final = (BANDS, "figure.pdf", "figure.png", "figure.svg", REPORT, SUMMARY)
-"""Written when all shards are done."""
+"""Files that are written when all shards are done."""
 _DIGITS: Final = 20
-"""Of the number of a shard."""
+"""Number of digits from which a name is never taken for the number of a shard."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What a folder holds beside the shards."""
+    """Files of a folder beside the shards."""
 
     configuration: str
-    """File from which the same is done again."""
+    """Name of the file that repeats the work."""
     text: str
-    """What stands in it."""
+    """Text of that file."""
     final: tuple[str, ...]
-    """Files that are written when all shards are done."""
+    """Names of the files that are written when all shards are done."""
 
     @property
     def layout(self) -> Layout:
-        """All that may be in the folder."""
+        """Names that may be in the folder."""
         return Layout(
             what="trial", first=HEADER, files=(*self.final, self.configuration), done=SHARDS, done_is_folder=True
         )
 
 
 def plain_trial(trial: Trial) -> Kind:
-    """The folder of a trial."""
+    """Folder of a plain trial."""
     text = toml_text(trial_keys(trial), f"trial --config {CONFIGURATION}")
     return Kind(configuration=CONFIGURATION, text=text, final=FINAL)
 
@@ -80,11 +79,11 @@ class TrialFolder(ResumableFolder):
         self.kind = kind
         self._header = header_of(trial)
         self._sums: dict[int, dict[str, str]] = {}
-        """Of the shards that are done."""
+        """Digests of the shards that are done."""
 
     @property
     def done(self) -> int:
-        """Shards that are done."""
+        """Number of shards that are done."""
         return len(self._sums)
 
     @property
@@ -94,19 +93,19 @@ class TrialFolder(ResumableFolder):
 
     @property
     def kept(self) -> str:
-        """How many shards are done."""
+        """Number of finished shards, in words."""
         return f"{self.done} of {self.trial.shards} shards are done and kept"
 
     def missing(self) -> list[int]:
-        """Shards that are not done."""
+        """Numbers of the shards that are not done."""
         return [index for index in range(self.trial.shards) if index not in self._sums]
 
     def people_done(self) -> int:
-        """People of the shards that are done."""
+        """Number of people in the finished shards."""
         return sum(self.trial.shard(index).size for index in self._sums)
 
     def shard(self, index: int) -> Path:
-        """Where a shard is."""
+        """Path of a shard."""
         return shard_path(self.path, index)
 
     def put(self, index: int, files: Mapping[str, bytes]) -> None:
@@ -115,7 +114,7 @@ class TrialFolder(ResumableFolder):
         Raises
         ------
         ValueError
-            If its files are not what they must be, or cannot be written; those that are done stay.
+            If its files are not those of the shard, or cannot be written; finished shards stay.
         """
         binding = bound(self.trial, index, files, **_binding(self._header))
         with self.unwritten(f"shard {index}"):
@@ -123,7 +122,7 @@ class TrialFolder(ResumableFolder):
         self._sums[index] = disk.read_sums(self.shard(index))
 
     def finish(self, files: Mapping[str, bytes]) -> None:
-        """Put the files about the whole trial in their places, the digests of all files last.
+        """Write the files about the whole trial, the digests of all files last.
 
         Raises
         ------
@@ -135,7 +134,7 @@ class TrialFolder(ResumableFolder):
         self.put_file(SUMS, disk.sums_text(self._digests(files)))
 
     def people(self) -> Iterator[Shard]:
-        """The shards that are done, in order, one at a time."""
+        """People of the finished shards, in order, one shard at a time."""
         from glucoloop.storage.trials.shard import read_people
 
         for index in sorted(self._sums):
@@ -147,13 +146,13 @@ class TrialFolder(ResumableFolder):
         return found
 
     def create(self) -> None:
-        """Write what the folder is about."""
+        """Write the description of the trial into the folder."""
         self._sums = {}
         disk.put_file(self.path / HEADER, self._header.text().encode())
         self._complete()
 
     def load(self) -> None:
-        """Take up the shards that are done, and refuse what is damaged or belongs elsewhere."""
+        """Read the finished shards, and refuse damaged or foreign ones."""
         there = read_header(self.path)
         refused = difference(there, self._header, self.path)
         if refused is not None:
@@ -176,18 +175,18 @@ class TrialFolder(ResumableFolder):
             disk.remove(self.path / SUMS)  # something was taken away, and is made again
 
     def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if there is something beside the shards of a trial, or in one of them."""
+        """Raise ValueError if there are foreign files beside the shards of a trial, or in one of them."""
         _refuse_foreign(self.path, None)
 
     def _complete(self) -> None:
-        """Make what stands between the header and the first shard."""
+        """Create the parts that follow the header and precede the first shard."""
         if not disk.is_file(self.path / self.kind.configuration):
             disk.put_file(self.path / self.kind.configuration, self.kind.text.encode())
         if not disk.is_folder(self.path / SHARDS):
             disk.make_folders(self.path / SHARDS)
 
     def _check_arithmetic(self, there: Header, *, finished: bool) -> None:
-        """Refuse to go on with other arithmetic than the shards were computed with."""
+        """Refuse to resume with another arithmetic than that of the finished shards."""
         other = other_arithmetic(there, self._header, self.path)
         if other is not None and not finished:
             raise ValueError(
@@ -197,12 +196,12 @@ class TrialFolder(ResumableFolder):
         self.notes = (*([f"{other}."] if other else []), *other_tables(there, self._header, self.path))
 
     def _check_finished(self, shards: Mapping[int, Mapping[str, str]]) -> bool:
-        """Whether all is there that the list of digests tells.
+        """Whether all files in the list of digests are there.
 
         Raises
         ------
         ValueError
-            If something is not as it tells, or it does not tell all.
+            If a file differs from the list, or is not in it.
         """
         if not disk.is_file(self.path / SUMS):
             return False
@@ -226,17 +225,17 @@ class TrialFolder(ResumableFolder):
 
 
 def shard_path(folder: Path, index: int) -> Path:
-    """Where a shard of a trial is."""
+    """Path of a shard of a trial."""
     return folder / SHARDS / f"{index:05d}"
 
 
 def done_shards(folder: Path, header: Header) -> list[Path]:
-    """The shards of a trial that are done, in order.
+    """Paths of the finished shards of a trial, in order.
 
     Raises
     ------
     ValueError
-        If one is damaged, or belongs to something else.
+        If one is damaged, or belongs to another trial.
     """
     _refuse_foreign(folder, header.shards)
     numbers = _numbers(folder, header.shards)
@@ -246,12 +245,12 @@ def done_shards(folder: Path, header: Header) -> list[Path]:
 
 
 def final_files(folder: Path) -> list[str]:
-    """Of the bands and the summary those that there are, of a finished trial.
+    """Names of the bands and the summary of a finished trial, as far as they exist.
 
     Raises
     ------
     ValueError
-        If one is not as the list of digests tells.
+        If one differs from the list of digests.
     """
     sums = disk.read_sums(folder)
     listed: list[str] = [name for name in (BANDS, SUMMARY) if name in sums]
@@ -275,9 +274,9 @@ def trial_folder(
     path : Path
     trial : Trial
     overwrite : bool
-        Begin again, whatever trial the folder holds; the very same one that is not finished goes on.
+        Begin again, whatever trial the folder holds; the same trial, unfinished, is resumed.
     kind : Kind, optional
-        What it holds beside the shards; a plain trial by default.
+        Files beside the shards; those of a plain trial by default.
 
     Raises
     ------
@@ -295,26 +294,26 @@ def _binding(header: Header) -> dict[str, str]:
 
 
 def _numbers(folder: Path, shards: int) -> list[int]:
-    """Which shards there are."""
+    """Numbers of the shards in a folder."""
     there = (_number(name, shards) for name in disk.names(folder / SHARDS))
     return sorted(number for number in there if number is not None)
 
 
 def _number(name: str, shards: int | None) -> int | None:
-    """The number of a shard of this name, out of so many or of any; None if none is called so."""
+    """Number of the shard of this name, out of so many or of any; None if it is not the name of a shard."""
     if not (name.isascii() and name.isdecimal() and len(name) < _DIGITS) or name != f"{int(name):05d}":
         return None
     return int(name) if shards is None or int(name) < shards else None
 
 
 def _index_of(name: str, shards: int) -> int | None:
-    """The number of the shard of which a file is; None if it is of none."""
+    """Number of the shard to which a file belongs; None if it belongs to none."""
     parts = name.split("/")
     return _number(parts[1], shards) if len(parts) == 3 and parts[0] == SHARDS else None
 
 
 def _of_shards(folder: Path, shards: Mapping[int, Mapping[str, str]]) -> dict[str, str]:
-    """Digests of the files of shards, by the name from the folder of the trial."""
+    """Digests of the files of shards, by their path relative to the folder of the trial."""
     return {
         f"{SHARDS}/{shard_path(folder, index).name}/{name}": value
         for index, sums in shards.items()
@@ -323,7 +322,7 @@ def _of_shards(folder: Path, shards: Mapping[int, Mapping[str, str]]) -> dict[st
 
 
 def _refuse_foreign(folder: Path, shards: int | None) -> None:
-    """Refuse what is no shard, out of so many or of any, and no file of a shard."""
+    """Refuse any name that is neither a shard, out of so many or of any, nor a file of a shard."""
     from glucoloop.storage.trials.shard import BANDS, PEOPLE, TRACES
 
     known = (PEOPLE, BANDS, TRACES, SHARD, SUMS)

@@ -1,4 +1,4 @@
-"""``trial.json``: which trial a folder holds, written before anything else."""
+"""``trial.json``: description of the trial of a folder, written before anything else."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _TABLES: Final = "polars"
 
 @dataclass(frozen=True)
 class Header:
-    """What a folder says of its trial."""
+    """Description of the trial in a folder."""
 
     version: str
-    """Of glucoloop."""
+    """Version of glucoloop."""
     fingerprint: str
     people: int
     shards: int
     libraries: Mapping[str, str]
-    """Versions of what computes and of what writes tables."""
+    """Versions of the libraries that compute and that write tables."""
     arithmetic: Mapping[str, str]
-    """What the bits of the results depend on; see `glucoloop.arithmetic.identity`."""
+    """Arithmetic on which the bits of the results depend; see `glucoloop.arithmetic.identity`."""
     config: Mapping[str, Any]
 
     def text(self) -> str:
@@ -64,7 +64,7 @@ def read_header(folder: Path) -> Header:
     Raises
     ------
     ValueError
-        If there is none, or it is not what glucoloop writes.
+        If there is none, or glucoloop did not write it.
     """
     place = folder / HEADER
     if not folder.is_dir():
@@ -86,7 +86,7 @@ def read_header(folder: Path) -> Header:
 
 
 def _check(header: Header) -> None:
-    """Raise TypeError unless each part is of its kind."""
+    """Raise TypeError unless each part has its type."""
     if not all(isinstance(part, dict) for part in (header.libraries, header.arithmetic, header.config)):
         raise TypeError
     texts = (header.version, header.fingerprint, *header.libraries.values(), *header.arithmetic.values())
@@ -100,7 +100,7 @@ def _check(header: Header) -> None:
 
 
 def difference(there: Header, here: Header, folder: Path) -> str | None:
-    """Why a trial cannot go on in a folder, in a sentence that names the first difference; None if it can."""
+    """Reason why a trial cannot be resumed in a folder, a sentence with the first difference; None if it can."""
     if there.version != here.version:
         return (
             f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
@@ -118,13 +118,13 @@ def difference(there: Header, here: Header, folder: Path) -> str | None:
 
 
 def arithmetic_of(header: Header) -> dict[str, str]:
-    """What the bits of the results depend on, as `glucoloop.arithmetic.identity` says it."""
+    """Arithmetic on which the bits of the results depend, as `glucoloop.arithmetic.identity` gives it."""
     computing = {name: version for name, version in header.libraries.items() if name != _TABLES}
     return {**computing, **header.arithmetic}
 
 
 def other_arithmetic(there: Header, here: Header, folder: Path) -> str | None:
-    """In what the arithmetic differs between the one who began a trial and this process, in a sentence without end."""
+    """Difference between the arithmetic of a folder and that of this process, a sentence without its full stop."""
     found = arithmetic.difference(arithmetic_of(there), arithmetic_of(here))
     if found is None:
         return None
@@ -133,7 +133,7 @@ def other_arithmetic(there: Header, here: Header, folder: Path) -> str | None:
 
 
 def other_tables(there: Header, here: Header, folder: Path) -> Iterator[str]:
-    """What to know where tables are written by another version than the first ones."""
+    """Notes on tables that are written by another version of a library than the first ones."""
     before, now = (of.libraries.get(_TABLES) for of in (there, here))
     if before != now:
         yield f"{folder} was begun with {_TABLES} {before}, and this is {now}; tables hold the same, in other bytes."

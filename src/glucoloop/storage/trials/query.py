@@ -1,8 +1,8 @@
-"""Questions to the folder of a trial, in SQL.
+"""Queries to the folder of a trial, in SQL.
 
-DuckDB reads the Parquet files where they are. A question is one that only reads, a SELECT, PIVOT, DESCRIBE or
-SUMMARIZE: nothing is written, and no other file is read. What does not fit in memory goes to a temporary folder, up to
-a limit; the folder goes with the question, and that of a process that was killed with the next question.
+DuckDB reads the Parquet files in place. A query only reads: SELECT, PIVOT, DESCRIBE or SUMMARIZE; nothing is written,
+and no other file is read. Data that does not fit in memory goes to a temporary folder, up to a limit; the folder is
+removed with the query, and that of a killed process with the next query.
 """
 
 from __future__ import annotations
@@ -37,34 +37,34 @@ VIEWS: Final = {
 _MEMORY: Final = "1GB"
 _SPILL: Final = "4GB"
 _SCRATCH: Final = "glucoloop-query-"
-"""Folder for what does not fit in memory; the number of the process follows."""
+"""Prefix of the temporary folder; the number of the process follows."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
 _Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
-"""What a question in several lines may hold."""
+"""White space that a query over several lines may hold."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to a question; its rows can be read once."""
+    """The answer to a query; its rows can be read once."""
 
     columns: list[str]
     rows: Iterator[tuple[Any, ...]]
 
 
 class TrialTables:
-    """The tables of a trial, open for questions; see `trial_tables`."""
+    """The tables of a trial, open for queries; see `trial_tables`."""
 
     def __init__(self, connection: Any, views: dict[str, list[str]], done: int, shards: int) -> None:
         self._connection = connection
         self.views = views
-        """Columns of each table that there is."""
+        """Columns of each existing table."""
         self.done = done
         self.shards = shards
 
     def ask(self, sql: str, *, timeout_s: float | None = None) -> Answer:
-        """Answer a question.
+        """Answer a query.
 
         Parameters
         ----------
@@ -75,7 +75,8 @@ class TrialTables:
         Raises
         ------
         ValueError
-            For what is not one question that only reads, what DuckDB refuses, or an answer that takes too long.
+            For a text that is not one query that only reads, a query that DuckDB refuses, or an answer that takes too
+            long.
         """
         if timeout_s is not None and not timeout_s > 0.0:
             raise ValueError(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
@@ -134,7 +135,7 @@ class TrialTables:
 
 @contextlib.contextmanager
 def trial_tables(folder: Path) -> Iterator[TrialTables]:
-    """Open the folder of a trial, finished or not, for questions.
+    """Open the folder of a trial, finished or not, for queries.
 
     Raises
     ------
@@ -173,7 +174,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
 
 @contextlib.contextmanager
 def _connected() -> Iterator[Any]:
-    """A database in memory. One in which work was left behind is left open, since closing would wait for it."""
+    """A database in memory. One with work left behind is not closed, since closing would wait for it."""
     connection = duckdb.connect(":memory:")
     try:
         yield connection
@@ -207,7 +208,7 @@ def _is_running(process: int) -> bool:
 
 
 def _views(folder: Path, shards: list[str], final: list[str]) -> dict[str, str]:
-    """The views of what is there, in SQL."""
+    """SQL of the views of the existing tables."""
     place = folder.resolve()
 
     def of_shards(name: str) -> str:
@@ -235,7 +236,7 @@ def _quoted(text: str) -> str:
 
 
 def _summary(connection: Any, folder: Path) -> None:
-    """A row a controller and metric."""
+    """Create a table with one row per controller and metric."""
     try:
         controllers = json.loads(kept_text(folder / SUMMARY, "a summary"))["controllers"]
         rows = [

@@ -1,4 +1,4 @@
-"""A trial in this process: shard after shard, each written while the next is computed."""
+"""Trial in this process: shard after shard, each written while the next is computed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import Simulate, compute_shard
 
 Progress = Callable[[int], None]
-"""Told after each controller of a shard how many people it was tried on."""
+"""Callback after each controller of a shard, with the number of people simulated."""
 
 
 def run_here(folder: TrialFolder, simulate: Simulate, progress: Progress) -> None:
@@ -18,7 +18,7 @@ def run_here(folder: TrialFolder, simulate: Simulate, progress: Progress) -> Non
     Raises
     ------
     ValueError
-        If a shard cannot be written; those that are done stay.
+        If a shard cannot be written; finished shards stay.
     """
     trial = folder.trial
     with ThreadPoolExecutor(1, thread_name_prefix="writer") as writer:

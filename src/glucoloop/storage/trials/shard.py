@@ -1,4 +1,4 @@
-"""The files of a shard: a row a person and controller, exact counts over time, and traces where they are kept."""
+"""Files of a shard: one row per person and controller, exact counts over time, and traces where they are kept."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ _QUANTITY_BYTES: Final = 8
 _FIRST_COLUMNS: Final = ("person", "controller", "able", "basal_insulin_mU_min")
 
 Simulate = Callable[[str, npt.NDArray[np.int64], bool], "PeopleResult"]
-"""What becomes of some people under the controller of a label, with or without their traces."""
+"""Function that simulates people under the controller of a label, with or without their traces."""
 Counts = dict[str, npt.NDArray[np.int64]]
-"""(times, bins) by quantity."""
+"""Counts ``(times, bins)`` by quantity."""
 
 
 def column_name(parameter: str) -> str:
-    """A parameter as the column of a table: ``M_IHGP.strength`` as ``M_IHGP_strength``, which SQL reads unquoted."""
+    """Column name of a parameter: ``M_IHGP.strength`` as ``M_IHGP_strength``, which SQL reads unquoted."""
     return parameter.replace(".", "_")
 
 
 def edges(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
-    """Edges of the bins that glucose [mg/dl] and insulin [mU/min] are counted in."""
+    """Edges of the bins in which glucose [mg/dl] and insulin [mU/min] are counted."""
     return {"glucose": glucose_edges(), "insulin": insulin_edges(trial.max_insulin_mU_min)}
 
 
 def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
-    """When glucose and insulin are counted [min]: glucose also at the end."""
+    """Times at which glucose and insulin are counted [min]; glucose also at the end."""
     t_min = trial.sample_time_min * np.arange(trial.samples + 1, dtype=np.float64)
     return {"glucose": t_min, "insulin": t_min[:-1]}
 
 
 def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
-    """The files of a shard, and how large each can be."""
+    """Largest size of each file of a shard."""
     person, cases = trial.shard(index), len(trial.cases)
     label = max(len(case.label.encode()) for case in trial.cases)
     counted = sum(t_min.size * (edges(trial)[name].size - 1) for name, t_min in times(trial).items())
@@ -66,12 +66,12 @@ def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
 
 
 def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[], None]) -> dict[str, bytes]:
-    """Run the people of a shard under each controller; `done` is called after each.
+    """Simulate the people of a shard under each controller; `done` is called after each.
 
     Returns
     -------
     dict
-        Contents of the files by name; the same to the bit whoever computes them.
+        Contents of the files by name, the same to the bit on every machine.
     """
     person = trial.shard(index)
     traced = trial.traced(person)
@@ -108,7 +108,7 @@ def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
 
 
 def _count_tables(trial: Trial, results: Mapping[str, PeopleResult]) -> Iterator[pl.DataFrame]:
-    """The bins that hold somebody."""
+    """Tables of the bins with a count above zero."""
     low, t_min = edges(trial), times(trial)
     for label, result in results.items():
         for quantity, counts in zip(QUANTITIES, (result.glucose_counts, result.insulin_counts), strict=True):
@@ -185,7 +185,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, People]:
 
 
 def no_counts(trial: Trial) -> dict[str, Counts]:
-    """Counts of nobody, by controller."""
+    """Counts of zero, by controller."""
     bins, t_min = edges(trial), times(trial)
     return {
         case.label: {name: np.zeros((t_min[name].size, bins[name].size - 1), np.int64) for name in QUANTITIES}

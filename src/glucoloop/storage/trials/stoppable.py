@@ -1,8 +1,8 @@
-"""Work that Ctrl-C and a time limit end at once, even where the library that does it looks at neither.
+"""Work that Ctrl-C and a time limit end at once, even if the library that does it checks for neither.
 
-DuckDB looks for an interrupt between chunks of rows: a function that works for minutes on one value is deaf to it. So
-the work is done in a thread of its own, which is left behind if it does not stop; `program` in the command line then
-ends the process without waiting for it.
+DuckDB checks for an interrupt between chunks of rows, so a function that works for minutes on one value does not notice
+it. Therefore the work is done in a thread of its own, which is left behind if it does not stop; `program` in the
+command line then ends the process without waiting for it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final, Generic, TypeVar
 T = TypeVar("T")
 
 GRACE_S: Final = 0.5
-"""How long work that was asked to stop is waited for."""
+"""Time to wait for work that was asked to stop."""
 _AGAIN_S: Final = 0.02
 _LOOK_S: Final = 0.05
 LEFT_BEHIND: Final = "glucoloop left this behind"
@@ -32,9 +32,9 @@ class Stoppable(Generic[T]):
     Parameters
     ----------
     stop : callable
-        Asks the work to stop; it may be called when there is none.
+        Function that asks the work to stop; it may be called when there is none.
     timeout_s : float, optional
-        Time for all pieces together; none by default.
+        Time for all pieces together; no limit by default.
     """
 
     def __init__(self, stop: Callable[[], None], timeout_s: float | None = None) -> None:
@@ -83,7 +83,7 @@ class Stoppable(Generic[T]):
             raise TimeLimitError
 
     def _end(self, thread: threading.Thread, ended: threading.Event) -> None:
-        """Ask the work to stop, again and again: it may not have begun when it was asked first."""
+        """Ask the work to stop, repeatedly, since it may not have begun at the first request."""
         until = time.monotonic() + GRACE_S
         while not ended.is_set() and time.monotonic() < until:
             self._stop()
@@ -93,5 +93,5 @@ class Stoppable(Generic[T]):
 
 
 def left_behind() -> bool:
-    """Whether there is work that did not stop, for which the end of the process would wait."""
+    """Whether there is work that did not stop and for which the end of the process would wait."""
     return any(thread.name == LEFT_BEHIND for thread in threading.enumerate())
