@@ -1,4 +1,4 @@
-"""Packages that glucoloop is installed without, and the extra that brings each."""
+"""Optional packages, and the extra that installs each."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ EXTRAS: Final = {
     "optuna": "search",
     "plotly": "pages",
 }
-"""The extra of ``pyproject.toml`` that installs a package."""
+"""Extra of ``pyproject.toml`` that installs a package."""
 
 
 class MissingExtraError(ValueError):
-    """A package is missing that an extra installs."""
+    """An optional package is not installed; the message names its extra."""
 
 
 @contextmanager
 def needed_for(what: str) -> Iterator[None]:
-    """Around the import of a package of an extra.
+    """Turn a failed import of an optional package in the block into a sentence.
 
     Parameters
     ----------
     what : str
-        What the package is imported for, as the subject of a sentence in the singular.
+        Purpose of the import, as the subject of a sentence in the singular.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def needed_for(what: str) -> Iterator[None]:
 
 
 def missing(what: str, package: str) -> str | None:
-    """What to say if a package is not installed; None if it is."""
+    """Sentence about a package that is not installed; None if it is."""
     return None if importlib.util.find_spec(package) else _sentence(what, package)
 
 

@@ -1,4 +1,4 @@
-"""Frozen dataclasses that JAX can trace: the one way in which glucoloop writes a record."""
+"""Frozen dataclasses that JAX can trace, for all records of glucoloop."""
 
 from __future__ import annotations
 

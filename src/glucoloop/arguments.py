@@ -1,8 +1,8 @@
-"""What functions that people call ask of their arguments, read from the annotations of their parameters.
+"""Checks of the arguments of public functions, derived from the annotations of their parameters.
 
-`checked` refuses an argument of the wrong type with a sentence, and takes NumPy's and JAX's numbers where Python's are
-wanted. Bounds are checked by the functions themselves; they leave out what `is_traced`, since inside ``jax.jit``,
-``jax.grad`` and ``jax.vmap`` a number has no value yet.
+`checked` refuses an argument of the wrong type with a sentence, and accepts numbers of NumPy and JAX where those of
+Python are expected. Bounds are checked by the functions themselves; they skip values for which `is_traced` is true,
+since inside ``jax.jit``, ``jax.grad`` and ``jax.vmap`` a number has no value yet.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def is_traced(*values: object) -> bool:
 
 @contextlib.contextmanager
 def at_once(*given: object) -> Iterator[None]:
-    """Compute now, inside ``jax.jit`` too, which leaves everything for later; unless one of the given is traced."""
+    """Compute immediately, also inside ``jax.jit``, unless one of the given values is traced."""
     if not is_traced(given) and is_traced(jnp.zeros(())):
         with jax.ensure_compile_time_eval():
             yield
@@ -84,7 +84,7 @@ def on_host(reason: str) -> Callable[[T], T]:
     Parameters
     ----------
     reason : str
-        Why it cannot be traced: ``"it solves a Riccati equation with SciPy"``.
+        Reason why it cannot be traced: ``"it solves a Riccati equation with SciPy"``.
     """
 
     def decorate(function: T) -> T:
@@ -111,7 +111,7 @@ def random_key(key: object) -> jax.Array:
     Raises
     ------
     ArgumentTypeError
-        For what is neither.
+        For a value that is neither.
     ValueError
         For a number that does not fit into 64 bits.
     """
@@ -241,7 +241,7 @@ class _Argument:
         return f"{self.name} is {_described(self.value)}{without}; {mend}"
 
     def _misplaced(self) -> str | None:
-        """For which other argument of the function the value would do."""
+        """Name of another argument of the function that the value would suit."""
         for other, annotation in self.hints.items():
             kinds = (annotation, *typing.get_args(annotation))
             if other not in (self.name, "return") and any(_is_ours(kind) and _is_a(self.value, kind) for kind in kinds):
@@ -257,7 +257,7 @@ class _Argument:
         return "" if ending is None else f" in {_UNITS[ending]}"
 
     def _in_text(self) -> str:
-        """The number that a text begins with."""
+        """Number at the beginning of a text."""
         found = re.match(r"\s*[-+]?\d+(\.\d+)?", self.value) if isinstance(self.value, str) else None
         return "" if found is None else f", such as {float(found[0]):g}"
 
@@ -286,7 +286,7 @@ def _members(protocol: type) -> list[str]:
 
 
 def _lacking(value: object, protocol: type) -> list[str]:
-    """Members of a protocol that an object has not; a class has not what its instances have."""
+    """Members of a protocol that an object lacks; a class lacks the members of its instances."""
     return [name for name in _members(protocol) if isinstance(value, type) or not _has(value, name)]
 
 

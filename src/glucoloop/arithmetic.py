@@ -33,7 +33,7 @@ SETTINGS: Final[Mapping[str, bool | int | str | None]] = {
     "jax_random_seed_offset": 0,
     "jax_threefry_partitionable": True,
 }
-"""JAX's settings that change results, as glucoloop computes."""
+"""Settings of JAX that change results, with the values that glucoloop uses."""
 LIBRARIES: Final = ("jax", "jaxlib", "llvmlite", "numpy", "scipy")
 XLA_FLAGS: Final = "XLA_FLAGS"
 _VARIABLES: Final = (XLA_FLAGS, "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
@@ -41,7 +41,7 @@ _VARIABLES: Final = (XLA_FLAGS, "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
 _ROUNDING_FLAGS: Final = ("--xla_cpu_", "--xla_allow_")
 _YES: Final = ("y", "yes", "t", "true", "on", "1")
 _wanted: dict[str, bool | int | str | None] = {}
-"""What is set as soon as JAX is imported."""
+"""Settings that are applied as soon as JAX is imported."""
 
 
 def use_float64() -> None:
@@ -58,7 +58,7 @@ def pin() -> list[str]:
     Returns
     -------
     list of str
-        Sentences about what the environment asks for and is not heeded, and about flags that change results.
+        Sentences about settings of the environment that are ignored, and about flags that change results.
     """
     notes = []
     for name, value in SETTINGS.items():
@@ -79,7 +79,7 @@ def pin() -> list[str]:
 
 
 def identity() -> dict[str, str]:
-    """What the bits of a result depend on in this process: versions, processor, platform, flags and settings.
+    """Identity of the arithmetic of this process: versions, processor, platform, flags and settings.
 
     Two processes with the same identity give the same bits.
     """
@@ -115,7 +115,7 @@ def _versions() -> Mapping[str, str]:
 
 @functools.cache
 def _processor() -> str:
-    """Its name in LLVM, and a digest of the features that code may use."""
+    """Name of the processor in LLVM, and a digest of the features that code may use."""
     from llvmlite import binding
 
     features = binding.get_host_cpu_features().flatten()
@@ -156,7 +156,7 @@ def _text(value: object) -> str:
 
 
 class _WhenImported(importlib.abc.MetaPathFinder):
-    """Sets JAX up once it is imported, for importing it here would take a second that ``--help`` does not have."""
+    """Import hook that configures JAX when it is imported; importing it here would slow down ``--help`` by a second."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None

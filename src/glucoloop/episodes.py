@@ -1,4 +1,4 @@
-"""When a fault of a sensor or a pump is there.
+"""Episodes in which a fault of a sensor or a pump is present.
 
 Time is counted in samples: the first reading or command is number 0. All counting is done with floats, which are exact
 up to 2**24 samples even in single precision.
@@ -24,12 +24,12 @@ _FAULTS: Final = 0x4641554C
 
 @pytree
 class Episode:
-    """Where a fault stands."""
+    """State of the episodes of a fault."""
 
     until: jax.Array
     """Samples until the planned onset; below zero once it is over."""
     age: jax.Array
-    """Samples since the fault began, 0 at its first sample; -1 while there is none."""
+    """Samples since the fault began, 0 at its first sample; -1 while it is absent."""
 
 
 @pytree
@@ -40,31 +40,31 @@ class Episodes:
     """
 
     earliest: jax.Array | float
-    """Number of the first sample at which the planned episode may begin; inf: none is planned."""
+    """Number of the first sample at which the planned episode may begin; inf if none is planned."""
     latest: jax.Array | float
-    """Its onset is drawn evenly from the whole numbers from `earliest` to `latest`, once."""
+    """Last sample of the onset, which is drawn once, uniformly from the whole numbers from `earliest` to `latest`."""
     length: jax.Array | float
-    """Samples that an episode lasts, 1 or more; inf: to the end."""
+    """Number of samples of an episode, 1 or more; inf for an episode that lasts to the end."""
     probability: jax.Array | float = 0.0
-    """That an episode begins at a sample at which there is none; heeded where `by_chance` is set."""
+    """Probability that an episode begins at a sample without one; used if `by_chance` is set."""
     by_chance: bool = static(default=False)
     key: int = static(default=0)
-    """Sets the chance of this fault apart from that of others about the same sensor or pump."""
+    """Number that makes the random draws of this fault differ from those of others around the same sensor or pump."""
 
     def own(self, key: jax.Array) -> jax.Array:
-        """The key from which a fault draws numbers of its own; the given one goes on to what is inside."""
+        """Key for random draws of a fault itself; the given key goes on to the inner object."""
         own: jax.Array = jax.random.fold_in(key, _FAULTS + self.key)
         return own
 
     def init(self, like: jax.Array, key: jax.Array) -> Episode:
-        """Before the first sample.
+        """State before the first sample.
 
         Parameters
         ----------
         like : array
-            As many people as it has, and its kind of numbers.
+            Array with the number of people and the type of numbers of the state.
         key : jax.Array
-            From which the onset is drawn.
+            Key from which the onset is drawn.
         """
         drawn = jax.random.uniform(self.own(key), jnp.shape(like), jnp.result_type(float, like))
         span = jnp.where(self.latest > self.earliest, self.latest - self.earliest, 0.0)
@@ -72,7 +72,7 @@ class Episodes:
         return Episode(until=self.earliest + later, age=-jnp.ones_like(drawn))
 
     def step(self, state: Episode, key: jax.Array) -> tuple[Episode, jax.Array]:
-        """Go on to the next sample, and tell the age of the fault there: -1 if there is none."""
+        """Advance to the next sample, and give the age of the fault there: -1 if it is absent."""
         goes_on = (state.age >= 0.0) & (state.age + 1.0 < self.length)
         begins = state.until == 0.0
         if self.by_chance:
@@ -83,18 +83,19 @@ class Episodes:
 
 
 def once(start_sample: int, samples: float = math.inf, *, latest_sample: int | None = None, key: int = 0) -> Episodes:
-    """One episode.
+    """Episodes with a single occurrence.
 
     Parameters
     ----------
     start_sample : int
         Number of the sample at which it begins; the first one is 0.
     samples : int or inf
-        That it lasts; by default to the end.
+        Number of samples of the episode; by default it lasts to the end.
     latest_sample : int, optional
-        With it the onset is drawn evenly from `start_sample` to there, for each person.
+        If given, the onset is drawn uniformly from `start_sample` to this sample, for each person.
     key : int
-        Sets the chance of this fault apart from that of others about the same sensor or pump; 0 to 65535.
+        Number that makes the random draws of this fault differ from those of others around the same sensor or pump;
+        0 to 65535.
 
     Raises
     ------
@@ -107,17 +108,18 @@ def once(start_sample: int, samples: float = math.inf, *, latest_sample: int | N
 
 
 def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episodes:
-    """Episodes that begin by chance, again and again.
+    """Episodes that begin at random, repeatedly.
 
     Parameters
     ----------
     probability : float
-        That one begins at a sample at which there is none. With episodes of n samples and a probability p, the fault
-        is there in a share ``n p / (n p + 1 - p)`` of the samples.
+        Probability that an episode begins at a sample without one. With episodes of n samples and a probability p, the
+        fault is present in a share ``n p / (n p + 1 - p)`` of the samples.
     samples : int or inf
-        That each lasts.
+        Number of samples of each episode.
     key : int
-        Sets the chance of this fault apart from that of others about the same sensor or pump; 0 to 65535.
+        Number that makes the random draws of this fault differ from those of others around the same sensor or pump;
+        0 to 65535.
 
     Raises
     ------
@@ -137,12 +139,12 @@ def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episod
 
 
 def always(*, key: int = 0) -> Episodes:
-    """A fault that is there from the first sample to the last."""
+    """A fault that is present from the first sample to the last."""
     return Episodes(earliest=0.0, latest=0.0, length=math.inf, key=_checked_key(key))
 
 
 def never(*, key: int = 0) -> Episodes:
-    """A fault that is never there: what it is put around stays as it is, bit for bit."""
+    """A fault that is never present: the wrapped object behaves as without it, bit for bit."""
     return Episodes(earliest=math.inf, latest=math.inf, length=math.inf, key=_checked_key(key))
 
 

@@ -1,7 +1,7 @@
-"""Values that are possible but hardly meant: most are numbers in another unit.
+"""Plausible ranges of values, outside of which a value is possible but probably in another unit.
 
-A bound says what cannot be and is refused whatever is said. A plausible range is narrower: a value outside it is asked
-about in an error that names the unit it looks like, and is taken by those who confirm that they mean it.
+A bound excludes the impossible and is always enforced. A plausible range is narrower: a value outside it is asked about
+in an error that names the unit it looks like, and is accepted once the user confirms it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Final
 from glucoloop.units import MG_DL_PER_MMOL_L, MG_PER_G, MIN_PER_H, MU_PER_U, PMOL_PER_U
 
 CONFIRM_OPTION: Final = "add --allow-unusual"
-"""How a value is confirmed on the command line, wherever it stands."""
+"""Way to confirm a value on the command line, wherever it stands."""
 CONFIRM_ARGUMENT: Final = "pass allow_unusual=True"
-"""How it is confirmed in Python."""
+"""Way to confirm a value in Python."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class OtherUnit:
 
     name: str
     factor: float
-    """Multiply a number in this unit by it to get the quantity's own unit."""
+    """Factor from this unit to the quantity's own unit."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is measured, its unit here, and between which bounds people mean it.
+    """A measured quantity, its unit, and its plausible range.
 
     Raises
     ------
@@ -45,11 +45,11 @@ class Quantity:
     least: float
     most: float
     others: tuple[OtherUnit, ...] = ()
-    """The likeliest first."""
+    """Other units in use, the likeliest first."""
     zero: bool = False
-    """Whether 0 is meant too, as a noise or a dead time of 0 is."""
+    """Whether 0 is plausible too, as for a noise or a dead time."""
     reason: str = ""
-    """Why the range is what it is, where that is not plain from the name: a part of a sentence."""
+    """Reason for the range, where the name does not make it plain: a part of a sentence."""
 
     def __post_init__(self) -> None:
         if not self.least < self.most:
@@ -59,7 +59,7 @@ class Quantity:
             )
 
     def plausible(self, value: float) -> bool:
-        """Whether the value may be meant; NaN may not."""
+        """Whether the value is plausible; NaN is not."""
         return self.least <= value <= self.most or (self.zero and value == 0.0)
 
     def meant(self, value: float) -> Iterator[tuple[OtherUnit, float]]:
@@ -72,9 +72,9 @@ class Quantity:
                 yield other, converted
 
     def looks_like(self, value: float) -> str | None:
-        """Which unit the value looks like, as part of a sentence: ``that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl``.
+        """Unit that the value looks like, as part of a sentence: ``that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl``.
 
-        None where no other unit makes it plausible.
+        It is None if no other unit makes the value plausible.
         """
         found = next(self.meant(value), None)
         if found is None:
@@ -83,7 +83,7 @@ class Quantity:
         return f"that looks like {other.name}: {value:g} {other.name} is {_rounded(converted)} {self.unit}"
 
     def within(self, *, least: float | None = None, most: float | None = None, reason: str) -> Quantity:
-        """The same quantity in a narrower range, which is known only where it is used."""
+        """The same quantity with a narrower range, for a place where more is known."""
         return dataclasses.replace(
             self,
             least=self.least if least is None else least,
@@ -116,16 +116,16 @@ NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7
 
 
 def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> str | None:
-    """What to ask about a value that is hardly meant, or None for a plausible one.
+    """Question about an implausible value, or None for a plausible one.
 
     Parameters
     ----------
     value : float
     quantity : Quantity
     called : str
-        What the user calls the value, like ``--setpoint`` or ``the median of the column insulin_mU_min``.
+        Name of the value for the user, like ``--setpoint`` or ``the median of the column insulin_mU_min``.
     confirm : str
-        What to do where the value is meant, as ``CONFIRM_OPTION``.
+        Way to confirm the value, such as ``CONFIRM_OPTION``.
 
     Returns
     -------
@@ -156,12 +156,12 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
 
 
 def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> None:
-    """Refuse a value that is hardly meant.
+    """Refuse an implausible value.
 
     Raises
     ------
     ValueError
-        With the sentences of `doubt`.
+        If the value is implausible, with the sentences of `doubt`.
     """
     asked = doubt(value, quantity, called, confirm)
     if asked is not None:

@@ -1,4 +1,4 @@
-"""What can be printed in a line, whoever wrote it."""
+"""Text that can be printed in one line, whatever its source."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _UNPRINTABLE: Final = ("Cc", "Cs", "Zl", "Zp")
 
 
 def is_printable(text: str) -> bool:
-    """Whether a text can stand in a line: no control characters, no end of a line, nothing that no file can hold."""
+    """Whether a text can stand in a line: no control characters, line ends or lone surrogates."""
     return not any(unicodedata.category(character) in _UNPRINTABLE for character in text)
 
 

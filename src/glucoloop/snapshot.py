@@ -1,4 +1,4 @@
-"""States as bytes, exactly, and back: versioned, with a digest, and refused elsewhere than where they were taken."""
+"""Exact snapshots of states as bytes: versioned, with a digest, and refused for another owner."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def pack(state: Any, of: str = "") -> bytes:
     Parameters
     ----------
     state : pytree of arrays
-        Of a stepper, a controller, an estimator: whatever ``init`` makes and ``step`` hands back.
+        State of a stepper, a controller or an estimator, as ``init`` and ``step`` return it.
     of : str
-        Whose it is, such as a `fingerprint`; asked for again by `unpack`.
+        Name of the owner, such as a `fingerprint`; `unpack` asks for it again.
     """
     arrays = [_plain(leaf) for leaf in jax.tree.leaves(state)]
     header = {"of": of, "arrays": [[array.dtype.str, list(array.shape)] for array in arrays]}
@@ -44,7 +44,7 @@ def unpack(data: bytes, like: T, of: str = "") -> T:
     like : pytree of arrays
         Another state of the same kind, such as the one that ``init`` makes. An axis may have another length.
     of : str
-        Whose it should be.
+        Name of the expected owner.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Counter-based random numbers: a value is a function of a seed, a name and two counters, and of nothing else.
 
-So the numbers of one person do not depend on who else is drawn, in which order, or where. Everything is integer
+The numbers of one person therefore do not depend on who else is drawn, in which order, or where. Everything is integer
 arithmetic on the host, the same on every machine.
 
 References
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 LARGEST_COUNTER: Final = 2**32 - 1
-"""Of a seed, a person or an index."""
+"""Largest seed, number of a person, or index."""
 
 Words = npt.NDArray[np.uint32]
 
@@ -42,7 +42,7 @@ def threefry_2x32(key: tuple[int, int], first: Words, second: Words) -> tuple[Wo
 
 
 def name_word(name: str) -> int:
-    """32 bits that stand for a name, the same everywhere."""
+    """Word of 32 bits that represents a name, the same on every machine."""
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
 
 
@@ -54,11 +54,11 @@ def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt
     seed : int
         From 0 to 2**32 - 1.
     name : str
-        What is drawn; different names have independent numbers.
+        Name of the drawn quantity; different names have independent numbers.
     person : (n,) array of int
         From 0 to 2**32 - 1 each.
     index : int
-        Which of the numbers of that name.
+        Index of the number among those of that name.
 
     Returns
     -------

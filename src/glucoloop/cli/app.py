@@ -1,4 +1,4 @@
-"""The program: its commands, and how it leaves."""
+"""The program: its commands and its exit codes."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _program(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command and leave: 0 done, 2 the user's mistake, in one sentence, 130 interrupted; a bug is a traceback."""
+    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; bugs raise."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     with forgotten():
         _main(arguments)
@@ -115,17 +115,17 @@ def _main(arguments: list[str]) -> NoReturn:
 
 
 def _open_streams() -> None:
-    """Let what is said to a stream that was closed before the program began go nowhere: Python has None for it."""
+    """Discard output to a stream that was closed before the program began, for which Python has None."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (for as long as the program)
 
 
 def program() -> None:
-    """The command as a process: `main`, but an interrupted one ends at once.
+    """The command as a process: like `main`, but an interrupted one ends at once.
 
-    The interpreter would take itself apart first, while threads of JAX still compute in it, and now and then crash; and
-    it would wait for work that does not stop.
+    A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes; and it
+    would wait for work that does not stop.
     """
     try:
         main()

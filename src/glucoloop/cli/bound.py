@@ -82,7 +82,7 @@ _OPTIONS: Final = tuple(_options())
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, work it out, write it and tell it."""
+    """Check the request, compute the bound, write it and print it."""
     keys, output, file = split_off_output(given)
     asked = _read(with_lists(keys), file_keys(file))
     files: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Bounds that were asked for, worked out."""
+"""Computation of requested bounds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ENDS = "told from noise that it ends"
 
 @dataclass(frozen=True)
 class Bounded:
-    """Plans by what is known, and those for what noise lets one know."""
+    """Plans by the knowledge of the meals, and plans under sensor noise."""
 
     config: BoundConfig
     plans: dict[str, OptimalDoses]
@@ -56,7 +56,7 @@ class Bounded:
         return {"config": bound_keys(self.config), "bounds": plans, "hedged": hedged}
 
     def notes(self) -> Iterator[str]:
-        """What else is worth knowing; one sentence each."""
+        """Further notes, one sentence each."""
         for label, plan in {**self.plans, **{label: of.meal for label, of in self.hedged.items()}}.items():
             if not plan.converged:
                 yield (
@@ -89,11 +89,11 @@ class Bounded:
         return _stacked(self._all(), "t_min", "insulin_mU_min")
 
     def minutes(self) -> pl.DataFrame:
-        """Glucose under them."""
+        """Glucose of the plans."""
         return _stacked(self._all(), "fine_t_min", "glucose_mg_dl")
 
     def _all(self) -> dict[tuple[str, str], OptimalDoses]:
-        """By information and world."""
+        """All plans by information and world."""
         plans = {(label, "meal"): plan for label, plan in self.plans.items()}
         for label, of in self.hedged.items():
             plans[label, "meal"] = of.meal
@@ -116,7 +116,7 @@ def _stacked(plans: dict[tuple[str, str], OptimalDoses], time: str, what: str) -
 
 
 def information_label(known_after_min: float) -> str:
-    """What somebody knows, in words."""
+    """Knowledge of the meals, in words."""
     if known_after_min == IN_ADVANCE:
         return "all known in advance"
     if known_after_min == 0.0:
@@ -125,7 +125,7 @@ def information_label(known_after_min: float) -> str:
 
 
 def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
-    """Every plan that was asked for, and those for what noise lets one know.
+    """Compute every plan that was asked for, and those under sensor noise.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""``glucoloop claims``: what is claimed of the meal-aware controller, each claim a number."""
+"""``glucoloop claims``: claims about the meal-aware controller, each with its number."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _OPTIONS: Final = (*_OWN, *OUTPUT)
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, close the loops, judge, write and tell."""
+    """Check the request, simulate the loops, judge the claims, write and print them."""
     keys, output, file = split_off_output(given)
     asked = _read(keys, file_keys(file))
     files: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""A configured run, made: patient, sensor, pump and controller from their configuration, and the loop closed."""
+"""Simulation of a configured run: patient, sensor, pump and controller are made, and the loop is simulated."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from glucoloop.units import u_h_from_mu_min
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run and what came of it."""
+    """A run with its results."""
 
     run: Run
     model: ModelFile | None
-    """None for a controller that uses none."""
+    """Model of the controller; None for a controller that uses none."""
     trace: Trace
     metrics: Metrics
     limits: DoseLimits
     notes: tuple[str, ...]
-    """How the model came about, and what else is worth knowing; one sentence each."""
+    """Notes on the model and the run, one sentence each."""
 
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -48,7 +48,7 @@ class Outcome:
 
 
 def close_the_loop(run: Run) -> Outcome:
-    """Identify or read the model, design the controller, and simulate.
+    """Identify or read the model, design the controller, and simulate the loop.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def close_the_loop(run: Run) -> Outcome:
 
 
 def model_for(run: Run, situation: Situation) -> ModelFile | None:
-    """The model that the controller is designed on, before it is told of a dead time."""
+    """Model on which the controller is designed, without the dead time."""
     case = run.case
     if not controller_entry(case.controller).uses_model:
         return None
@@ -128,7 +128,7 @@ def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelF
 
 
 def controller_for(run: Run, situation: Situation, model: ModelFile | None) -> Controller:
-    """The controller of a case; a model from a late record holds the dead time already."""
+    """Controller of a case. A model from a record with dead time contains the dead time already."""
     return controller_of(
         situation,
         run.case.case(),
@@ -138,7 +138,7 @@ def controller_for(run: Run, situation: Situation, model: ModelFile | None) -> C
 
 
 def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
-    """How the model came about, and what else is worth knowing; one sentence each."""
+    """Notes on the model and the run, one sentence each."""
     situation, case = run.situation, run.case
     if model is not None:
         gain = f"gain {model.step_response[-1]:.4g} mg/dl per mU/min"
@@ -174,7 +174,7 @@ def notes_on_patient(situation: Situation) -> Iterator[str]:
 
 
 def notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:
-    """What a reader must know of how a run went before reading its numbers; one sentence each."""
+    """Notes on the course of a run that a reader needs for its numbers, one sentence each."""
     without_dose = int(metrics.samples_non_finite)
     if without_dose:
         yield (

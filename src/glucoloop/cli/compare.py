@@ -51,7 +51,7 @@ _OPTIONS: Final = (_CASES, _BOUND, *SITUATION, *CASE, *OUTPUT, MMOL)
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, run all cases, write and tell them."""
+    """Check the request, run all cases, write and print them."""
     keys, output, file = split_off_output(given)
     keys, of_file = with_lists(keys), file_keys(file)
     bounded = _bounded(keys, of_file)
@@ -88,7 +88,7 @@ def command(given: Given) -> None:
 
 
 def _bounded(keys: Given, of_file: Given) -> bool:
-    """Whether the bound is asked for, which no run has a key for."""
+    """Whether the bound is requested, for which a run has no key."""
     in_file = of_file.pop(_BOUND.key, False)
     if not isinstance(in_file, bool):
         raise ValueError(f"bound is {in_file!r}; give true or false")

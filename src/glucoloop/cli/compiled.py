@@ -1,4 +1,4 @@
-"""JAX as the command line uses it: what it compiled once is kept for the next command."""
+"""Persistent cache of compiled programs for the command line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OFF: Final = "off"
 def keep_compiled() -> None:
     """Switch JAX's persistent cache on.
 
-    It silently stays off where its folder cannot be written to, and with a sentence where somebody else could.
+    It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
     config = importlib.import_module("jax").config  # untyped: JAX's own stubs leave `update` so
     # A bug keeps its whole traceback; `mistakes` tells bugs apart by where an error was raised.
@@ -34,7 +34,7 @@ def keep_compiled() -> None:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled code is kept; None where the environment says that it is not."""
+    """Folder of compiled programs; None where the environment switches it off."""
     import platformdirs
 
     told = os.environ.get(VARIABLE, "").strip()
@@ -45,7 +45,7 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def _usable(folder: Path) -> bool:
-    """Whether a folder of programs can be used; what is in it is checked, once in a process."""
+    """Whether a folder of programs can be used; its contents are checked once per process."""
     from glucoloop.storage.programs import check_programs, private_folder, seal_programs
 
     try:

@@ -1,4 +1,4 @@
-"""A configured identification, made: the experiment or the record, the fit, and its check."""
+"""Computation of a configured identification: experiment or record, fit and validation."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ from glucoloop.storage.tables import read_record_columns
 
 VALIDATION_SAMPLES: Final = 100
 VALIDATION_SHARE: Final = 0.1
-"""Of the basal rate."""
+"""Amplitude of the validation input as a share of the basal rate."""
 
 
 @dataclass(frozen=True)
 class Identified:
-    """An identification and what came of it."""
+    """An identification with its results."""
 
     config: IdentificationConfig
     record: Record
     data: str | None
-    """Text of the record's file."""
+    """Text of the record's file, or None without one."""
     identification: Identification
     model: ModelFile
     truth: jax.Array | None
-    """Impulse response from a record free of noise, where there is a patient to ask and noise to compare with."""
+    """Impulse response from a record free of noise, for a simulated patient with noisy readings; otherwise None."""
     validation: Validation
     validation_insulin_mU_min: jax.Array
     validated_on: str
@@ -66,7 +66,7 @@ class Identified:
         return f"{hint} --known-dead-time" if self.config.dead_time_min else hint
 
     def rows(self) -> Iterator[tuple[str, str, str]]:
-        """Name, value and unit of what there is to know about the model."""
+        """Name, value and unit of each property of the model."""
         yield "Gain", f"{float(self.identification.model.gain):.4f}", "mg/dl per mU/min"
         yield "Gain, 95 % confidence", f"± {self.identification.reliability.gain_margin:.4f}", "mg/dl per mU/min"
         yield "Time constant, first-order fit", _time_constant(self.identification), "min"
@@ -209,7 +209,7 @@ def _from_data(config: IdentificationConfig, path: Path) -> Identified:
 
 
 def _about_meals(record: Record, identification: Identification) -> Iterator[str]:
-    """What was done about meals, a sentence."""
+    """Sentence on the treatment of the meals."""
     if record.carbs_g is None:
         yield (
             "Meals: none are known. If something was eaten, name it in a column carbs_g; otherwise the rise of glucose "
@@ -229,7 +229,7 @@ def _about_meals(record: Record, identification: Identification) -> Iterator[str
 
 
 def _method(config: IdentificationConfig, record: Record) -> tuple[str, str]:
-    """The method for a record, and why in a sentence."""
+    """Method for a record, and the reason in a sentence."""
     eaten = record.carbs_g is not None and bool(record.carbs_g.any())
     if config.method != "auto":
         return config.method, f"Method: {config.method}, as asked."
@@ -318,7 +318,7 @@ _OPTIONS_OF: Final = {
 
 
 def _in_options(told: str) -> str:
-    """A sentence of the library, in the words of the command line."""
+    """Sentence of the library with the names of options in place of arguments."""
     for word, option in _OPTIONS_OF.items():
         told = told.replace(word, option)
     return told

@@ -103,7 +103,7 @@ _OPTIONS: Final = (
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, identify, write the model and tell about it."""
+    """Check the request, identify, write the model and report on it."""
     keys, output, file = split_off_output(given)
     asked = _read(keys, file_keys(file))
     files: dict[str, str] = {}
@@ -181,7 +181,7 @@ def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None
 
 
 def _warning(identified: Identified) -> tuple[str, ...]:
-    """What to say about a model that no controller should be designed on, a line each."""
+    """Lines of warning about a model on which no controller should be designed."""
     doubts = identified.model.doubts()
     if not doubts:
         return ()

@@ -1,4 +1,4 @@
-"""Ctrl-C, even where a library swallows it."""
+"""Handling of Ctrl-C, also where a library swallows the exception."""
 
 from __future__ import annotations
 

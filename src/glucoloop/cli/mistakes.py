@@ -1,6 +1,6 @@
-"""Telling the user's mistake and what the machine refuses, in one sentence, from a bug, which keeps its traceback.
+"""Errors of the user and of the machine in one sentence; a bug keeps its traceback.
 
-All errors of all commands come through here, so that what is known of an error is said in one place.
+All errors of all commands pass through here, so that each kind is worded in one place.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _LONGEST: Final = 2000
 
 
 def sentence(error: BaseException) -> str | None:
-    """What to say about an error, or None if it is a bug.
+    """Sentence for an error, or None if it is a bug.
 
-    The library refuses with a sentence of its own. A ValueError that another library raises was not foreseen.
+    The library raises errors with a sentence of its own. A ValueError from another library is a bug.
     """
     if isinstance(error, MemoryError) or _is_of_jax(error, "RESOURCE_EXHAUSTED"):
         return _with_results("there is not enough memory for this; ask for fewer people, samples or rows")
@@ -46,7 +46,7 @@ def sentence(error: BaseException) -> str | None:
 
 
 def mistake(told: str) -> NoReturn:
-    """Say a sentence and leave."""
+    """Print a sentence and exit with code 2."""
     told = printable(told)
     if len(told) > _LONGEST:  # somebody's value; what is to be done about it stands at the end
         told = f"{told[: _LONGEST // 2]} ... {told[-_LONGEST // 2 :]}"
@@ -56,7 +56,7 @@ def mistake(told: str) -> NoReturn:
 
 
 def interrupted(told: str | None = None) -> NoReturn:
-    """Leave after Ctrl-C."""
+    """Exit after Ctrl-C."""
     print(f"glucoloop: {told or _with_results('interrupted')}.", file=sys.stderr)
     # An interrupt that lands in an exec, which dataclasses use, marks the process: `python -m` would then end as if
     # nobody had caught it. The next exec takes the mark away.
@@ -75,13 +75,13 @@ def _of_the_system(error: OSError) -> str | None:
 
 
 def _with_results(told: str) -> str:
-    """With what is known about results, which may be nothing."""
+    """Sentence with the state of the results appended, if it is known."""
     known = results.known()
     return told if known is None else f"{told}, {known}"
 
 
 def _is_of_jax(error: BaseException, said: str) -> bool:
-    """Whether JAX or XLA, whose errors have no classes of their own, says something."""
+    """Whether an error is from JAX or XLA, whose errors have no classes of their own."""
     return isinstance(error, RuntimeError) and said in str(error)
 
 
@@ -91,5 +91,5 @@ def _origin(error: BaseException) -> Path:
 
 
 def _line(error: BaseException) -> str:
-    """What an error says, in one line."""
+    """Message of an error, in one line."""
     return " ".join(str(error).split()).rstrip(".")

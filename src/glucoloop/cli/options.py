@@ -1,7 +1,7 @@
-"""The options of the commands, and how a command gets them.
+"""Options of the commands, and their conversion to configuration keys.
 
-An option stands for a key of the configuration, so that the command line and files say the same things. Options that
-were not given are not passed on: files and defaults speak for them.
+An option stands for a key of the configuration, so that the command line and files use the same settings. Options that
+were not given are not passed on, so that files and defaults apply.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from glucoloop.registry.guard import GUARD
 from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
 
 Given = dict[str, Any]
-"""Key -> value of the options that were given."""
+"""Value of each option that was given, by its key."""
 
 
 _NUMBERS: Final[dict[Any, str]] = {int: "a whole number", float: "a number"}
@@ -27,25 +27,25 @@ _NUMBERS: Final[dict[Any, str]] = {int: "a whole number", float: "a number"}
 
 @dataclass(frozen=True)
 class Option:
-    """One option."""
+    """One option of a command."""
 
     key: str
     flag: str
-    """A switch has its opposite after a slash."""
+    """Name with dashes; a switch has its opposite after a slash."""
     kind: Any
     help: str
     panel: str
     metavar: str | None = None
     default: str | None = None
-    """As shown in the help."""
+    """Text of the default in the help."""
 
     @property
     def name(self) -> str:
-        """What the user calls it."""
+        """Name of the option as the user writes it."""
         return self.flag.split("/")[0]
 
     def parameter(self) -> inspect.Parameter:
-        """As Typer reads it from a command's signature."""
+        """Parameter of a command's signature, from which Typer makes the option."""
         told = self.help if self.default is None else f"{self.help} (default {self.default})"
         info = typer.Option(
             None, self.flag, help=told, metavar=self.metavar, rich_help_panel=self.panel, show_default=False
@@ -71,12 +71,12 @@ class Option:
 
 
 def names(options: Iterable[Option], given: Given) -> dict[str, str]:
-    """Key -> what the user calls its option, of those that were given; a key of a file is called as it stands there."""
+    """Option names by key for the given options; keys of a file keep their own names."""
     return {option.key: option.name for option in options if option.key in given}
 
 
 def with_options(options: Iterable[Option]) -> Callable[[Callable[[Given], None]], Callable[..., None]]:
-    """Make a command of a function of the options that were given."""
+    """Make a command from a function of the given options."""
     by_key = {option.key: option for option in options}
     parameters = [option.parameter() for option in by_key.values()]
 
@@ -198,7 +198,7 @@ NO_FAULT: Final = "no_fault"
 
 
 def _of_part(part: str) -> str:
-    """Faults with their settings, for help."""
+    """List of faults with their settings, for help."""
     return "; ".join(
         " ".join([entry.name, *(f"{setting.name}={setting.default.text}" for setting in entry.settings)])
         for entry in KNOWN_FAULTS.values()
@@ -309,7 +309,7 @@ SITUATION: Final = (
     ),
     ALLOW_UNUSUAL,
 )
-"""What all controllers of a comparison share."""
+"""Options that all controllers of a comparison share."""
 
 
 def _setting_options() -> Iterable[Option]:
@@ -340,7 +340,7 @@ def _guard_options() -> Iterable[Option]:
 
 
 OF_OTHERS: Final = "or one of another package, or module:attribute, whose settings are given by --setting"
-"""What else a controller can be, for help."""
+"""Text for help on controllers of other packages."""
 SETTING: Final = Option(
     SETTINGS,
     "--setting",
@@ -401,7 +401,7 @@ CASE: Final = (
     LAGUERRE_POLE,
     LAGUERRE_FUNCTIONS,
 )
-"""A controller, its tuning and its model."""
+"""Options of a controller, its tuning and its model."""
 
 OUTPUT: Final = (
     Option(

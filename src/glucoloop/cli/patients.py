@@ -1,4 +1,4 @@
-"""``glucoloop patients``: which patients there are, and what is usual for each."""
+"""``glucoloop patients``: the known patients with their usual settings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OPTIONS: Final = (Option("json", "--json", bool, "Print one JSON object.", "Out
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Tell of each patient."""
+    """Print a description of each patient."""
     entries = [patient_entry(name) for name in patient_names()]
     if given.get("json"):
         from glucoloop.storage.strict_json import json_text, with_version

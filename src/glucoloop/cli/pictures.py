@@ -1,4 +1,4 @@
-"""Figures of runs, as files."""
+"""Files of the figures of runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
-    """A figure as PNG, SVG and PDF, the same for the same run."""
+    """Write a figure as PNG, SVG and PDF; the same run gives the same bytes."""
     from glucoloop.report.print_figure import figure_files
 
     for file, data in figure_files(name, figure).items():
@@ -25,14 +25,14 @@ def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
 
 
 def tell_what_plots_lack() -> None:
-    """Say why a page is written without its plots."""
+    """Print the reason why a page is written without its plots."""
     lacking = plots_lack()
     if lacking:
         note([f"The page is written without its plots. {lacking}"])
 
 
 def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:
-    """The figure for print and the page to zoom into, of runs in the same situation."""
+    """Write the figure for print and the interactive page of runs in the same situation."""
     first = next(iter(outcomes.values()))
     limits, under_the_skin = first.limits, insulin_route(first.run.situation.surroundings().nominal) == SUBCUTANEOUS
     traces = {label: outcome.trace for label, outcome in outcomes.items()}

@@ -1,4 +1,4 @@
-"""``glucoloop query``: questions to a trial, in SQL."""
+"""``glucoloop query``: queries to a trial, in SQL."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def command(
         ),
     ] = None,
 ) -> None:
-    """Ask, and print the answer."""
+    """Run the query and print the answer."""
     if json and csv:
         raise ValueError("--json and --csv exclude one another; leave one out")
     if not folder:
@@ -126,7 +126,7 @@ def _cells(row: tuple[Any, ...]) -> Iterator[str]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON has it; what it has no kind for is told as text."""
+    """A value as JSON has it; other types become text."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""``glucoloop reproduce``: a published study, carried out again."""
+"""``glucoloop reproduce``: reproduction of a published study."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def command(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in that folder.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the report as one JSON object.")] = False,
 ) -> None:
-    """Run every experiment, compare, write and tell."""
+    """Run every experiment, compare the results, write and print them."""
     if paper not in PAPERS:
         raise ValueError(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
     points = list(dict.fromkeys(operating_point or _OPERATING_POINTS))

@@ -1,4 +1,4 @@
-"""What was asked for: the keys of a configuration file under those of the command line, and what to do with results."""
+"""Request of the user: keys of a configuration file overridden by the command line, and the use of the results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Output:
-    """Where results go."""
+    """Destination of the results."""
 
     out: Path | None
     overwrite: bool
@@ -38,7 +38,7 @@ class Output:
 
 
 def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
-    """Configuration keys, where results go, and the configuration file."""
+    """Configuration keys, destination of the results, and the configuration file."""
     keys = dict(given)
     out, config = keys.pop("out", None), keys.pop("config", None)
     if out == "" or config == "":
@@ -53,14 +53,14 @@ def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
 
 
 def with_lists(keys: Given) -> Given:
-    """Keys whose meals and faults are one list each; ``--no-meal`` and ``--no-fault`` are the empty ones.
+    """Keys with meals and faults as one list each; ``--no-meal`` and ``--no-fault`` give empty lists.
 
-    What ``--setting KEY=VALUE`` gives becomes a key like the others.
+    Each ``--setting KEY=VALUE`` becomes a key like the others.
 
     Raises
     ------
     ValueError
-        For options that exclude one another, or a setting that is none.
+        For options that exclude one another, or a malformed setting.
     """
     keys = _with_settings(keys)
     for several, none, called in ((MEALS, NO_MEAL, "meal"), (FAULTS, NO_FAULT, "fault")):

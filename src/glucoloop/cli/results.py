@@ -1,6 +1,6 @@
-"""What became of a command's results: whether something was written, for those who are told of an error.
+"""State of a command's results, for error messages: whether files were written.
 
-A command that writes a folder whole or not at all knows it; one that keeps what it has done tells about that itself.
+A command that writes a folder completely or not at all records it here; a resumable one prints it itself.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ _KNOWN: Final[ContextVar[str | None]] = ContextVar("known", default=None)
 
 
 def known() -> str | None:
-    """What is known, as a part of a sentence; None if nothing is."""
+    """State of the results as part of a sentence; None if it is not known."""
     return _KNOWN.get()
 
 
 @contextlib.contextmanager
 def forgotten() -> Iterator[None]:
-    """A command, of whose results nothing is known yet."""
+    """Run a command with the state of its results not known yet."""
     token = _KNOWN.set(None)
     try:
         yield

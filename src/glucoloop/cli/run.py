@@ -29,7 +29,7 @@ _OPTIONS: Final = (*SITUATION, *CASE, *OUTPUT, MMOL)
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, run it, write it and tell it."""
+    """Check the request, run it, write and print the results."""
     keys, output, file = split_off_output(given)
     asked = _read(with_lists(keys), file_keys(file))
     files: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""What a person sees while a command works: on standard error, so that results alone are on standard output."""
+"""Progress messages on standard error, so that standard output holds only results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from glucoloop.cli.interrupts import leave_if_asked
 
 @contextlib.contextmanager
 def stage(text: str) -> Iterator[None]:
-    """A line that moves while the block works; nothing where nobody watches."""
+    """Show a spinner with a text during the block, on a terminal only."""
     with _line(text):
         yield
     leave_if_asked()
@@ -19,7 +19,7 @@ def stage(text: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stages(first: str) -> Iterator[Callable[[str], None]]:
-    """A line that moves while the block works, and says what the block last told it to have done."""
+    """Show a spinner during the block, with the last step that the block reported."""
     with _line(first) as update:
 
         def done(what: str) -> None:
@@ -31,7 +31,7 @@ def stages(first: str) -> Iterator[Callable[[str], None]]:
 
 @contextlib.contextmanager
 def _line(text: str) -> Iterator[Callable[[str], None]]:
-    """A line on standard error, and how to change it; nothing where nobody watches."""
+    """Show a line on standard error, with a function to change it; nothing if it is not a terminal."""
     if not sys.stderr.isatty():
         yield lambda text: None
         return
@@ -42,13 +42,13 @@ def _line(text: str) -> Iterator[Callable[[str], None]]:
 
 
 def note(texts: Iterable[str]) -> None:
-    """Notes, one line each."""
+    """Print notes, one line each."""
     for text in texts:
         print(text, file=sys.stderr)
 
 
 def show(table: object) -> None:
-    """A table on standard output; piped, it is plain text and as wide as it needs to be."""
+    """Print a table on standard output; piped, it is plain text and as wide as it needs to be."""
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else 200

@@ -1,4 +1,4 @@
-"""How far a search is, at what rate it goes, and how much longer it takes."""
+"""Progress of a search, its rate, and the remaining time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from glucoloop.cli.trial_progress import BETWEEN_LINES_S
 
 @contextlib.contextmanager
 def counted_out(before: int, wanted: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Tell on standard error how many of what are done: in one line where somebody watches, else now and then."""
+    """Report progress on standard error: in one line on a terminal, otherwise from time to time."""
     since, last = time.monotonic(), time.monotonic()
     started: int | None = None
 

@@ -1,4 +1,4 @@
-"""What a command says at its end."""
+"""Output of a command at its end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: tuple[str, ...]) -> None:
-    """The report alone on standard output; what else there is to say goes to standard error."""
+    """Print the report on standard output, and files and notes on standard error."""
     from glucoloop.storage.strict_json import json_text, with_version
 
     print(json_text({**with_version(report), "files": files}))
@@ -33,7 +33,7 @@ def mmol_lines(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
 
 
 def where_written(out: Path | None, files: Mapping[str, str]) -> str:
-    """Where the files are, or how to get some."""
+    """Sentence on the place of the files, or on how to get them."""
     if out is None:
         return "Nothing was written; --out DIR keeps tables, figures and the configuration."
     return f"Wrote {', '.join(files)} to {out}."

@@ -1,4 +1,4 @@
-"""``glucoloop trial``: many virtual people, many controllers, in a folder that goes on where it was."""
+"""``glucoloop trial``: many virtual people and several controllers, in a folder that can be resumed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MOST_WORKERS: Final = 4096
 
 @dataclass(frozen=True)
 class _Work:
-    """Where a trial is computed."""
+    """Way of computing a trial: threads, workers or a cluster."""
 
     workers: int | None
     dask: str | None
@@ -47,7 +47,7 @@ class _Work:
 
 @with_options(TRIAL)
 def command(given: Given) -> None:
-    """Check what was asked for, carry it out or go on with it, and tell it."""
+    """Check the request, run or resume the trial, and print it."""
     keys, output, file = split_off_output(given)
     work = _work(keys)
     texts = with_lists(keys), file_keys(file)
@@ -62,7 +62,7 @@ def command(given: Given) -> None:
 
 
 def _work(keys: Given) -> _Work:
-    """How it is to be computed, which is no part of the configuration."""
+    """Way of computing, which is not part of the configuration."""
     workers, dask = keys.pop(WORKERS.key, None), keys.pop(DASK.key, None)
     if workers is not None and not 1 <= workers <= _MOST_WORKERS:
         raise ValueError(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
@@ -134,7 +134,7 @@ def _compute(folder: TrialFolder, work: _Work) -> None:
 
 
 def _simulator(trial: Trial, threads: int | None) -> Simulate:
-    """The engine, with the controllers of a trial designed."""
+    """Function that simulates people, with the controllers of the trial designed."""
     from glucoloop.cohorts import engine
 
     prepared = engine.prepare(trial)

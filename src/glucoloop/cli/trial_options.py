@@ -61,7 +61,7 @@ DASK: Final = Option(
 
 
 def _shared() -> Iterator[Option]:
-    """What a trial has in common with a single run, in the words of a trial."""
+    """Options that a trial has in common with a single run, with help worded for a trial."""
     words = {
         "operating_point": "Where the nominal patient rests, for whom controllers are designed.",
         "setpoint_mg_dl": "Where everybody rests at the start, and the target; the operating point's by default.",

@@ -1,4 +1,4 @@
-"""How far a trial is, at what rate it goes, and how much longer it takes."""
+"""Progress of a trial, its rate, and the remaining time."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _REMEMBERED_S: Final = 30.0
 
 @contextlib.contextmanager
 def counted(people: int, before: int, controllers: int) -> Iterator[Callable[[int], None]]:
-    """Tell on standard error how many people are done while the block works.
+    """Report on standard error the number of people done during the block.
 
-    A bar where somebody watches, and else a line every ten seconds. It is told of people under one controller each; a
+    It is a bar on a terminal, and otherwise a line every ten seconds. It counts people under one controller each; a
     person is done when all controllers are.
     """
     told = _bar(people, before) if sys.stderr.isatty() else _lines(people, before)
@@ -37,13 +37,13 @@ def counted(people: int, before: int, controllers: int) -> Iterator[Callable[[in
 
 
 class _Rate:
-    """People per second of late; what a start takes is soon forgotten."""
+    """Recent rate in people per second; the slow start soon loses its weight."""
 
     def __init__(self) -> None:
         self._done = deque([(time.monotonic(), 0.0)])
 
     def people_s(self, done: float) -> float:
-        """The rate, now that so many are done."""
+        """The rate after a number of people done."""
         now = time.monotonic()
         self._done.append((now, done))
         while len(self._done) > 2 and self._done[0][0] < now - _REMEMBERED_S:

@@ -1,4 +1,4 @@
-"""What is said about a whole trial: summary, bands, picture and page."""
+"""Results of a whole trial: summary, bands, figure and page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.shard import Counts, Simulate, add_counts, edges, no_counts, times
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
-"""By controller and quantity: (quantiles, times)."""
+"""Quantiles ``(quantiles, times)`` by controller and quantity."""
 _RANGE_METRICS: Final = (
     "time_below_54_pct",
     "time_below_70_pct",
@@ -38,7 +38,7 @@ _REMARKABLE: Final = 3
 
 
 def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
-    """The files about a whole trial, by name, from its shards; the people who fared worst are simulated again."""
+    """Files about a whole trial, by name, from its shards; people with the worst outcomes are simulated again."""
     trial = folder.trial
     summary = summarise_people(folder.people, max_insulin_mU_min=trial.max_insulin_mU_min)
     bands = _bands(folder)
@@ -120,7 +120,7 @@ def _case_report(
 
 
 def _one_meal(trial: Trial) -> bool:
-    """Whether there is one meal to settle from; after many, settling is that of the last."""
+    """Whether there is one meal from which settling counts; after many, it counts from the last."""
     return len(trial.plan.nominal()) == 1
 
 
@@ -146,7 +146,7 @@ def _headlines(summary: CaseSummary, *, settling: bool) -> dict[str, float | str
 
 
 def _worst(trial: Trial, label: str, summary: CaseSummary, simulate: Simulate) -> list[WorstPerson]:
-    """Those who fared worst, with their traces: a person is the same whenever he is simulated."""
+    """People with the worst outcomes, with their traces; a person is the same in every simulation."""
     if not summary.worst:
         return []
     again = simulate(label, np.array([person["person"] for person in summary.worst], np.int64), True)
@@ -168,7 +168,7 @@ def _worst(trial: Trial, label: str, summary: CaseSummary, simulate: Simulate) -
 
 
 def _note(trial: Trial, person: Mapping[str, Any]) -> str:
-    """His basal rate, and the parameters that lie farthest from the middle of what is drawn."""
+    """Basal rate of a person, and the parameters that are farthest from the middle of their range."""
     told = [f"basal {person['basal_insulin_mU_min']:.1f} mU/min"]
     distributions = trial.population.distributions()
     apart = {

@@ -1,4 +1,4 @@
-"""What a trial says at its end."""
+"""Output of a finished trial."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NAMED: Final = 10
 
 
 def tell(trial: Trial, summary: Mapping[str, Any], output: Output, out: Path) -> None:
-    """Tell a finished trial: its summary as one JSON object, or a table and what it leaves out."""
+    """Print a finished trial: its summary as one JSON object, or a table with notes."""
     from glucoloop.storage.trials.folder import CONFIGURATION, FINAL
 
     notes = tuple(_notes(summary))
@@ -69,7 +69,7 @@ def _table(summary: Mapping[str, Any]) -> Table:
 
 
 def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Who is not in the numbers, and who is beyond the pump."""
+    """Notes on people who are left out, and on people whose basal rate is beyond the pump."""
     unable, beyond = summary["unable"], summary["basal_beyond_pump"]
     setpoint = f"{summary['setpoint_mg_dl']:g} mg/dl"
     if unable["count"]:

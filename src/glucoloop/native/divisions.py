@@ -1,4 +1,4 @@
-"""One division in place of several.
+"""Sharing of one division by several quotients.
 
 A division takes as long as sixteen products. Quotients that do not need one another can share one, by Montgomery's
 trick: ``1 / a`` and ``1 / b`` are ``b`` and ``a`` times ``1 / (a b)``. It is done for the operation ``ratio``, by which
@@ -28,13 +28,13 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
     ----------
     program : Program
     results : sequence
-        What is needed of it.
+        Values of the program that are needed.
 
     Returns
     -------
     program : Program
     place : mapping
-        Old value -> new value, of all that is needed and of all inputs.
+        Old value -> new value, of all needed values and all inputs.
     """
     order = program.needed(results)
     group_of = _groups(program, order)
@@ -67,9 +67,9 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
 
 
 def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value, ...]]:
-    """Each quotient -> those it shares a division with, itself among them.
+    """Quotients that share a division, by each quotient of the group.
 
-    Quotients that have the same number of quotients one after the other before them do not rest on one another.
+    Quotients that have the same number of quotients one after the other before them do not depend on one another.
     """
     depth: dict[Value, int] = {}
     waiting: dict[tuple[int, int], list[Value]] = {}

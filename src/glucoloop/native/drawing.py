@@ -1,6 +1,6 @@
-"""What rests on random keys alone, put off when a function is taken apart and computed before its loop.
+"""Values that depend only on random keys, split off from a function and computed before its loop.
 
-So the numbers are exactly those that JAX draws for one person, and native code needs no generator of its own.
+The numbers are exactly those that JAX draws for one person, and native code needs no random generator of its own.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from glucoloop.native.primitives import bind
 
 
 class Chance:
-    """An array that rests on random keys alone, so that it can be computed before the loop: its shape and type."""
+    """An array that depends only on random keys, so that it can be computed before the loop: its shape and type."""
 
     def __init__(self, aval: Any) -> None:
         self.aval = aval
@@ -23,13 +23,13 @@ class Chance:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What is computed of random keys before the loop, equation by equation."""
+    """Computations from random keys before the loop, equation by equation."""
 
     keys: Sequence[Chance]
     equations: Sequence[tuple[Any, Sequence[Any], Sequence[Chance]]]
-    """Equation, what goes in (`Chance` or numbers), what comes out."""
+    """Equation, its inputs (`Chance` or numbers), and its outputs."""
     wanted: Sequence[Chance]
-    """What the loop asks for."""
+    """Arrays that the loop needs."""
 
     def __call__(self, *keys: Any) -> list[jax.Array]:
         """The wanted arrays, of one person at one sample; JAX can trace it."""

@@ -1,8 +1,8 @@
-"""From a traced JAX function to a scalar program.
+"""Conversion of a traced JAX function to a scalar program.
 
-Arrays become arrays of values. What only moves numbers about (slices, reshapes, gathers, scatters) is carried out by
-JAX itself on the numbers of the elements; what computes is taken element by element; loops of known length are
-unrolled. What rests on random keys alone is put off, to be drawn before the loop.
+Arrays become arrays of values. Operations that only move numbers (slices, reshapes, gathers, scatters) are carried out
+by JAX itself on the numbers of the elements; computing operations are taken element by element; loops of known length
+are unrolled. Operations that depend only on random keys are postponed, to be drawn before the loop.
 """
 
 from __future__ import annotations
@@ -97,22 +97,22 @@ class Flattener:
         return np.array(flat, np.int64).reshape(aval.shape)
 
     def chance(self, aval: Any) -> Chance:
-        """An input from which only what rests on chance alone may be computed: a random key, the number of the sample.
+        """A random input, such as a random key or the number of the sample, to draw values from before the loop.
 
-        It stays outside the program. What the program asks for of it becomes an input; `drawing` computes that.
+        It stays outside the program. Values that the program needs from it become inputs; `drawing` computes them.
         """
         key = Chance(aval)
         self._keys.append(key)
         return key
 
     def drawing(self) -> tuple[Drawing, list[Values]]:
-        """What is to be computed before the loop, and the inputs of the program that it becomes."""
+        """The computations before the loop, and the inputs of the program that hold their results."""
         wanted = list(self._wanted.values())
         drawing = Drawing(keys=self._keys, equations=self._equations, wanted=[of for of, _ in wanted])
         return drawing, [values for _, values in wanted]
 
     def _ask(self, given: Any) -> Values:
-        """The values of an array, which becomes an input if it rests on chance."""
+        """Values of an array; an array that depends on random keys becomes an input."""
         if not isinstance(given, Chance):
             values: Values = given
             return values
@@ -150,7 +150,7 @@ class Flattener:
         return [read(atom) for atom in closed.jaxpr.outvars]
 
     def _by_chance(self, equation: Any, inputs: list[Any]) -> list[Chance] | None:
-        """Put an equation off that rests on chance alone."""
+        """Postpone an equation that depends only on random keys."""
         if not any(isinstance(given, Chance) for given in inputs) or equation.primitive.name.startswith("custom_"):
             return None  # a function with derivatives of its own is looked into
         numbers: list[Any] = []
@@ -208,7 +208,7 @@ class Flattener:
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
 
     def _move(self, equation: Any, inputs: list[Values]) -> list[Values]:
-        """Let JAX move the places about."""
+        """Let JAX move the numbers of the values."""
         with jax.ensure_compile_time_eval():
             moved = primitives.bind(equation, [jnp.asarray(a) for a in inputs])
         return [np.asarray(result, np.int64) for result in moved]
@@ -367,7 +367,7 @@ def _aligned(a: Values, letters: Sequence[str], order: Sequence[str], sizes: dic
 
 
 def _refuse_other_than_floats(operation: str, dtype: Any) -> None:
-    """Refuse what is something else for whole numbers or for truths than it is for numbers."""
+    """Refuse an operation that has another meaning for integers or truth values than for floats."""
     truths = jnp.issubdtype(dtype, jnp.bool_)
     if operation in ("and", "or", "xor", "not") and not truths:
         raise UnsupportedError("bits of whole numbers")

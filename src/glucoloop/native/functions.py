@@ -38,19 +38,19 @@ def _beyond_linear(degree: int) -> list[float]:
 
 @dataclass(frozen=True)
 class _Precision:
-    """What the functions are made of in one precision."""
+    """Constants of the functions in one precision."""
 
     ln2_high: float
-    """With fewer bits than a number holds, so that multiples of it are exact."""
+    """Leading part of ln 2 with few bits, so that its multiples are exact."""
     ln2_low: float
     round_to_whole: float
-    """Added to a number it leaves the nearest whole number in the last bits."""
+    """Number which, added to another, leaves the nearest whole number in the last bits."""
     beyond_linear: Sequence[float]
     log_terms: int
     largest: float
     """Largest argument of exp."""
     saturated: float
-    """Where tanh is one to rounding."""
+    """Argument from which tanh is one to rounding."""
 
 
 _OF: Final = {

@@ -1,7 +1,7 @@
-"""A JAX function of one person and one sample as a scalar program: what every target starts from.
+"""Lowering of a JAX function of one person and one sample to a scalar program, from which every target starts.
 
-Nothing here belongs to a target: no vectors, no processor, no language. `lower` traces the function, takes it apart
-and simplifies it; `glucoloop.native.targets` make code of what it returns.
+Nothing here belongs to a target: no vectors, no processor, no language. `lower` traces the function, takes it apart and
+simplifies it; `glucoloop.native.targets` generate code from its result.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ class Layout:
     """
 
     person: Sequence[Value]
-    """What a person is; the same at every sample."""
+    """Numbers of a person, the same at every sample."""
     carry: Sequence[Value]
     """The state before the sample."""
     own: Sequence[Value]
-    """What reaches each person at the sample, then what `Lowered.drawing` draws for the person."""
+    """Inputs of each person at the sample, then the values that `Lowered.drawing` draws for the person."""
     shared: Sequence[Value]
-    """What reaches everybody alike at the sample."""
+    """Inputs of the sample that are the same for all people."""
     next_carry: Sequence[Value]
     """The state after the sample, in the order of `carry`."""
     outputs: Sequence[Value]
-    """What is written at the sample."""
+    """Outputs of the sample."""
 
     @property
     def results(self) -> list[Value]:
-        """All that is computed: the next state, then the outputs."""
+        """All results: the next state, then the outputs."""
         return [*self.next_carry, *self.outputs]
 
     @property
     def sizes(self) -> dict[str, int]:
-        """How many numbers each group of arrays has."""
+        """Number of numbers in each group of arrays."""
         return {name: len(getattr(self, name)) for name in ("person", "carry", "own", "shared", "outputs")}
 
 
@@ -77,7 +77,7 @@ class Lowered:
     layout: Layout
     shapes: Shapes
     drawing: Drawing
-    """The random numbers of a sample, which the host computes beforehand with JAX."""
+    """Random numbers of a sample, which the host computes beforehand with JAX."""
     precision: str
     """``"float64"`` or ``"float32"``, for which elementary functions were chosen."""
 
@@ -99,7 +99,8 @@ def lower(
     step : callable
         A pure JAX function of one person and one sample.
     person, carry, own, shared : pytrees of arrays or shapes, without a people axis
-        Examples of what a person is, of the state, and of what reaches the person, and everybody, at a sample.
+        Examples of the numbers of a person, of the state, and of the inputs of one person and of all people at a
+        sample.
     chance : pytree
         Examples of random keys and of the number of the sample. What rests on these alone is left to the host.
     precision : {"float64", "float32"}
@@ -107,7 +108,7 @@ def lower(
     Raises
     ------
     UnsupportedError
-        If the function does what straight-line code cannot.
+        If the function has an operation that straight-line code cannot express.
     TypeError
         If the state after a sample has other shapes than the state before.
     """

@@ -1,4 +1,4 @@
-"""What native code reads of JAX's primitives; the only module that looks into an equation's parameters.
+"""Parameters of JAX's primitives that native code reads; the only module that looks into an equation's parameters.
 
 The parameters of a primitive are no public interface of JAX: from one version to the next they change their names and
 their form. Each is therefore read by one function here, which has a test of its own (``tests/native/test_primitives``):
@@ -27,7 +27,7 @@ CALLS: Final = {
 
 
 class UnsupportedError(ValueError):
-    """The function does something that a scalar program cannot."""
+    """The function has an operation that a scalar program cannot express."""
 
 
 def _unknown(equation: Any) -> UnsupportedError:
@@ -59,7 +59,7 @@ def bind(equation: Any, inputs: Sequence[Any], **changed: Any) -> list[Any]:
 
 
 def called(equation: Any) -> Any:
-    """The function that a call calls, with its constants; None if the equation is no call."""
+    """Function that an equation calls, with its constants; None if the equation is not a call."""
     holder = CALLS.get(equation.primitive.name)
     return None if holder is None else _closed(_parameter(equation, holder))
 
@@ -147,6 +147,6 @@ def dot_general(equation: Any) -> Product:
 def gathered(
     equation: Any, operand: npt.NDArray[np.int64], indices: npt.NDArray[np.int64], outside: int
 ) -> npt.NDArray[np.int64]:
-    """What a ``gather`` takes of an array; `outside` where a place lies outside the array."""
+    """Elements that a ``gather`` takes from an array; `outside` where an index lies outside the array."""
     (found,) = bind(equation, [jnp.asarray(operand), jnp.asarray(indices)], fill_value=outside)
     return np.asarray(found, np.int64)

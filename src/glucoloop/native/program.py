@@ -1,4 +1,4 @@
-"""Straight-line programs on scalars: what is left of a traced function once its small arrays are taken apart.
+"""Straight-line programs on scalars, the result of taking the small arrays of a traced function apart.
 
 Every value is a number, by its place in the program. Equal operations are one value, operations on constants are
 carried out, and what is the same at every sample is computed once. Two liberties are taken with arithmetic: a product
@@ -38,7 +38,7 @@ BOOL: Final = "bool"
 CONSTANT: Final = 0
 PERSON: Final = 1
 SAMPLE: Final = 2
-"""How often a value changes: never, from person to person, at every sample."""
+"""Level of a value that changes at every sample; the lower levels are constants and values of a person."""
 
 Value = int
 """Place of a value in the program."""
@@ -72,25 +72,25 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
 
 
 class Program:
-    """Operations in the order in which they were asked for."""
+    """Operations in the order in which they were requested."""
 
     def __init__(self) -> None:
         self.operations: list[tuple[str, tuple[Value, ...]]] = []
         self.constants: dict[Value, float | bool] = {}
         self.names: dict[Value, object] = {}
-        """Of the inputs."""
+        """Names of the inputs."""
         self.types: list[str] = []
         self.levels: list[int] = []
         self._known: dict[object, Value] = {}
 
     def input(self, name: object, level: int, kind: str = FLOAT) -> Value:
-        """A value from outside."""
+        """An input value."""
         place = self._new(("input", name), "input", (), kind, level)
         self.names[place] = name
         return place
 
     def constant(self, value: float | bool) -> Value:
-        """A value known now."""
+        """A constant value."""
         kind = BOOL if isinstance(value, bool | np.bool_) else FLOAT
         plain: float | bool = bool(value) if kind == BOOL else float(value)
         # by its bits: -0.0 is not 0.0, and NaN is itself
@@ -167,7 +167,7 @@ class Program:
         return None
 
     def _scaled(self, value: Value, factor: Value) -> Value | None:
-        """A value times what changes less often than it: gathered with other such factors, and taken into a sum."""
+        """Product of a value and a factor of a lower level: such factors are gathered, and moved into a sum."""
         operation, arguments = self.operations[value]
         if operation not in ("mul", "add", "sub"):
             return None
@@ -182,7 +182,7 @@ class Program:
         return None
 
     def needed(self, results: Iterable[Value]) -> list[Value]:
-        """What the results rest on, each after its arguments."""
+        """Values on which the results depend, each after its arguments."""
         done: set[Value] = set()
         order: list[Value] = []
         for result in results:

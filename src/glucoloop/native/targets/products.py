@@ -1,4 +1,4 @@
-"""How a target rounds a product that goes straight into a sum.
+"""Rounding of a product that goes directly into a sum, as a property of a target.
 
 ==========  ==========================================================================================
 name        meaning

@@ -1,4 +1,4 @@
-"""The order of the work: a long program in chunks that a processor's instruction cache holds.
+"""Division of a long program into chunks that fit a processor's instruction cache.
 
 A sample of a patient and a controller is several thousand instructions. Where the cache cannot hold them, fetching them
 anew for every vector of people would take most of the time. So they are cut into chunks, and several vectors go through
@@ -21,19 +21,19 @@ OPERATIONS_A_CHUNK: Final = 2000
 
 @dataclass(frozen=True)
 class Chunk:
-    """A part of the work."""
+    """A part of the program."""
 
     values: Sequence[Value]
     stored: Sequence[tuple[Value, int]]
-    """What waits for a later chunk, and in which slot."""
+    """Values that a later chunk needs, each with its slot of memory."""
     carried: Sequence[tuple[Value, int]]
-    """What is handed to the next sample, and its place there."""
+    """Values of the next state, each with its place there."""
     written: Sequence[tuple[Value, int]]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All of the work."""
+    """Division of the whole program into chunks."""
 
     chunks: Sequence[Chunk]
     slot_of: dict[Value, int]
@@ -43,16 +43,16 @@ class Plan:
 def plan_chunks(
     program: Program, layout: Layout, values: Sequence[Value], fused: dict[Value, Value], size: int = OPERATIONS_A_CHUNK
 ) -> Plan:
-    """Cut a sequence of values, each behind what it needs, into chunks.
+    """Divide a sequence of values, each after its arguments, into chunks.
 
     Parameters
     ----------
     program : Program
     layout : Layout
     values : sequence
-        What is computed at every sample.
+        Values that are computed at every sample.
     fused : mapping
-        Products that are computed with the sum that takes them.
+        Products that are computed together with a sum.
     size : int
         Operations in a chunk.
     """
@@ -100,7 +100,7 @@ def plan_chunks(
 
 
 def _arguments(program: Program, value: Value, fused: dict[Value, Value]) -> list[Value]:
-    """What a value is computed from, looking through the products that it takes up."""
+    """Values from which a value is computed, including those of a product that is fused with it."""
     found: list[Value] = []
     for argument in program.operations[value][1]:
         if fused.get(argument) == value:

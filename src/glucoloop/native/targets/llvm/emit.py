@@ -1,7 +1,7 @@
-"""A scalar program as vector code of LLVM: many people side by side, one in each lane.
+"""A scalar program as LLVM vector code: many people side by side, one in each lane.
 
-Each lane does the same operations in the same order, none of which the compiler may reorder, so what becomes of a
-person does not depend on who is in the other lanes. Fused products are written as such; LLVM makes no others.
+Each lane does the same operations in the same order, none of which the compiler may reorder, so the results of a person
+do not depend on who is in the other lanes. Fused products are written as such; LLVM makes no others.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from glucoloop.native.targets.products import FUSED, fused_products
 _LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 _ORDERED: Final = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 FITS_THE_CACHE: Final = 6000
-"""Operations whose instructions the processor's first cache holds, about."""
+"""Number of operations, about, whose instructions fit the processor's first-level cache."""
 VECTORS_A_BLOCK: Final = 4
-"""Vectors that go through a chunk of a longer program one after the other, while its instructions are at hand."""
+"""Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""
 
 _BITS: Final = {"and": "and", "or": "or", "xor": "xor"}
 
@@ -72,7 +72,7 @@ class Emitter:
         needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]
         held = [v for v in dict.fromkeys([*needed, *results]) if program.levels[v] == PERSON]
         self._held = {v: i for i, v in enumerate(held)}
-        """What is computed once and needed at every sample -> its place."""
+        """Place of each value that is computed once and needed at every sample."""
         arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
         self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
         values = [v for v in varying if v not in self._sources]
@@ -154,7 +154,7 @@ class Emitter:
         say(f"{name}_end:")
 
     def _begin(self) -> None:
-        """Compute what a person needs once, and fetch what he begins with."""
+        """Compute the values of a person once, and load the initial state."""
         row = {v: i for i, v in enumerate(self._layout.person)}
         for value in self._once:
             if value in row:
@@ -214,7 +214,7 @@ class Emitter:
     # values
 
     def _name(self, value: Value) -> str:
-        """What a value is called here, fetched from wherever it is kept if it is not at hand."""
+        """Name of a value in the code; it is loaded from memory if necessary."""
         if value in self._p.constants:
             return self._constant(self._p.constants[value])
         if value not in self._names:

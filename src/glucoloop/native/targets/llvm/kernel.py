@@ -34,7 +34,7 @@ def _processor() -> tuple[str, str, int]:
 
 
 def _machine() -> Any:
-    """LLVM for this processor: one for each kernel, which ends with it."""
+    """LLVM's machine for this processor; each kernel has one, which ends with the kernel."""
     from llvmlite import binding
 
     name, features, _ = _processor()
@@ -43,13 +43,13 @@ def _machine() -> Any:
 
 
 def lanes(precision: str) -> int:
-    """People side by side in one vector."""
+    """Number of people side by side in one vector."""
     return _processor()[2] // (64 if precision == DOUBLE else 32)
 
 
 @functools.lru_cache(maxsize=8)
 def _compiled(text: str) -> tuple[Any, int]:
-    """The owner of machine code, and its address. One process often makes the same loop again."""
+    """Owner of the machine code, and its address; it is cached, since one process often makes the same loop again."""
     from llvmlite import binding
 
     module = binding.parse_assembly(text)
@@ -74,7 +74,7 @@ class Kernel:
         self._call = ctypes.CFUNCTYPE(None, *[pointer] * 5, *[whole] * 4)(address)
 
     def padded(self, people: int) -> int:
-        """Columns that arrays for so many people have."""
+        """Number of columns of arrays for a number of people."""
         return -(-people // self.lanes) * self.lanes
 
     def run(self, person: Array, carry: Array, own: Array, shared: Array, outputs: Array, *, threads: int = 1) -> None:
@@ -84,11 +84,11 @@ class Kernel:
         ----------
         person : (numbers, people) array
         carry : (numbers, people) array
-            At the start; afterwards at the end.
+            State at the start; it is overwritten with the state at the end.
         own : (samples, numbers, people) array
         shared : (samples, numbers) array
         outputs : (samples, numbers, people) array
-            Is written.
+            Outputs, which are overwritten.
         threads : int
         """
         samples, people = shared.shape[0], carry.shape[1]
