@@ -1,4 +1,4 @@
-"""How much a table unfolds to is told from its footer, by this program as by another one, and of no file too late."""
+"""How much a table unfolds to is told before it is read, by this program as by another one, and of no file too late."""
 
 import contextlib
 import io
@@ -53,6 +53,39 @@ def test_long_texts_are_not_unfolded(tmp_path):
         read_parquet(tmp_path / "t.parquet", TableBounds(least_rows=1, most_rows=1, columns=1, longest_text=10))
 
 
+def varint(number, width=0):
+    """A whole number of the compact protocol, in so many bytes or in as few as it takes."""
+    zigzag, last = 2 * number, max(width, -(-max(2 * number, 1).bit_length() // 7)) - 1
+    return bytes((zigzag >> 7 * n) & 127 | (128 if n < last else 0) for n in range(last + 1))
+
+
+def lying(table):
+    """A file whose footer says one row and nothing to unfold, and whose only page holds the whole table."""
+    buffer = io.BytesIO()
+    one = {"data_page_size": 2**31 - 1, "row_group_size": table.height}
+    table.write_parquet(buffer, compression="zstd", statistics=False, **one)
+    data = buffer.getvalue()
+    begin = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+    footer, size = data[begin:-8], parquet_size(data)
+    for old, new in ((table.height, 1), (size.bytes, 0)):
+        assert varint(old) in footer
+        footer = footer.replace(varint(old), varint(new, len(varint(old))))
+    return data[:begin] + footer + data[-8:]
+
+
+def test_footer_that_lies_about_its_pages_is_not_believed(tmp_path, monkeypatch):
+    (tmp_path / "t.parquet").write_bytes(lying(pl.DataFrame({"a": np.zeros(2_000_000)})))
+    assert (tmp_path / "t.parquet").stat().st_size < 20_000
+    with duckdb.connect() as connection:
+        told = connection.execute(
+            "select num_values, total_uncompressed_size from parquet_metadata(?)", [f"{tmp_path}/t.parquet"]
+        ).fetchall()
+    assert told == [(1, 0)]
+    monkeypatch.setattr(pl, "read_parquet", lambda *of: pytest.fail("it was read"))
+    with pytest.raises(ValueError, match=r"it unfolds to 160000\d\d bytes, and at most 10000016 are expected"):
+        read_parquet(tmp_path / "t.parquet", TableBounds(least_rows=1, most_rows=1, columns=1))
+
+
 WHOLE = parquet(TABLES["one"])
 
 
@@ -60,7 +93,7 @@ WHOLE = parquet(TABLES["one"])
     st.integers(4, len(WHOLE) - 9),
     st.binary(min_size=1, max_size=9),
 )
-def test_damaged_footer_is_a_sentence_or_a_number(at, bytes_there):
+def test_damaged_file_is_a_sentence_or_a_number(at, bytes_there):
     data = WHOLE[:at] + bytes_there + WHOLE[at + len(bytes_there) :]
     with contextlib.suppress(ValueError):
         size = parquet_size(data)

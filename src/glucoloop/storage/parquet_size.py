@@ -1,11 +1,12 @@
-"""Uncompressed size of a Parquet file from its footer: a few kilobytes can hold gigabytes.
+"""Uncompressed size of a Parquet file before it is read: a few kilobytes can hold gigabytes.
 
-The footer is a Thrift structure in the compact protocol. Only the sizes are read from it.
+The footer and the header of each page are Thrift structures in the compact protocol. Only the sizes are read from them.
+A reader allocates memory for a page by the page's own header, so the size in the footer alone is not trusted.
 
 References
 ----------
 Apache Parquet, "File Format" (https://parquet.apache.org/docs/file-format/), parquet.thrift: FileMetaData, RowGroup,
-ColumnChunk, ColumnMetaData. Apache Thrift, "Compact protocol encoding".
+ColumnChunk, ColumnMetaData, PageHeader. Apache Thrift, "Compact protocol encoding".
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from typing import Any, Final
 _MAGIC: Final = b"PAR1"
 _DEEPEST: Final = 16
 _LONGEST_VARINT: Final = 10
-# Fields of FileMetaData, RowGroup, ColumnChunk and ColumnMetaData.
+# Fields of FileMetaData, RowGroup, ColumnChunk, ColumnMetaData and PageHeader.
 _ROWS, _GROUPS = 3, 4
 _COLUMNS, _GROUP_ROWS = 1, 3
 _META = 3
-_UNFOLDED: Final = 6
+_UNFOLDED, _FOLDED, _DATA_AT, _DICTIONARY_AT = 6, 7, 9, 11
+_PAGE_UNFOLDED, _PAGE_FOLDED = 2, 3
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
 
 
@@ -31,7 +33,7 @@ class ParquetSize:
 
     rows: int
     bytes: int
-    """Size of all pages, uncompressed."""
+    """Size of all pages, uncompressed, by the footer or by the headers of the pages, whichever is more."""
 
 
 def parquet_size(data: bytes) -> ParquetSize:
@@ -50,14 +52,32 @@ def parquet_size(data: bytes) -> ParquetSize:
     try:
         meta = _Reader(data[-8 - length : -8]).struct()
         groups = meta.get(_GROUPS, [])
-        columns = [column for group in groups for column in group.get(_COLUMNS, [])]
-        unfolded = [int(column[_META][_UNFOLDED]) for column in columns]
+        columns = [column[_META] for group in groups for column in group.get(_COLUMNS, [])]
+        told, folded = ([int(column[field]) for column in columns] for field in (_UNFOLDED, _FOLDED))
         rows, of_groups = int(meta[_ROWS]), [int(group[_GROUP_ROWS]) for group in groups]
+        if min(folded, default=0) < 0 or sum(folded) > len(data):  # pages in common would be walked again and again
+            raise ValueError
+        found = [_of_pages(data, column) for column in columns]
     except (KeyError, IndexError, TypeError, AttributeError, struct.error, ValueError):
-        raise ValueError("its footer is damaged") from None
-    if rows != sum(of_groups) or min([*of_groups, *unfolded], default=0) < 0:
+        raise ValueError("its footer or the header of a page is damaged") from None
+    if rows != sum(of_groups) or min([*of_groups, *told], default=0) < 0:
         raise ValueError("its footer contradicts itself")
-    return ParquetSize(rows=rows, bytes=sum(unfolded))
+    return ParquetSize(rows=rows, bytes=sum(map(max, told, found)))
+
+
+def _of_pages(data: bytes, column: dict[int, Any]) -> int:
+    """Bytes of a column's pages, uncompressed, as the header of each page says."""
+    start, latest = column.get(_DICTIONARY_AT, column[_DATA_AT]), len(data) - column[_FOLDED]
+    if not len(_MAGIC) <= start <= min(column[_DATA_AT], latest):
+        raise ValueError
+    pages, unfolded = _Reader(data[start : start + column[_FOLDED]]), 0
+    while pages.left:
+        header = pages.struct()
+        pages.take(header[_PAGE_FOLDED])
+        if header[_PAGE_UNFOLDED] < 0:
+            raise ValueError
+        unfolded += header[_PAGE_UNFOLDED]
+    return unfolded
 
 
 class _Reader:
@@ -66,6 +86,11 @@ class _Reader:
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._at = 0
+
+    @property
+    def left(self) -> int:
+        """Bytes that were not read yet."""
+        return len(self._data) - self._at
 
     def struct(self, depth: int = 0) -> dict[int, Any]:
         found: dict[int, Any] = {}
@@ -84,9 +109,9 @@ class _Reader:
         if kind in (_I16, _I32, _I64):
             return self._zigzag()
         if kind == _DOUBLE:
-            return struct.unpack("<d", self._take(8))[0]
+            return struct.unpack("<d", self.take(8))[0]
         if kind == _BINARY:
-            return self._take(self._varint())
+            return self.take(self._varint())
         if kind in (_LIST, _SET):
             head = self._byte()
             size = head >> 4 if head >> 4 < 15 else self._varint()
@@ -100,8 +125,8 @@ class _Reader:
         raise ValueError
 
     def _of_data(self, size: int) -> int:
-        """A number of elements, refused if there are fewer bytes left than elements."""
-        if size > len(self._data) - self._at:
+        """A number of elements or bytes, refused if it is negative or there are fewer bytes left."""
+        if not 0 <= size <= self.left:
             raise ValueError
         return size
 
@@ -109,7 +134,8 @@ class _Reader:
         self._at += 1
         return self._data[self._at - 1]
 
-    def _take(self, size: int) -> bytes:
+    def take(self, size: int) -> bytes:
+        """The next bytes, as many as are asked for."""
         self._at += self._of_data(size)
         return self._data[self._at - size : self._at]
 
