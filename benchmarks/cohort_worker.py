@@ -52,7 +52,7 @@ def trial(situation: str, precision: str) -> engine.PreparedTrial:
 
 def about(situation: str, precision: str, case: str) -> dict[str, Any]:
     """By which engine, and how many people at a time."""
-    made = trial(situation, precision).cases[case].cohort
+    made = trial(situation, precision).cases[case].loop.cohort
     return {"engine": made.engine, "block": block_size(made.engine)}
 
 
@@ -60,7 +60,7 @@ def about(situation: str, precision: str, case: str) -> dict[str, Any]:
 def blocks_of(situation: str, precision: str, case: str, people: int) -> tuple[Any, list[People]]:
     """The people of a trial as its loop is given them, block by block."""
     prepared = trial(situation, precision)
-    made, caught = prepared.cases[case].cohort, []
+    made, caught = prepared.cases[case].loop.cohort, []
     run = made.run
 
     def catch(given: People, **options: Any) -> CohortRun:
@@ -110,7 +110,7 @@ def timed(seconds: dict[str, float], name: str, of: Any, function: str) -> Itera
 def parts(situation: str, precision: str, people: int) -> dict[str, float]:
     """Where the time of a trial with linear MPC goes, microseconds a person."""
     prepared = trial(situation, precision)
-    made, seconds = prepared.cases["mpc"].cohort, dict[str, float]()
+    made, seconds = prepared.cases["mpc"].loop.cohort, dict[str, float]()
     watched = [
         ("drawing people, basal rates", engine, "virtual_people"),
         ("drawing meals", engine, "draw_meals"),
@@ -172,7 +172,7 @@ def kernels(precision: str, repeats: int) -> dict[str, Any]:
     """What each loop asks of the processor, and the ceiling that follows."""
     gflops = most_gflops(precision, repeats)
     prepared = trial("plain", precision)
-    loops = {name: of.cohort for name, of in prepared.cases.items() if of.cohort.engine == "native"}
+    loops = {name: of.loop.cohort for name, of in prepared.cases.items() if of.loop.engine == "native"}
     loops["mpc, no metrics"] = without_metrics(precision)
     asked = {name: asked_for(loop._engine._kernel) for name, loop in loops.items()}
     reach = {name: ceilings(numbers, gflops) for name, numbers in asked.items()}

@@ -169,7 +169,7 @@ def test_what_was_prepared_last_is_kept(trial, prepared):
     assert prepare(dataclasses.replace(trial)) is prepared
     assert set(prepared.cases) == {"mpc-se", "basal"}
     assert prepared.setpoint_mg_dl == 120.0
-    assert {case.cohort.engine for case in prepared.cases.values()} == {"native"}
+    assert {case.loop.engine for case in prepared.cases.values()} == {"native"}
 
 
 def test_controllers_are_designed_for_the_nominal_patient(trial, prepared, patient_81):

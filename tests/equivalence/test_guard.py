@@ -25,7 +25,7 @@ def test_of_people_in_native_code(monkeypatch):
 
     def run():
         prepared = engine._prepare(trial)
-        assert prepared.cases["mpc"].cohort.engine == "native"
+        assert prepared.cases["mpc"].loop.engine == "native"
         return prepared, engine.run_people(prepared, "mpc", PEOPLE, traces=True)
 
     _, plain = run()

@@ -111,7 +111,7 @@ class ClosedForm:
         pass
 
     def run(self, subjects, tunings=({},)):
-        own = np.linspace(1.0, 3.0, subjects.number) + float(subjects.insulin_mU_min[0]) / 100.0
+        own = np.linspace(1.0, 3.0, subjects.number) + float(subjects.basal_insulin_mU_min[0]) / 100.0
         for tuning in tunings:
             undershoot = np.abs(tuning["filter_min"] - own)
             metrics = (undershoot, 81.1 - undershoot, 90.0 + tuning["filter_min"] + own, own)

@@ -40,7 +40,7 @@ def results(asked, prepared):
 
 
 def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
-    loops = {id(of_case.cohort) for of_case in prepared.cases.values()}
+    loops = {id(of_case.loop) for of_case in prepared.cases.values()}
     assert len(prepared.cases) == 1 + len(FAULTS)
     assert len(loops) == 2  # a resolution does not come and go
 

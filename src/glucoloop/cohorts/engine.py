@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -16,10 +15,10 @@ from glucoloop.cohorts.bins import count, glucose_edges, insulin_edges
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
+from glucoloop.experiments.assemble import PeopleLoop, own_controllers
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_people
-from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
-from glucoloop.experiments.individual import individual_design
+from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.meals import eaten
 from glucoloop.meals.plan import draw_meals
@@ -27,7 +26,7 @@ from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.cohort import People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import SampleGrid
 
@@ -64,9 +63,7 @@ class PreparedCase:
     case: Case
     controller: Controller
     """For the nominal patient."""
-    own: Callable[[VirtualPeople], Controller] | None
-    """Controllers of people's own; None where all have the same."""
-    cohort: Cohort
+    loop: PeopleLoop
     """Which cases that differ only in a fault share."""
     surroundings: Surroundings
     """Sensor and pump of one person."""
@@ -136,23 +133,16 @@ def _prepare_cases(
     cases = [case for case in trial.cases if case.label in around]
     case, own_around = cases[0], around[cases[0].label]
     controller = controller_of(trial, case)
-    own = _own_controllers(trial, case, controller, example)
-    of_one = own_around.of_people(around.values(), 1)
-    cohort = Cohort(
-        trial.nominal,
-        example.patient,
+    loop = PeopleLoop(
+        trial,
         controller,
-        own_around.sensor,
-        own_around.pump,
+        example,
         grid,
         fold,
-        setpoint_mg_dl=trial.target_mg_dl,
         meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
-        announced=trial.announced,
-        meal_model=trial.gut,
-        varied_controller=None if own is None else own(example),
-        varied_sensor=of_one.sensor,
-        varied_pump=of_one.pump,
+        own=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
+        around=own_around,
+        varied=own_around.of_people(around.values(), 1),
         precision=trial.precision,
     )
 
@@ -165,30 +155,12 @@ def _prepare_cases(
         case.label: PreparedCase(
             case=case,
             controller=controller,
-            own=own,
-            cohort=cohort,
+            loop=loop,
             surroundings=around[case.label],
             around=of_people(case.label),
         )
         for case in cases
     }
-
-
-def _own_controllers(
-    trial: Trial, case: Case, controller: Controller, example: VirtualPeople
-) -> Callable[[VirtualPeople], Controller] | None:
-    """How people get controllers of their own, if they do; otherwise they share one, told of each one's basal rate."""
-    if trial.design == "individual":
-        own = individual_design(trial, dataclasses.replace(case, guard=None), example)
-        if own is None or case.guard is None:
-            return own
-
-        def with_own_guard(people: VirtualPeople) -> Controller:
-            # the guard alone is told: what is inside was designed for each person already
-            return with_guard(own(people), case.guard, trial.limits, jnp.asarray(people.basal_insulin_mU_min))
-
-        return with_own_guard
-    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
 
 
 def run_people(
@@ -226,7 +198,7 @@ def run_people(
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         return _run_block(prepared, of_case, block, n, traces=traces)
 
-    return _joined(in_blocks(run, number, block_size(of_case.cohort.engine), threads))
+    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads))
 
 
 def _run_block(
@@ -236,14 +208,14 @@ def _run_block(
     trial, grid = prepared.trial, prepared.grid
     with one_at_a_time:
         people, drawn, first_meal_min = _drawn(prepared, of_case, person)
-    run = of_case.cohort.run(people)
+    run = of_case.loop.cohort.run(people)
     with one_at_a_time:
         metrics: Metrics = prepared.fold.finish(
             run.fold,
             samples=grid.samples,
             sample_time_min=grid.sample_time_min,
             meal_t_min=first_meal_min,
-            precision=of_case.cohort.precision,
+            precision=of_case.loop.cohort.precision,
         )
     able = drawn.able[:n]
     glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
@@ -281,15 +253,8 @@ def _drawn(
         meals = draw_meals(trial.plan, trial.seed, person)
         first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
     around = None if of_case.around is None else of_case.around(person.size)
-    people = People(
-        patient=drawn.patient,
-        x=drawn.rest,
-        insulin_mU_min=drawn.basal_insulin_mU_min,
-        key=keys_of_people(trial.seed, person),
-        controller=None if of_case.own is None else of_case.own(drawn),
-        sensor=None if around is None else around.sensor,
-        pump=None if around is None else around.pump,
-        meals=meals if trial.plan.varies else None,
+    people = of_case.loop.people(
+        drawn, keys_of_people(trial.seed, person), around=around, meals=meals if trial.plan.varies else None
     )
     return people, drawn, first_meal_min
 

@@ -6,25 +6,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked, on_host
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
+from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.chance import keys_of_people
-from glucoloop.experiments.designs import with_individual_basal
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
-from glucoloop.patients import patient
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import Cohort, CohortRun, People
+from glucoloop.simulation.cohort import CohortRun
 
 Array = npt.NDArray[Any]
 
@@ -105,36 +105,32 @@ def simulate_people(
                 f"draw them with setpoint_mg_dl={asked:g}"
             )
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
-    cohort = Cohort(
-        patient(people.name),
-        people.patient,
+    loop = PeopleLoop(
+        Situation(
+            patient=people.name,
+            setpoint_mg_dl=setpoint,
+            announced=scenario.announced,
+            meal_model=scenario.meal_model,
+        ),
         controller,
-        IdealSensor() if sensor is None else sensor,
-        LimitedPump() if pump is None else pump,
+        people,
         grid,
         fold,
-        setpoint_mg_dl=setpoint,
         meals=scenario.eaten(),
-        announced=scenario.announced,
-        meal_model=scenario.meal_model,
-        varied_controller=with_individual_basal(controller, people.basal_insulin_mU_min),
+        own=with_basal_of_each(controller),
+        around=Surroundings(
+            sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump() if pump is None else pump
+        ),
         engine=engine,
         precision=precision,
     )
 
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
-        return cohort.run(
-            People(
-                patient=jax.tree.map(lambda a: a[place] if jnp.ndim(a) else a, people.patient),
-                x=people.rest[:, place],
-                insulin_mU_min=people.basal_insulin_mU_min[place],
-                key=keys_of_people(seed, people.draw.person[place]),
-                controller=with_individual_basal(controller, people.basal_insulin_mU_min[place]),
-            )
-        )
+        some = people.at(place)
+        return loop.run(some, keys_of_people(seed, some.draw.person))
 
-    runs = in_blocks(run, np.arange(people.able.size), block_size(cohort.engine), threads)
+    runs = in_blocks(run, np.arange(people.able.size), block_size(loop.engine), threads)
     kept = people.able.size
 
     def joined(parts: list[Array]) -> Array:
@@ -149,12 +145,12 @@ def simulate_people(
             samples=grid.samples,
             sample_time_min=grid.sample_time_min,
             meal_t_min=first_meal,
-            precision=cohort.precision,
+            precision=loop.cohort.precision,
         ),
         t_min=np.append(grid.t_min, scenario.horizon_min),
         glucose_mg_dl=joined([part.glucose_mg_dl for part in runs]),
         insulin_mU_min=joined([part.insulin_mU_min for part in runs]),
-        engine=cohort.engine,
+        engine=loop.engine,
         scenario=scenario,
         setpoint_mg_dl=setpoint if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl,
     )

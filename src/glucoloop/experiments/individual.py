@@ -25,7 +25,7 @@ from glucoloop.experiments.designs import controller_of, process_noise_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
-from glucoloop.patients.population import VirtualPeople
+from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.patients import patient_entry
 from glucoloop.simulation.internal_model import linear_model_at
@@ -164,8 +164,7 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         numbers, first, place = np.unique(people.draw.person, return_index=True, return_inverse=True)
         designed: list[Any] = [None] * numbers.size
         for which in np.flatnonzero(people.able[first]):
-            person = jax.tree.map(lambda a, i=first[which]: a[i] if jnp.ndim(a) else a, people.patient)
-            designed[which] = controller_of(situation, case, person)
+            designed[which] = controller_of(situation, case, of_people(people.patient, first[which]))
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:
             sound = controller_of(situation, case)

@@ -27,8 +27,8 @@ class Situation:
     """Of the nominal patient; None: the usual one."""
     setpoint_mg_dl: float | None = None
     """The target; None: glucose at the operating point."""
-    meal_model: str | None = None
-    """How meals are digested and absorbed, one of `meals.MEAL_MODELS`; None: as the patient does."""
+    meal_model: str | MealModel | None = None
+    """How meals are digested and absorbed, by a name of `meals.MEAL_MODELS` or a model; None: as the patient does."""
     announced: bool = False
     """Whether the controller is told of meals when they begin."""
     noise_variance: float = 0.0
@@ -71,7 +71,7 @@ class Situation:
         ValueError
             For an unknown meal model.
         """
-        return None if self.meal_model is None else meal_model(self.meal_model)
+        return meal_model(self.meal_model) if isinstance(self.meal_model, str) else self.meal_model
 
     @property
     def target_mg_dl(self) -> float:

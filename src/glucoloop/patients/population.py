@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -145,6 +145,23 @@ class VirtualPeople:
     """State at rest under the basal rate, ``(states, n)``; NaN where there is none."""
     able: npt.NDArray[np.bool_]
     """``(n,)``: whether a basal rate exists."""
+
+    def at(self, place: npt.NDArray[np.intp]) -> VirtualPeople:
+        """The people at some places, in their order, as often as they are named."""
+        return replace(
+            self,
+            draw=Draw(self.draw.person[place], {name: values[place] for name, values in self.draw.values.items()}),
+            patient=of_people(self.patient, place),
+            basal_insulin_mU_min=self.basal_insulin_mU_min[place],
+            rest=self.rest[:, place],
+            able=self.able[place],
+        )
+
+
+def of_people(patient: SemilinearPatient, place: Any) -> SemilinearPatient:
+    """Constants of people at some places, or of one at a place; what all share stays as it is."""
+    some: SemilinearPatient = jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, patient)
+    return some
 
 
 @checked

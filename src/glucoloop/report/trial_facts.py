@@ -35,7 +35,7 @@ def facts(trial: Trial) -> dict[str, str]:
         "Seed": str(trial.seed),
         "Length": _length(trial),
         "Meals": meals + (", announced" if trial.announced and plan.meals else ""),
-        "Meal model": trial.meal_model or "each person's own",
+        "Meal model": str(trial.meal_model or "each person's own"),
         "Noise": noise if trial.noise_variance else "none",
         "Dead time": f"{trial.dead_time_samples * trial.sample_time_min:g} min",
         "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",

@@ -297,7 +297,7 @@ def _loops_of_people(situation: Situation, name: str, asked: Asked, progress: Pr
     keys = {key: value for key, value in situation.of(name, asked.seed).items() if key != "controller"}
     trial = read_trial({**keys, "population": "parker2000", "people": asked.people, "controllers": [name]})
     prepared = engine.prepare(trial)
-    together = block_size(prepared.cases[name].cohort.engine)
+    together = block_size(prepared.cases[name].loop.engine)
     parts = []
     for start in range(0, asked.people, together):
         person = np.arange(start, min(start + together, asked.people))

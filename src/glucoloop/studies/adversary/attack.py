@@ -15,14 +15,14 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
+from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.chance import keys_of_people
-from glucoloop.experiments.designs import with_individual_basal
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
-from glucoloop.sensors.erring import Erring, erring
+from glucoloop.sensors.erring import erring
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import Cohort, CohortRun, People
+from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.adversary.space import ErrorSpace
@@ -126,29 +126,24 @@ class Attack:
             raise ValueError("meals that differ between people cannot be searched over; leave their spreads at 0")
         if space.samples != trial.samples:
             raise ValueError(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
-        self.lanes, self._trial, self._controller, self._space = lanes, trial, controller, space
-        self._nominal = trial.nominal
+        self.lanes, self._trial, self._space = lanes, trial, space
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
         self._setpoint = trial.target_mg_dl
         around = surroundings_of(trial, trial.cases[0].faults)
         example = self._drawn(np.array([trial.first_person]))
-        self._varied = example.patient
         nowhere = np.full(space.stretches, float(space.samples))
         self._sensor = erring(np.zeros(space.samples), nowhere, space.stretch_samples, around.sensor)
-        self._cohort = Cohort(
-            self._nominal,
-            example.patient,
+        self._pump = around.pump
+        self._loop = PeopleLoop(
+            trial,
             controller,
-            self._sensor,
-            around.pump,
+            example,
             self._grid,
             _Fold(point_min=trial.sample_time_min / len(self._grid.inside_min)),
-            setpoint_mg_dl=self._setpoint,
             meals=eaten(trial.plan.nominal()),
-            announced=trial.announced,
-            meal_model=trial.gut,
-            varied_controller=with_individual_basal(controller, example.basal_insulin_mU_min),
-            varied_sensor=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
+            own=with_basal_of_each(controller),
+            around=Surroundings(sensor=self._sensor, pump=around.pump),
+            varied=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
             precision=trial.precision,
             tell_decisions=True,
         )
@@ -156,7 +151,7 @@ class Attack:
     @property
     def engine(self) -> str:
         """Which carries the loops out: native or xla."""
-        return self._cohort.engine
+        return self._loop.engine
 
     def one(self, person: int | None) -> VirtualPeople:
         """A person of the population by number, or the nominal patient.
@@ -234,22 +229,13 @@ class Attack:
     def _run(self, who: VirtualPeople, place: Array, errors: Array, stuck_from: Array, sequence: Array) -> CohortRun:
         """One full set of lanes: whose loop each is, and which sequence of errors is met in it."""
         with one_at_a_time:
-            people = People(
-                patient=jax.tree.map(
-                    lambda own, like: jnp.broadcast_to(own, who.able.shape)[place] if jnp.ndim(like) else own,
-                    who.patient,
-                    self._varied,
-                ),
-                x=who.rest[:, place],
-                insulin_mU_min=who.basal_insulin_mU_min[place],
-                key=keys_of_people(self._trial.seed, who.draw.person[place]),
-                controller=with_individual_basal(self._controller, who.basal_insulin_mU_min[place]),
-                sensor=self._erring(errors[:, sequence], stuck_from[:, sequence]),
-            )
-        return self._cohort.run(people, threads=os.cpu_count() or 1)
+            people, around = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
+            key = keys_of_people(self._trial.seed, people.draw.person)
+        return self._loop.run(people, key, around=around, threads=os.cpu_count() or 1)
 
-    def _erring(self, errors: Array, stuck_from: Array) -> Erring:
-        return dataclasses.replace(self._sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
+    def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
+        own = dataclasses.replace(self._sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
+        return Surroundings(sensor=own, pump=self._pump)
 
     def _harm(self, run: CohortRun) -> Harm:
         return Harm(**{field.name: getattr(run.fold, field.name) for field in _FIELDS})

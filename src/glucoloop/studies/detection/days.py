@@ -13,18 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control import Controller, MealMPC
+from glucoloop.control import MealMPC
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
+from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_people
-from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten
 from glucoloop.meals.plan import draw_meals
-from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.patients.population import virtual_people
 from glucoloop.registry.controllers import complete
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.plant import SampleGrid
@@ -97,26 +97,19 @@ class Loop:
         self.grid = day_grid(detection)
         self._detection = detection
         self._setpoint = trial.target_mg_dl
-        self._controller = controller_of(trial, case)
-        around = surroundings_of(trial, case.faults)
+        controller = controller_of(trial, case)
         example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=self._setpoint)
-        self._cohort = Cohort(
-            trial.nominal,
-            example.patient,
-            self._controller,
-            around.sensor,
-            around.pump,
+        self._loop = PeopleLoop(
+            trial,
+            controller,
+            example,
             self.grid,
             Recorder(sample_time_min=self.grid.sample_time_min, samples=self.grid.samples),
-            setpoint_mg_dl=self._setpoint,
             meals=None,
-            meal_model=trial.gut,
-            varied_controller=self._own(example),
+            own=with_basal_of_each(controller),
+            around=surroundings_of(trial, case.faults),
             engine="xla",
         )
-
-    def _own(self, people: VirtualPeople) -> Controller:
-        return with_individual_basal(self._controller, people.basal_insulin_mU_min)
 
     def run(self, person: npt.NDArray[np.int64], day: npt.NDArray[np.int64], *, fasting: bool, size: int) -> Days:
         """Carry people through a day each.
@@ -136,15 +129,7 @@ class Loop:
             drawn = virtual_people(trial.population, trial.seed, whose, setpoint_mg_dl=self._setpoint)
             meals = _meals(self._detection, whose, which, fasting=fasting)
             keys = jax.vmap(jax.random.fold_in)(keys_of_people(trial.seed, whose), jnp.asarray(2 * which + fasting))
-            people = People(
-                patient=drawn.patient,
-                x=drawn.rest,
-                insulin_mU_min=drawn.basal_insulin_mU_min,
-                key=keys,
-                controller=self._own(drawn),
-                meals=meals,
-            )
-        run = self._cohort.run(people)
+        run = self._loop.run(drawn, keys, meals=meals)
         return Days(
             person=person,
             day=day,

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
+from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
@@ -25,7 +26,6 @@ from glucoloop.meals import eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.registry.settings import Value
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.studies.robust.objectives import METRICS
 from glucoloop.studies.robust.subjects import Subjects
 from glucoloop.tuning.space import Tuned
@@ -70,20 +70,17 @@ class TuningLoop:
             any(not np.array_equal(leaf, other) for other in others)
             for leaf, *others in zip(*map(jax.tree.leaves, [self._controller, *probes]), strict=True)
         ]
-        around = surroundings_of(trial, case.faults)
-        self._cohort = Cohort(
-            trial.nominal,
-            example.patient,
+        self._loop = PeopleLoop(
+            trial,
             self._controller,
-            around.sensor,
-            around.pump,
+            example,
             self._grid,
             self._fold,
-            setpoint_mg_dl=setpoint,
             meals=eaten(trial.plan.nominal()),
-            announced=trial.announced,
-            meal_model=trial.gut,
-            varied_controller=self._of([self._controller], np.zeros(1, int), example.insulin_mU_min[:1]),
+            own=lambda some: self._of(
+                [self._controller], np.zeros(some.basal_insulin_mU_min.size, int), some.basal_insulin_mU_min
+            ),
+            around=surroundings_of(trial, case.faults),
         )
 
     def run(self, subjects: Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
@@ -94,7 +91,7 @@ class TuningLoop:
         dict or None
             `METRICS` by name, ``(subjects,)`` each; None for a tuning that the design refuses.
         """
-        n, size = subjects.number, block_size(self._cohort.engine)
+        n, size = subjects.number, block_size(self._loop.engine)
         waiting = iter(tunings)
         possible: list[Controller] = []
         order: list[bool] = []
@@ -139,24 +136,17 @@ class TuningLoop:
 
     def _of_jobs(self, controllers: Sequence[Controller], which: Array, subjects: Subjects, place: Array) -> Controller:
         first = int(which.min())
-        return self._of(controllers[first : which.max() + 1], which - first, subjects.insulin_mU_min[place])
+        return self._of(controllers[first : which.max() + 1], which - first, subjects.basal_insulin_mU_min[place])
 
     def _block(self, subjects: Subjects, place: Array, controller: Controller) -> dict[str, Array]:
-        run = self._cohort.run(
-            People(
-                patient=jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, subjects.patient),
-                x=subjects.x[:, place],
-                insulin_mU_min=subjects.insulin_mU_min[place],
-                key=subjects.key[place],
-                controller=controller,
-            )
-        )
+        some = subjects.at(place)
+        run = self._loop.run(some, some.key, controller=controller)
         metrics = self._fold.finish(
             run.fold,
             samples=self._grid.samples,
             sample_time_min=self._grid.sample_time_min,
             meal_t_min=0.0,
-            precision=self._cohort.precision,
+            precision=self._loop.cohort.precision,
         )
         return {name: np.asarray(getattr(metrics, name), float) for name in METRICS}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.patients import SemilinearPatient
-from glucoloop.patients.population import Population, virtual_people
+from glucoloop.patients.population import Population, of_people, virtual_people
 from glucoloop.simulation.people_plant import varying
 
 
@@ -20,9 +21,9 @@ class Subjects:
     """Subjects at the start of a run, who trail: people first, then the nominal patient."""
 
     patient: SemilinearPatient
-    x: npt.NDArray[np.float64]
+    rest: npt.NDArray[np.float64]
     """(states, subjects) at rest."""
-    insulin_mU_min: npt.NDArray[np.float64]
+    basal_insulin_mU_min: npt.NDArray[np.float64]
     """(subjects,) under which they rest."""
     key: jax.Array
     """(subjects,) from which each one's sensor draws."""
@@ -31,10 +32,20 @@ class Subjects:
     unable: int
     """People who were drawn but have no basal rate, and were left out."""
 
+    def at(self, place: npt.NDArray[np.intp]) -> Subjects:
+        """The subjects at some places, in their order, as often as they are named."""
+        return dataclasses.replace(
+            self,
+            patient=of_people(self.patient, place),
+            rest=self.rest[:, place],
+            basal_insulin_mU_min=self.basal_insulin_mU_min[place],
+            key=self.key[place],
+        )
+
     @property
     def number(self) -> int:
         """All of them."""
-        return int(self.insulin_mU_min.size)
+        return int(self.basal_insulin_mU_min.size)
 
 
 def draw_subjects(
@@ -84,8 +95,8 @@ def draw_subjects(
     noise = jax.vmap(jax.random.key)(jnp.arange(first_seed, first_seed + seeds, dtype=jnp.uint32))
     return Subjects(
         patient=jax.tree.unflatten(tree, joined),
-        x=np.concatenate([drawn.rest[:, able], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
-        insulin_mU_min=np.append(drawn.basal_insulin_mU_min[able], np.full(seeds, basal)),
+        rest=np.concatenate([drawn.rest[:, able], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
+        basal_insulin_mU_min=np.append(drawn.basal_insulin_mU_min[able], np.full(seeds, basal)),
         key=jnp.concatenate([keys_of_people(people_seed, drawn.draw.person[able]), noise]),
         people=int(able.size),
         unable=people - int(able.size),

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial
@@ -14,7 +13,7 @@ from glucoloop.control import Status
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
-from glucoloop.patients.population import virtual_people
+from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.simulation import Trace, simulate
 from glucoloop.simulation.people_plant import varying
 from glucoloop.studies.stress.stress import Reason, StressRow
@@ -48,11 +47,11 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
     drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
     meals = draw_meals(trial.plan, trial.seed, number)
     controller = of_case.controller
-    if of_case.own is not None:
-        own = of_case.own(drawn)
+    if of_case.loop.own is not None:
+        own = of_case.loop.own(drawn)
         controller = _first(own, varying(own, controller))
     return simulate(
-        jax.tree.map(lambda a: a[0] if jnp.ndim(a) else a, drawn.patient),
+        of_people(drawn.patient, 0),
         controller,
         of_case.surroundings.sensor,
         of_case.surroundings.pump,

@@ -13,17 +13,18 @@ import numpy.typing as npt
 
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Guard
+from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import with_individual_basal
 from glucoloop.experiments.situation import Situation, usual_situation
+from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.patients.model import patient_model
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.studies.verification.caps import Caps
 from glucoloop.studies.verification.invariants import Promises
 from glucoloop.studies.verification.people import draw_people, draw_random_meals
-from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults
+from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, RandomFaults, random_faults
 from glucoloop.studies.verification.watched import WatchedController, WatchedPump, WatchedSensor
 
 Array = npt.NDArray[Any]
@@ -56,30 +57,36 @@ class Loops:
         self, seed: int, controller: Controller, order: Order, horizon: float, situation: Situation | None = None
     ) -> None:
         self._situation = situation = usual_situation() if situation is None else situation
-        self._seed, self._order, self._controller = seed, order, controller
+        self._seed, self._order = seed, order
         self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
         caps = Caps(settings=controller.settings, limits=limits) if isinstance(controller, Guard) else None
         example = draw_people(seed, np.arange(2), situation.patient)
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
-        self._cohort = Cohort(
-            situation.nominal,
-            example.patient,
+        self._loop = PeopleLoop(
+            situation,
             WatchedController(inner=controller),
-            WatchedSensor(inner=faults.sensor(person=0)),
-            WatchedPump(inner=faults.pump(limits, person=0)),
+            example,
             self._grid,
             Promises(limits=limits, sound=patient_model(situation.patient).sound, caps=caps),
-            setpoint_mg_dl=situation.target_mg_dl,
             meals=None,
-            varied_controller=WatchedController(inner=with_individual_basal(controller, example.basal_insulin_mU_min)),
-            varied_sensor=WatchedSensor(inner=faults.sensor()),
-            varied_pump=WatchedPump(inner=faults.pump(limits)),
+            own=lambda people: WatchedController(inner=with_individual_basal(controller, people.basal_insulin_mU_min)),
+            around=Surroundings(
+                sensor=WatchedSensor(inner=faults.sensor(person=0)),
+                pump=WatchedPump(inner=faults.pump(limits, person=0)),
+            ),
+            varied=self._around(faults),
+        )
+
+    def _around(self, faults: RandomFaults) -> Surroundings:
+        return Surroundings(
+            sensor=WatchedSensor(inner=faults.sensor()),
+            pump=WatchedPump(inner=faults.pump(self._situation.limits)),
         )
 
     @property
     def engine(self) -> str:
         """That carries them out."""
-        return self._cohort.engine
+        return self._loop.engine
 
     @property
     def samples(self) -> int:
@@ -103,18 +110,12 @@ class Loops:
         faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
             drawn = draw_people(seed, person, self._situation.patient)
-            basal = drawn.basal_insulin_mU_min
-            people = People(
-                patient=drawn.patient,
-                x=drawn.rest,
-                insulin_mU_min=basal,
-                key=keys_of_people(seed, person),
-                controller=WatchedController(inner=with_individual_basal(self._controller, basal)),
-                sensor=WatchedSensor(inner=faults.sensor()),
-                pump=WatchedPump(inner=faults.pump(self._situation.limits)),
-                meals=draw_random_meals(seed, person, self._horizon),
-            )
-        run = self._cohort.run(people)
+        run = self._loop.run(
+            drawn,
+            keys_of_people(seed, person),
+            around=self._around(faults),
+            meals=draw_random_meals(seed, person, self._horizon),
+        )
         points = self.samples * len(self._grid.inside_min)
         seen = [run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.fold)]
         return Closed(

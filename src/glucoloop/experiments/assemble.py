@@ -1,0 +1,261 @@
+"""The closed loop of a situation: of one person with `close_loop`, of many with `PeopleLoop`.
+
+Every command, study and paper makes its loops here, so that a situation means the same in all of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy.typing as npt
+
+from glucoloop.control import Controller
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.designs import with_guard, with_individual_basal
+from glucoloop.experiments.individual import individual_design
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import Surroundings, surroundings_of
+from glucoloop.meals import Eaten, Scenario
+from glucoloop.patients import SemilinearPatient
+from glucoloop.patients.population import VirtualPeople
+from glucoloop.simulation import Exponential, Trace, simulate
+from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
+from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.simulation.plant import Integrator, SampleGrid
+
+Array = npt.NDArray[Any]
+
+
+class AtRest(Protocol):
+    """People at the start of a run, as `patients.population.VirtualPeople` are; people trail."""
+
+    @property
+    def patient(self) -> SemilinearPatient:
+        """Their constants."""
+        ...
+
+    @property
+    def rest(self) -> Array:
+        """State of each at rest, ``(states, people)``."""
+        ...
+
+    @property
+    def basal_insulin_mU_min(self) -> Array:
+        """Rate under which each rests, ``(people,)``."""
+        ...
+
+
+Own = Callable[[Any], Controller]
+"""Controllers of people `AtRest`, whose numbers trail."""
+
+
+def close_loop(
+    situation: Situation,
+    controller: Controller,
+    scenario: Scenario,
+    *,
+    around: Surroundings | None = None,
+    key: jax.Array | int | None = None,
+    integrator: Integrator | None = None,
+) -> Trace:
+    """Simulate the nominal patient of a situation under a controller.
+
+    Parameters
+    ----------
+    situation : Situation
+    controller : Controller
+    scenario : Scenario
+    around : Surroundings, optional
+        Sensor and pump; those of the situation by default.
+    key : jax.Array or int, optional
+        From which the sensor draws; the seed of the situation by default.
+    integrator : Integrator, optional
+        The exponential one by default.
+
+    Raises
+    ------
+    ValueError
+        For a fault, a site or a scenario that is not possible.
+    """
+    around = surroundings_of(situation) if around is None else around
+    return simulate(
+        situation.nominal,
+        controller,
+        around.sensor,
+        around.pump,
+        scenario,
+        situation.seed if key is None else key,
+        integrator=Exponential() if integrator is None else integrator,
+    )
+
+
+def own_controllers(
+    situation: Situation, case: Case, controller: Controller, example: VirtualPeople, *, individual: bool
+) -> Own | None:
+    """Controllers of a case for people: designed for each of them, or the nominal one with each one's basal rate.
+
+    Parameters
+    ----------
+    situation : Situation
+    case : Case
+    controller : Controller
+        Of the case, designed for the nominal patient.
+    example : VirtualPeople
+        Some of the people, to show what varies.
+    individual : bool
+        Whether the controller is designed for each person.
+
+    Returns
+    -------
+    callable or None
+        None for a controller that has nothing to design for a person.
+
+    Raises
+    ------
+    ValueError
+        For a design that is not possible.
+    """
+    if not individual:
+        return with_basal_of_each(controller)
+    designed = individual_design(situation, dataclasses.replace(case, guard=None), example)
+    if designed is None or case.guard is None:
+        return designed
+
+    def with_own_guard(people: VirtualPeople) -> Controller:
+        # The guard alone is given the basal rate: what is inside was designed for each person already.
+        basal = jnp.asarray(people.basal_insulin_mU_min)
+        return with_guard(designed(people), case.guard, situation.limits, basal)
+
+    return with_own_guard
+
+
+def with_basal_of_each(controller: Controller) -> Own:
+    """One controller for all people, which is given each one's basal rate."""
+    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
+
+
+class PeopleLoop:
+    """The loop of one controller in a situation, compiled once for whoever goes through it.
+
+    Parameters
+    ----------
+    situation : Situation
+        Of which patient, target, meal model and announcement are taken, and sensor and pump unless they are given.
+    controller : Controller
+        Designed for the nominal patient.
+    example : VirtualPeople or another `AtRest`
+        Some people, to show which constants vary.
+    grid : SampleGrid
+    fold : Fold
+        What is made of the loop as it goes.
+    meals : Eaten or None
+        Meals of all, ``(meals,)``; None: each person brings meals of their own.
+    own : callable, optional
+        Controllers of people, see `own_controllers`; None: all have the same.
+    around : Surroundings, optional
+        Sensor and pump of one person; by default those of the situation.
+    varied : Surroundings, optional
+        Those of some people, where numbers that differ trail; by default all have the same.
+    engine, precision, tell_decisions : optional
+        As for `simulation.cohort.Cohort`.
+
+    Raises
+    ------
+    ValueError
+        For a situation or an engine that is not possible.
+    """
+
+    def __init__(
+        self,
+        situation: Situation,
+        controller: Controller,
+        example: AtRest,
+        grid: SampleGrid,
+        fold: Fold,
+        *,
+        meals: Eaten | None,
+        own: Own | None = None,
+        around: Surroundings | None = None,
+        varied: Surroundings | None = None,
+        engine: str | None = None,
+        precision: str = "float64",
+        tell_decisions: bool = False,
+    ) -> None:
+        self.own, self._example = own, example.patient
+        around = surroundings_of(situation) if around is None else around
+        self.cohort = Cohort(
+            situation.nominal,
+            example.patient,
+            controller,
+            around.sensor,
+            around.pump,
+            grid,
+            fold,
+            setpoint_mg_dl=situation.target_mg_dl,
+            meals=meals,
+            announced=situation.announced,
+            meal_model=situation.gut,
+            varied_controller=None if own is None else own(example),
+            varied_sensor=None if varied is None else varied.sensor,
+            varied_pump=None if varied is None else varied.pump,
+            engine=engine,
+            precision=precision,
+            tell_decisions=tell_decisions,
+        )
+
+    @property
+    def engine(self) -> str:
+        """Which carries the loop out: native or xla."""
+        return self.cohort.engine
+
+    def people(
+        self,
+        people: AtRest,
+        key: jax.Array,
+        *,
+        controller: Controller | None = None,
+        around: Surroundings | None = None,
+        meals: Eaten | None = None,
+    ) -> People:
+        """People made ready for a run of the cohort.
+
+        Parameters
+        ----------
+        people : VirtualPeople or another `AtRest`
+        key : jax.Array
+            ``(people,)`` from which each one's sensor draws.
+        controller : Controller, optional
+            Controllers of people, in place of those that `own` makes.
+        around : Surroundings, optional
+            Sensors and pumps of people.
+        meals : Eaten, optional
+            ``(meals, people)``
+        """
+        number = people.basal_insulin_mU_min.shape[0]
+
+        def trailing(own: Any, like: Any) -> Any:
+            # the nominal patient has one number where people differ
+            return jnp.broadcast_to(own, number) if jnp.ndim(like) and not jnp.ndim(own) else own
+
+        if controller is None and self.own is not None:
+            controller = self.own(people)
+        return People(
+            patient=jax.tree.map(trailing, people.patient, self._example),
+            x=people.rest,
+            insulin_mU_min=people.basal_insulin_mU_min,
+            key=key,
+            controller=controller,
+            sensor=None if around is None else around.sensor,
+            pump=None if around is None else around.pump,
+            meals=meals,
+        )
+
+    def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:
+        """Carry people through the run; what they bring is told as for `people`."""
+        with one_at_a_time:
+            ready = self.people(people, key, **brought)
+        return self.cohort.run(ready, threads=threads)
