@@ -10,16 +10,16 @@ from typing import Any
 
 from glucoloop.config.run import IDENTIFICATION_KEYS, CaseKeys, Run, SituationKeys
 from glucoloop.control import Controller
+from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.experiments.situation import Situation
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.patients.capabilities import SUBCUTANEOUS, insulin_route
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
-from glucoloop.simulation import Adaptive, Exponential, Trace, simulate
+from glucoloop.simulation import Adaptive, Exponential, Trace
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.units import u_h_from_mu_min
 
@@ -59,14 +59,10 @@ def close_the_loop(run: Run) -> Outcome:
     situation = asked.situation()
     model = model_for(run, situation)
     controller = controller_for(run, situation, model)
-    around = surroundings_of(situation)
-    trace = simulate(
-        situation.nominal,
+    trace = close_loop(
+        situation,
         controller,
-        around.sensor,
-        around.pump,
         asked.scenario(announced=asked.announce_meals),
-        asked.seed,
         integrator=Exponential() if asked.integrator == "fast" else Adaptive(),
     )
     metrics = summarise(trace, situation.limits)

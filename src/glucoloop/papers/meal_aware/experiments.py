@@ -19,19 +19,18 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.config import Run, read_run
 from glucoloop.config.trial import read_trial
 from glucoloop.control import Controller, Observation
-from glucoloop.experiments.chance import record_key
-from glucoloop.experiments.designs import DesignCase
-from glucoloop.experiments.surroundings import pump_of, sensor_of
+from glucoloop.experiments import situation as experiments
+from glucoloop.experiments.assemble import close_loop
+from glucoloop.experiments.designs import controller_of, identified_model
+from glucoloop.experiments.surroundings import Surroundings, pump_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked, Situation
-from glucoloop.patients import SemilinearPatient, patient
-from glucoloop.pumps import DoseLimits, dose_limits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
-from glucoloop.simulation import Trace, identify, simulate
+from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.tuning.oscillation import Oscillation, crossings, oscillation
 
@@ -171,73 +170,27 @@ class _Models:
     def __init__(self) -> None:
         self._found: dict[tuple[int, float], StepResponseModel] = {}
 
-    def of(self, run: Run, person: SemilinearPatient) -> StepResponseModel:
-        case, situation = run.case, run.situation
-        key = situation.seed, case.model_noise_variance or 0.0
+    def controller(self, run: Run) -> Controller:
+        """The controller that ``glucoloop run`` designs."""
+        made, case = run.situation.situation(), run.case.case()
+        if not controller_entry(case.controller).uses_model:
+            return controller_of(made, case)
+        key = made.seed, case.model_noise_variance or 0.0
         if key not in self._found:
-            self._found[key] = identify(
-                person,
-                sensor_of(key[1], situation.noise_bound_mg_dl, 0),
-                record_key(situation.seed),
-                memory=case.memory or 0,
-                laguerre_pole=case.laguerre_pole or 0.0,
-                laguerre_functions=case.laguerre_functions or None,
-                sample_time_min=situation.sample_time_min,
-            ).model
-        return self._found[key]
+            self._found[key] = identified_model(made, case, made.nominal).model
+        return controller_of(made, case, model=self._found[key])
 
 
-@dataclass(frozen=True)
-class _Setting:
-    """Sensor, pump and scenario around a controller, of one person."""
-
-    person: SemilinearPatient
-    scenario: Scenario
-    limits: DoseLimits
-    bound_mg_dl: float
-    dead_time_samples: int
-    sample_time_min: float
-
-    @classmethod
-    def of(cls, run: Run) -> _Setting:
-        situation = run.situation
-        return cls(
-            person=patient(operating_point=situation.operating_point),
-            scenario=Scenario(situation.eaten(), situation.duration_min, announced=situation.announce_meals),
-            limits=_limits(run),
-            bound_mg_dl=situation.noise_bound_mg_dl,
-            dead_time_samples=situation.dead_time_samples,
-            sample_time_min=situation.sample_time_min,
-        )
-
-    def sensor(self, variance: jax.Array) -> Sensor:
-        """Sensor as `sensor_of` makes it; a variance of 0 adds no noise, so that one program serves both cases."""
-        noisy = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=self.bound_mg_dl)
-        return dead_time(self.dead_time_samples, noisy) if self.dead_time_samples else noisy
+def _scenario(run: Run) -> Scenario:
+    return run.situation.scenario(announced=run.situation.announce_meals)
 
 
-def _limits(run: Run) -> DoseLimits:
-    return dose_limits(
-        max_change_mU_min=run.situation.max_change_mU_min,
-        min_mU_min=run.situation.min_insulin_mU_min,
-        max_mU_min=run.situation.max_insulin_mU_min,
-    )
-
-
-def _controller(run: Run, person: SemilinearPatient, models: _Models) -> Controller:
-    """The controller that ``glucoloop run`` designs."""
-    entry = controller_entry(run.case.controller)
-    known = run.situation.dead_time_samples if run.case.known_dead_time else 0
-    design = DesignCase(
-        patient=person,
-        model=models.of(run, person).delayed(known) if entry.uses_model else None,
-        limits=_limits(run),
-        sample_time_min=run.situation.sample_time_min,
-        noise_variance=run.situation.noise_variance,
-        dead_time_samples=known,
-    )
-    controller: Controller = entry.designer()(design, **run.case.tuning)
-    return controller
+def _around(made: experiments.Situation, variance: jax.Array) -> Surroundings:
+    """Sensor and pump without faults; a variance of 0 adds no noise, so that one program serves both cases."""
+    sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=made.noise_bound_mg_dl)
+    if made.dead_time_samples:
+        sensor = dead_time(made.dead_time_samples, sensor)
+    return Surroundings(sensor=sensor, pump=pump_of(made.limits, made.pump_resolution_mU_min))
 
 
 def _together(asked: Asked) -> int:
@@ -252,9 +205,9 @@ def _loops_of_seeds(
 ) -> Loops:
     """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     runs = [read_run(situation.of(name, seed)) for seed in seeds]
-    around, pump = _Setting.of(runs[0]), pump_of(_limits(runs[0]), None)
+    made, scenario = runs[0].situation.situation(), _scenario(runs[0])
     own = controller_entry(name).uses_model
-    controllers = [_controller(run, around.person, models) for run in (runs if own else runs[:1])]
+    controllers = [models.controller(run) for run in (runs if own else runs[:1])]
     # Controllers of one kind as one, whose arrays have a leading axis.
     stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *controllers)
     variance, drawn = np.full(len(seeds), runs[0].situation.noise_variance), np.asarray(seeds, np.uint32)
@@ -262,8 +215,8 @@ def _loops_of_seeds(
         variance, drawn = np.append(variance, 0.0), np.append(drawn, drawn[0])
 
     def run(controller: Controller, variance: jax.Array, key: jax.Array) -> tuple[Metrics, Oscillation, Trace]:
-        trace = simulate(around.person, controller, around.sensor(variance), pump, around.scenario, key)
-        return summarise(trace, around.limits), oscillation(trace), trace
+        trace = close_loop(made, controller, scenario, around=_around(made, variance), key=key)
+        return summarise(trace, made.limits), oscillation(trace), trace
 
     def block(places: npt.NDArray[np.intp], asked: int) -> Any:
         keys = jax.vmap(jax.random.key)(jnp.asarray(drawn[places]))
@@ -278,8 +231,8 @@ def _loops_of_seeds(
     metrics, turning, glucose, insulin = jax.tree.map(lambda *of_blocks: np.concatenate(of_blocks), *parts)
     kept = slice(len(seeds))
     found = {key.name: np.asarray(getattr(metrics, key.name), float)[kept] for key in dataclasses.fields(metrics)}
-    grid = sample_grid(around.scenario.horizon_min, around.sample_time_min)
-    setpoint = float(around.person.setpoint_mg_dl)
+    grid = sample_grid(scenario.horizon_min, made.sample_time_min)
+    setpoint = made.target_mg_dl
     return Loops(
         run=np.asarray(seeds, np.int64),
         numbers=numbers_of(found, grid.fine_t_min, glucose[kept].T, setpoint),
@@ -358,11 +311,11 @@ def _bounds(situations: Sequence[Situation]) -> dict[str, OptimalDoses]:
     found: dict[bool, OptimalDoses] = {}
     bounds = {}
     for situation in situations:
-        around = _Setting.of(read_run(situation.of(OURS, 0)))
-        announced = around.scenario.announced
+        run = read_run(situation.of(OURS, 0))
+        made, announced = run.situation.situation(), run.situation.announce_meals
         if announced not in found:
             found[announced] = bound_of_situation(
-                around.person, around.scenario, around.limits, sample_time_min=around.sample_time_min
+                made.nominal, _scenario(run), made.limits, sample_time_min=made.sample_time_min
             )
         bounds[situation.name] = found[announced]
     return bounds
@@ -371,8 +324,7 @@ def _bounds(situations: Sequence[Situation]) -> dict[str, OptimalDoses]:
 def _time_of_step_ms(name: str, seed: int, models: _Models) -> float:
     """Median time of one sample of one patient on this machine, compiled, with noise."""
     run = read_run(next(situation for situation in SITUATIONS if situation.name == "noise").of(name, seed))
-    person = patient(operating_point=run.situation.operating_point)
-    controller = _controller(run, person, models)
+    person, controller = run.situation.situation().nominal, models.controller(run)
     observation = Observation(
         glucose_mg_dl=person.setpoint_mg_dl + 3.0,
         valid=jnp.asarray(True),
