@@ -92,7 +92,7 @@ def once(start_sample: int, samples: float = math.inf, *, latest_sample: int | N
     samples : int or inf
         Number of samples of the episode; by default it lasts to the end.
     latest_sample : int, optional
-        If given, the onset is drawn uniformly from `start_sample` to this sample, for each person.
+        Last possible onset. If given, the onset is drawn uniformly from `start_sample` to this sample, for each person.
     key : int
         Number that makes the random draws of this fault differ from those of others around the same sensor or pump;
         0 to 65535.

@@ -52,11 +52,11 @@ def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt
     Parameters
     ----------
     seed : int
-        From 0 to 2**32 - 1.
+        Seed, from 0 to 2**32 - 1.
     name : str
         Name of the drawn quantity; different names have independent numbers.
     person : (n,) array of int
-        From 0 to 2**32 - 1 each.
+        Numbers of the persons, from 0 to 2**32 - 1 each.
     index : int
         Index of the number among those of that name.
 

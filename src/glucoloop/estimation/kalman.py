@@ -69,14 +69,14 @@ class KalmanState:
 
 @pytree
 class Innovation:
-    """What a reading told the filter.
+    """Information that a reading gave the filter.
 
     Attributes
     ----------
     error : () or (B,)
         Reading less predicted output; zero where the reading was not valid.
     variance : () or (B,)
-        Its variance ``C P C' + R``.
+        Variance of the error, ``C P C' + R``.
     gain : (n,) or (n, B)
         Filter-form gain that was applied; zero where the reading was not valid.
     """
@@ -234,7 +234,7 @@ def predict(state: KalmanState, Phi: ArrayLike, Q: ArrayLike, forcing: ArrayLike
     Q : (n, n) or (n, n, B)
         Covariance of the process noise.
     forcing : (n,), (n, B) or scalar
-        What the known inputs add, ``Gamma u``.
+        Contribution of the known inputs, ``Gamma u``.
 
     Returns
     -------
@@ -322,7 +322,7 @@ def kalman_step(
     KalmanState
         Estimate x(k|k).
     Innovation
-        What the reading told.
+        Innovation of the reading.
     """
     return update(predict(state, Phi, Q, forcing), reading, C, R, valid)
 

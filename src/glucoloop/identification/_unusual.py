@@ -51,7 +51,7 @@ def ask_about_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: floa
     insulin_mU_min : (n,) array
         The column.
     mean_mU_min : float
-        Its mean over time.
+        Mean of the column over time.
     step_min : float
         Usual time from row to row, over which a bolus of a row would have been given as a rate.
     """

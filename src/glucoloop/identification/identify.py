@@ -33,7 +33,7 @@ class Identification:
     impulse_response : Array, shape (M,)
         The estimate as the record gives it [mg/dl per mU/min].
     smoothed_impulse_response : Array, shape (M,)
-        Its Laguerre projection, or the estimate itself if none was asked for [mg/dl per mU/min].
+        Laguerre projection of the estimate, or the estimate itself if none was asked for [mg/dl per mU/min].
     laguerre_coefficients : Array, shape (L,)
         Coefficients of the projection; empty if none was asked for [mg/dl per mU/min].
     laguerre_pole : float
@@ -49,9 +49,9 @@ class Identification:
     meal_impulse_response : Array, shape (K,)
         Rise of glucose 1, 2, .. samples after a gram of carbohydrate; empty for a record without meals [mg/dl per g].
     reliability : Reliability
-        What the record says about the quality of the model.
+        Quality of the model according to the record.
     method : str
-        How the impulse response was estimated.
+        Method of the estimation.
     """
 
     model: StepResponseModel

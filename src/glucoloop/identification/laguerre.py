@@ -27,7 +27,7 @@ class PoleSearch:
     pole : Array, shape ()
         The pole of the grid with the least residual error.
     residual_norm : Array, shape ()
-        Its residual error, the 2-norm of h minus its projection [mg/dl per mU/min].
+        Residual error at that pole, the 2-norm of h minus its projection [mg/dl per mU/min].
     poles : Array, shape (P,)
         The grid.
     residual_norms : Array, shape (P,)

@@ -91,7 +91,7 @@ def record_from_samples(
     record : Record
         The record, its first reading at the first row that has one.
     notes : tuple of str
-        What was done to the data, one sentence each; empty if they were used as they are.
+        Changes of the data, one sentence each; empty if they were used as they are.
 
     Raises
     ------

@@ -30,7 +30,7 @@ _NEGLIGIBLE: Final = 1e-9
 
 @pytree
 class Reliability:
-    """What the record says about the quality of the model identified from it.
+    """Quality of an identified model according to the record.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ def doubts(
     gain : float
         Steady change of glucose for a lasting change of insulin [mg/dl per mU/min].
     reliability : Reliability or None
-        None if it is not known.
+        Reliability of the model, or None if it is not known.
     basal_insulin_mU_min, glucose_mg_dl : float
         Operating point at which the model holds.
     """

@@ -73,7 +73,7 @@ def appearance_moments(t_min: jax.Array, step_min: float, absorption: Absorption
     t_min : scalar
         Start of the step.
     step_min : float
-        Its length h.
+        Length h of the step.
     absorption : Absorption
 
     Returns

@@ -1,4 +1,4 @@
-"""Meals of many people, each with own meals and gut, as the moments that the exponential integrator takes.
+"""Meals of many people with individual meals and guts, as the moments that the exponential integrator takes.
 
 `appearance_moments` sums over all jumps at every step; here each jump is taken once, at the step in which it lies, and
 the state of the meal model is carried from step to step.

@@ -137,7 +137,7 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     ----------
     plan : MealPlan
     seed : int
-        From 0 to 2**32 - 1.
+        Seed, from 0 to 2**32 - 1.
     person : (n,) array of int
         Numbers of the persons, from 0 to 2**32 - 1, in any order.
 

@@ -75,9 +75,9 @@ class Scan:
     length: int
     reverse: bool
     constants: int
-    """How many inputs are constants."""
+    """Number of inputs that are constants."""
     carried: int
-    """How many inputs are carried."""
+    """Number of inputs that are carried."""
 
 
 def scan(equation: Any) -> Scan:

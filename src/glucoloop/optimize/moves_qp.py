@@ -284,9 +284,9 @@ def minimise_many_moves(
     Returns
     -------
     MovesSolution
-        For one person; `jax.vmap` serves a cohort. The moves are feasible and finite whatever `H` and `f` are: a
-        solution is clipped onto the limits, and if there is none the clipped unconstrained minimiser, or in its absence
-        no move at all, is returned with `converged` false.
+        Solution for one person; use `jax.vmap` for a cohort. The moves are feasible and finite whatever `H` and `f`
+        are: a solution is clipped onto the limits, and if there is none the clipped unconstrained minimiser, or in its
+        absence no move at all, is returned with `converged` false.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""The best doses and what they do, ready for print; with noise, also those for what it lets one know."""
+"""Figure of the best doses and the glucose under them, ready for print; with noise, also of the hedged doses."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ def plot_bound(
     Parameters
     ----------
     plans : mapping of str to OptimalDoses
-        Of one situation, by what is known.
+        Plans of one situation, by the knowledge of the meals.
     hedged : mapping of str to HedgedDoses, optional
-        By what is told late.
+        Hedged doses, by the fact that is known late.
     meals : sequence of Meal
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
     limits : DoseLimits
-        Of the pump.
+        Limits of the pump.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def _extent(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], margin: f
 
 
 def _mark_meals(axes: Axes, meals: Sequence[Meal], divisor: float) -> None:
-    """A mark on the upper edge for each meal, and its carbohydrate above."""
+    """Mark each meal at the upper edge with its carbohydrate above."""
     for meal in meals:
         place = (meal.t_min / divisor, 1.0)
         upper_edge = axes.get_xaxis_transform()

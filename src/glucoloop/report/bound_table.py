@@ -15,14 +15,15 @@ _COLUMNS: Final = ("Largest deviation", "Undershoot", "Peak", "Settles", "Known 
 
 
 def bound_table(plans: Mapping[str, OptimalDoses], hedged: Mapping[str, HedgedDoses] | None = None) -> Table:
-    """What is known, and what is the best that can then be done; mg/dl and min.
+    """Table of the best possible results by the knowledge of the meals; mg/dl and min.
 
     Parameters
     ----------
     plans : mapping of str to OptimalDoses
-        By what is known. A plan that did not converge is marked.
+        Plans by the knowledge of the meals. A plan that did not converge is marked.
     hedged : mapping of str to HedgedDoses, optional
-        By what is told late. Their largest deviation is that of the worse world, the rest that of the meal as it is.
+        Hedged doses by the fact that is known late. Their largest deviation is that of the worse world, the other
+        numbers are those of the true meal.
 
     Returns
     -------

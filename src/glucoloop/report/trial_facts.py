@@ -1,4 +1,4 @@
-"""What a trial was made with, in words."""
+"""Settings of a trial in words."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _told(meal: Meal) -> str:
 
 
 def facts(trial: Trial) -> dict[str, str]:
-    """What a trial was made with, for the head of a page."""
+    """Settings of a trial for the head of a page."""
     plan = trial.plan
     meals = ", ".join(map(_told, plan.meals)) or "none"
     if plan.varies:

@@ -27,7 +27,7 @@ class MealEstimates:
     glucose_mg_dl: jax.Array
     """(samples, ...) glucose of the estimated state."""
     eating: jax.Array
-    """(samples, ...) as `MealEstimate.eating`, 0 to 1."""
+    """(samples, ...) probability that a meal that was not announced is being served, 0 to 1."""
     carbs_g: jax.Array
     """(samples, ...) size so far of the latest meal that was not announced."""
     remaining_g: jax.Array

@@ -76,7 +76,7 @@ class Experiments:
         )
 
     def limited_to(self, dead_times_min: Sequence[int], *, tunings: bool) -> Experiments:
-        """These experiments with no other dead times than the given ones, and without searches if so asked."""
+        """A selection of these experiments with the given dead times only, and without searches if so asked."""
         return dataclasses.replace(
             self, with_noise=self.with_noise & noisy_runs(dead_times_min), tunings=self.tunings and tunings
         )
