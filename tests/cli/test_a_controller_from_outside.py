@@ -57,7 +57,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
         (("--controller", NAME, "--move-weight", "1"), "your-own-pi has no setting 'move_weight'"),
         (("--setting", "integral_min=9"), "unknown key 'integral_min'"),
         (("--setting", "move_weight"), "'move_weight' in the option --setting is not a key with a value"),
-        (("--setting", "seed=3"), "seed is no setting of a controller; give --seed in place of --setting"),
+        (("--setting", "seed=3"), "seed is not a setting of a controller; give --seed in place of --setting"),
         (
             ("--move-weight", "1", "--setting", "move_weight=2"),
             "--setting move_weight and --move-weight say the same; leave one out",

@@ -38,7 +38,7 @@ def test_the_page_is_well_formed_and_says_what_it_is(page, reader):
         "Spread of the metrics",
         "Time in range",
         "Control-variability grid",
-        "Those who fared worst",
+        "People with the worst outcomes",
     ]
     assert read.text["footer"] == ["Research software, not a medical device."]
     told = "".join(read.text["p"])

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
 HELP: Final = (
-    "Work out how well glucose could be held by anybody: the doses with the smallest largest deviation from the "
-    "setpoint that the pump can give, for a patient and meals that are known exactly from a moment on.\n\n"
-    "With --noise also for whoever must find out from the readings that there is a meal, and when it ends, and "
-    "prepares for both until he can know.\n\n"
+    "Compute how closely any controller could hold glucose: the doses within the pump's limits with the least maximum "
+    "deviation from the setpoint, for a patient and meals that are known exactly from a given time on.\n\n"
+    "With --noise also for a controller that can learn only from the readings that a meal begins, and when it ends, "
+    "and "
+    "prepares for both cases until it can know.\n\n"
     "  glucoloop bound\n\n"
     "  glucoloop bound --known-after 0 --known-after 20 --in-advance --out bound\n\n"
     "  glucoloop bound --noise 1.45\n\n"
@@ -42,7 +43,8 @@ _OWN: Final = (
         "known_after_min",
         "--known-after",
         list[str],
-        "When a meal is known, counted from its start; a dead time comes on top; negative: so long before. Repeat it "
+        "Time from the start of a meal until it is known; a dead time is added; a negative time is in advance. "
+        "Repeat it "
         "for more.",
         _BOUND,
         metavar="MIN",
@@ -53,7 +55,8 @@ _OWN: Final = (
         "objective",
         "--objective",
         str,
-        "What is least: the largest deviation to either side; the undershoot, then the peak; the peak, then the "
+        "Quantity that is minimised: the largest deviation to either side; the undershoot, then the peak; the peak, "
+        "then the "
         "undershoot; the sum of squared deviations.",
         _BOUND,
         metavar="deviation|undershoot|peak|sse",

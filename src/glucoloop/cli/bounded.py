@@ -61,7 +61,7 @@ class Bounded:
             if not plan.converged:
                 yield (
                     f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
-                    f"{plan.optimality:.2g} more, so this is no bound."
+                    f"{plan.optimality:.2g} more, so this is not a bound."
                 )
         limit = float(lowest_valid_glucose_mg_dl(self.config.surroundings().nominal))
         for label, plan in self.plans.items():

@@ -155,7 +155,7 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
             "--known-dead-time tells it."
         )
     elif case.known_dead_time:
-        yield "There is no dead time to know of; --dead-time adds one."
+        yield "There is no dead time that the controller could know; --dead-time adds one."
 
 
 def notes_on_patient(situation: Situation) -> Iterator[str]:

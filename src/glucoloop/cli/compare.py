@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
 HELP: Final = (
-    "Compare controllers or tunings: the same patient, meals, sensor and pump for each, one table, one picture.\n\n"
-    "A case is a label and what is its own, [LABEL:] [CONTROLLER,] [KEY=VALUE, ...]; its keys are the controller and "
+    "Compare controllers or tunings with the same patient, meals, sensor and pump: one table, one figure.\n\n"
+    "A case is a label and the settings that are its own, [LABEL:] [CONTROLLER,] [KEY=VALUE, ...]; its keys are the "
+    "controller and "
     "model options with underscores. Controller and model options given beside the cases hold for every case that "
     "does not say otherwise; given beside a file, they hold for every case of the file.\n\n"
     "  glucoloop compare --case mpc --case 'careful: mpc, move_weight=1'\n\n"
@@ -42,7 +43,7 @@ _BOUND: Final = Option(
     "bound",
     "--bound/--no-bound",
     bool,
-    "Also work out how well anybody could do who knows each meal from its start, and how far each case is from it.",
+    "Also compute the best result possible with each meal known from its start, and the distance of each case from it.",
     "Cases",
     default="no bound",
 )
@@ -158,8 +159,9 @@ def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: O
     notes = tuple(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes)
     if bound is not None:
         notes += (
-            f"The bound is that of somebody who knows each meal {_known(bound.known_after_min)}, the patient and the "
-            f"pump's limits{'' if bound.converged else '; it did not converge, so that it is none'}.",
+            f"The bound is that of a controller that knows each meal {_known(bound.known_after_min)}, the patient "
+            f"and the "
+            f"pump's limits{'' if bound.converged else '; it did not converge, so it is not a bound'}.",
             *(["Who bets on a meal to come could do better."] if len(_meals(outcomes)) > 1 else []),
         )
     if output.json:

@@ -66,7 +66,7 @@ _OPTIONS: Final = (
         "method",
         "--method",
         str,
-        "csrs: cross-correlation, for balanced pulses from rest; least-squares: any input that moves enough.",
+        "csrs: cross-correlation, for balanced pulses from rest; least-squares: for any input that varies enough.",
         _RECORD,
         metavar="auto|csrs|least-squares",
         default="auto",

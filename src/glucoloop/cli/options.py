@@ -147,7 +147,7 @@ DEAD_TIME: Final = Option(
     "dead_time_min",
     "--dead-time",
     float,
-    "How late readings are; whole samples.",
+    "Delay of the readings; a whole number of samples.",
     _SENSOR,
     metavar="MIN",
     default="0",
@@ -166,11 +166,17 @@ ALLOW_UNUSUAL: Final = Option(
     "allow_unusual",
     "--allow-unusual",
     bool,
-    "Take values as they are that look like another unit, or are hardly meant.",
+    "Accept values that look like another unit or are implausible.",
     _RUN,
 )
 MEMORY: Final = Option(
-    "memory", "--memory", int, "Samples after which a dose has died out, M.", _MODEL, metavar="M", default="3 hours"
+    "memory",
+    "--memory",
+    int,
+    "Number of samples after which the effect of a dose has died out, M.",
+    _MODEL,
+    metavar="M",
+    default="3 hours",
 )
 LAGUERRE_POLE: Final = Option(
     "laguerre_pole",
@@ -185,7 +191,7 @@ LAGUERRE_FUNCTIONS: Final = Option(
     "laguerre_functions",
     "--laguerre-functions",
     int,
-    "How many; 0 leaves the impulse response as it was estimated.",
+    "Number of Laguerre functions; 0 leaves the impulse response as it was estimated.",
     _MODEL,
     metavar="L",
     default="2",
@@ -209,12 +215,19 @@ def _of_part(part: str) -> str:
 SITUATION: Final = (
     PATIENT,
     OPERATING_POINT,
-    Option("setpoint_mg_dl", "--setpoint", float, "Target; the patient's own by default.", _PATIENT, metavar="MG_DL"),
+    Option(
+        "setpoint_mg_dl",
+        "--setpoint",
+        float,
+        "Target of the controller; the patient's own by default.",
+        _PATIENT,
+        metavar="MG_DL",
+    ),
     Option(
         "initial_glucose_mg_dl",
         "--initial-glucose",
         float,
-        "Where the patient rests at the start; at his own setpoint by default.",
+        "Glucose at which the patient rests at the start; by default the patient's own setpoint.",
         _PATIENT,
         metavar="MG_DL",
     ),
@@ -228,15 +241,16 @@ SITUATION: Final = (
         metavar="G@TIME",
         default="50g@50min",
     ),
-    Option(NO_MEAL, "--no-meal", bool, "Nothing is eaten.", _PATIENT),
+    Option(NO_MEAL, "--no-meal", bool, "A run without meals.", _PATIENT),
     Option(
         "meal_model",
         "--meal-model",
         str,
-        "How meals are digested and absorbed: lehmann-deutsch or hovorka; what a controller assumes stays as it is.",
+        "Model of digestion and absorption of the patient: lehmann-deutsch or hovorka; the meal model of the "
+        "controller does not change.",
         _PATIENT,
         metavar="NAME",
-        default="as the patient does",
+        default="the patient's own",
     ),
     Option(
         "announce_meals",
@@ -252,10 +266,10 @@ SITUATION: Final = (
         "site",
         "--site",
         str,
-        "Where the sensor sits: arterial or interstitial, or plasma or interstitial, as the patient has it.",
+        "Site of the sensor: arterial or interstitial, or plasma or interstitial, depending on the patient.",
         _SENSOR,
         metavar="NAME",
-        default="where the glucose is that is controlled",
+        default="the site at which glucose is controlled",
     ),
     Option(
         "max_change_mU_min",
@@ -266,12 +280,14 @@ SITUATION: Final = (
         metavar="MU_MIN",
         default="16.7, or the patient's",
     ),
-    Option("min_insulin_mU_min", "--min-insulin", float, "Least rate.", _PUMP, metavar="MU_MIN", default="0"),
+    Option(
+        "min_insulin_mU_min", "--min-insulin", float, "Least rate of the pump.", _PUMP, metavar="MU_MIN", default="0"
+    ),
     Option(
         "max_insulin_mU_min",
         "--max-insulin",
         float,
-        "Greatest rate.",
+        "Greatest rate of the pump.",
         _PUMP,
         metavar="MU_MIN",
         default="66.9, or the patient's",
@@ -289,12 +305,12 @@ SITUATION: Final = (
         "--fault",
         list[str],
         "A fault, like 'missing, start_min=120, duration_min=30' or 'spikes, per_day=8, size_mg_dl=-40'; repeat it for "
-        f"more, each around those before. Sensor: {_of_part('sensor')}. Pump: {_of_part('pump')}. All that come and go "
-        "take start_min, latest_min, duration_min and per_day.",
+        f"more, each around the earlier ones. Sensor: {_of_part('sensor')}. Pump: {_of_part('pump')}. All faults "
+        "that come and go take start_min, latest_min, duration_min and per_day.",
         _FAULTS,
         metavar="FAULT",
     ),
-    Option(NO_FAULT, "--no-fault", bool, "No fault, whatever the file says.", _FAULTS),
+    Option(NO_FAULT, "--no-fault", bool, "A run without faults, also if the file has some.", _FAULTS),
     Option("duration_min", "--duration", float, "Length of the run.", _RUN, metavar="MIN", default="600"),
     SAMPLE_TIME,
     SEED,
@@ -366,7 +382,7 @@ CASE: Final = (
         "known_dead_time",
         "--known-dead-time/--unknown-dead-time",
         bool,
-        "Tell the controller of the dead time: its model is delayed, and its prediction horizon grows by as much.",
+        "Whether the controller knows the dead time: its model is then delayed and its prediction horizon longer.",
         _CONTROLLER,
         default="unknown",
     ),
@@ -374,8 +390,8 @@ CASE: Final = (
         "guard",
         "--guard/--no-guard",
         bool,
-        "Put a guard around the controller: it believes no impossible reading, falls back to the basal rate, suspends "
-        "on a predicted low, and bounds insulin.",
+        "Put a guard around the controller: it rejects impossible readings, falls back to the basal rate without "
+        "readings, suspends insulin on predicted low glucose, and bounds the dose.",
         _GUARD,
         default="no guard",
     ),
@@ -416,4 +432,4 @@ OUTPUT: Final = (
     Option("overwrite", "--overwrite", bool, "Replace an earlier result in that folder.", _OUTPUT),
     Option("json", "--json", bool, "Print one JSON object instead of a table.", _OUTPUT),
 )
-MMOL: Final = Option("mmol", "--mmol", bool, "Tell glucose in mmol/l too.", _OUTPUT)
+MMOL: Final = Option("mmol", "--mmol", bool, "Show glucose in mmol/l as well.", _OUTPUT)

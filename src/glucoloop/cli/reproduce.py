@@ -21,7 +21,7 @@ _OPERATING_POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
 MOST_SEEDS: Final = 1000
 
 HELP: Final = (
-    "Carry out a published study again and set each number beside the printed one.\n\n"
+    "Reproduce a published study and compare each number with the printed one.\n\n"
     "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim, at "
     "each reading of its operating point; what does not reproduce is listed.\n\n"
     "  glucoloop reproduce parker1999 --out parker1999\n\n"

@@ -82,7 +82,7 @@ def _with_settings(keys: Given) -> Given:
         if key in keys:
             raise ValueError(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
         if key in options and key not in setting_names():
-            raise ValueError(f"{key} is no setting of a controller; give {options[key]} in place of --setting")
+            raise ValueError(f"{key} is not a setting of a controller; give {options[key]} in place of --setting")
     return {**keys, **given}
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
 HELP: Final = (
-    "Close the loop: a controller, a virtual patient, a meal.\n\n"
+    "Simulate a controller in closed loop with a virtual patient and a meal.\n\n"
     "Without options it is the noise-free loop of Parker, Doyle and Peppas (1999): 50 g of carbohydrate at 50 min, "
     "linear MPC on a model identified from the patient. With --noise the model comes from an equally noisy record, and "
     "the tuning is the paper's for noise.\n\n"

@@ -63,8 +63,9 @@ DASK: Final = Option(
 def _shared() -> Iterator[Option]:
     """Options that a trial has in common with a single run, with help worded for a trial."""
     words = {
-        "operating_point": "Where the nominal patient rests, for whom controllers are designed.",
-        "setpoint_mg_dl": "Where everybody rests at the start, and the target; the operating point's by default.",
+        "operating_point": "Operating point of the nominal patient, for whom controllers are designed.",
+        "setpoint_mg_dl": "Glucose at which all people rest at the start, and the target; that of the operating "
+        "point by default.",
         "seed": "The same seed gives the same people, meals and noise.",
     }
     panels = {
@@ -83,8 +84,8 @@ def _shared() -> Iterator[Option]:
 
 def _output() -> Iterator[Option]:
     words = {
-        "out": "Folder of the trial; a trial that was begun there goes on.",
-        "overwrite": "Begin again, whatever trial the folder holds.",
+        "out": "Folder of the trial; an unfinished trial in it is resumed.",
+        "overwrite": "Begin again and replace the trial in the folder.",
         "json": "Print the summary as one JSON object.",
     }
     for option in (*OUTPUT, MMOL):
@@ -112,7 +113,7 @@ TRIAL: Final = (
         "first_person",
         "--first-person",
         int,
-        "Number of the first one; a person of a number and seed is always the same.",
+        "Number of the first person; a person of a given number and seed is always the same.",
         _PEOPLE,
         metavar="N",
         default="0",
@@ -133,7 +134,7 @@ TRIAL: Final = (
         "meal_size_spread_pct",
         "--meal-size-spread",
         float,
-        "By how much a meal is larger or smaller, drawn anew for each person and day.",
+        "Largest deviation of a meal's size, drawn for each person and day.",
         _MEALS,
         metavar="PCT",
         default="0",
@@ -142,7 +143,7 @@ TRIAL: Final = (
         "meal_time_spread_min",
         "--meal-time-spread",
         float,
-        "By how much it is earlier or later.",
+        "Largest deviation of a meal's time, drawn for each person and day.",
         _MEALS,
         metavar="MIN",
         default="0",
@@ -153,7 +154,7 @@ TRIAL: Final = (
         "design",
         "--design",
         str,
-        "Controllers designed once for the nominal patient, or for each person.",
+        "Whether controllers are designed once for the nominal patient, or for each person.",
         _CONTROLLERS,
         metavar="nominal|individual",
         default="nominal",
@@ -163,7 +164,7 @@ TRIAL: Final = (
         "traces",
         "--traces",
         str,
-        "Whose glucose and insulin are kept over time: none, all, or so many people.",
+        "People whose glucose and insulin over time are kept: none, all, or a number of people.",
         _WORK,
         metavar="none|all|N",
         default="none",
@@ -181,7 +182,7 @@ TRIAL: Final = (
         "shard_people",
         "--shard-people",
         int,
-        "People that are computed and written together.",
+        "Number of people that are computed and written together.",
         _WORK,
         metavar="N",
         default="up to 16384",

@@ -125,7 +125,9 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
         raise ValueError(f"{text}: {error}") from None
     if not people.variations:
         # a file that was cut short must not pass for the nominal patient
-        raise ValueError(f"{text} has no [[vary]] table, so nobody would differ; add one, or name the preset nominal")
+        raise ValueError(
+            f"{text} has no [[vary]] table, so all people would be the same; add one, or name the preset nominal"
+        )
     return people
 
 

@@ -108,7 +108,7 @@ def fit_first_order(
         )
     if at_tau == len(taus) - 1:
         raise ValueError(
-            f"The response does not level off within {times[-1]:g} min, so gain and time constant cannot be told "
+            f"The response does not level off within {times[-1]:g} min, so gain and time constant cannot be found "
             "apart: lengthen the record."
         )
 

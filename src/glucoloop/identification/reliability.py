@@ -69,7 +69,7 @@ def doubts(
         found.append(f"{told}, so more insulin would raise glucose; in a person it lowers glucose.")
     elif reliability is not None and not reliability.gain_margin < -gain:
         margin = f"{reliability.gain_margin:.3g} ({100 * CONFIDENCE:g} % confidence)"
-        found.append(f"{told}, give or take {margin}, so it is not told from 0.")
+        found.append(f"{told}, give or take {margin}, so it cannot be distinguished from 0.")
     if not glucose_mg_dl + 0.1 * basal_insulin_mU_min * gain > 0.0:
         found.append(
             f"{told}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "

@@ -98,7 +98,9 @@ def validate(model: StepResponseModel, insulin_deviation: ArrayLike, glucose_dev
         raise ValueError(f"Readings of shape {np.shape(glucose_deviation)} are not one-dimensional: use jax.vmap.")
     known = _check.concrete(glucose_deviation)
     if known is not None and np.ptp(known) == 0:
-        raise ValueError(f"All readings are {known[0]} mg/dl, so no fit can be told: validate on an input that moves.")
+        raise ValueError(
+            f"All readings are {known[0]} mg/dl, so no fit can be computed: validate on an input that varies."
+        )
     readings = jnp.asarray(glucose_deviation, dtype=float)
     predicted = model.predict(insulin_deviation)
     residuals = readings - predicted

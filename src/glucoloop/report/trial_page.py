@@ -213,7 +213,8 @@ def _range(name: str) -> str:
 def _grids(report: TrialReport, draw: _Drawing) -> str:
     panels = grid_panels(report)
     caption = (
-        "Each person is counted at his least and greatest glucose; the stronger the colour, the more people (on a "
+        "Each person is counted at the least and the greatest glucose of the run; the stronger the colour, the more "
+        "people (on a "
         "logarithmic scale), and those beyond the grid stand on its border. The nearer to the lower left, the better."
     )
     if report.setpoint_mg_dl < 90.0:
@@ -250,11 +251,11 @@ def _worst(report: TrialReport, draw: _Drawing) -> str:
         return (
             f"{draw(panels[label], zooms=True)}\n"
             '<div class="scroll"><table><thead><tr><th scope="col" class="value">Person</th>'
-            '<th scope="col" class="value">Minimum (mg/dl)</th><th scope="col">What sets him apart</th></tr></thead>'
+            '<th scope="col" class="value">Minimum (mg/dl)</th><th scope="col">Distinctive parameters</th></tr></thead>'
             f"<tbody>{rows}</tbody></table></div>"
         )
 
     most = max(len(case.worst) for case in report.cases.values())
     caption = f"The {most} people with the least glucose under each controller. Point at a row to single out a person."
     body = _cards(report, min(2, len(report.cases)), "linked worst", card)
-    return _section("Those who fared worst", caption, body)
+    return _section("People with the worst outcomes", caption, body)

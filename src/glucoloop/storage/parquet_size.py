@@ -45,7 +45,7 @@ def parquet_size(data: bytes) -> ParquetSize:
         If the bytes are no Parquet file.
     """
     if len(data) < 12 or data[:4] != _MAGIC or data[-4:] != _MAGIC:
-        raise ValueError("it is no Parquet file")
+        raise ValueError("it is not a Parquet file")
     (length,) = struct.unpack("<I", data[-8:-4])
     if length > len(data) - 12:
         raise ValueError("its footer is longer than the file")

@@ -111,7 +111,7 @@ class MealHorizon:
         """Age the hypotheses by a sample, carry them with the model, and correct them by the reading."""
         announced, served = serve(state.announced, model.sample_time_min)
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
-        # being served what he announced does not begin another.
+        # being served an announced meal does not begin another one.
         begins = jnp.where(sensed.known & (served == 0.0), self.begins, 0.0)
         hypotheses, probability = self._age(state.hypotheses, state.probability, begins)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)

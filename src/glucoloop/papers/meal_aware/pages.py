@@ -37,8 +37,8 @@ READINGS: Final[dict[str, str]] = {
     ),
     "seeds": "Seed n is `glucoloop run --seed n`: the same key of the sensor for every controller and situation.",
     "people": (
-        "parker2000, each rests at his own basal rate, of which the controller is told, as in `glucoloop trial`; "
-        "otherwise it is designed for the nominal patient. Each has a sensor key of his own, the same under every "
+        "parker2000, each rests at an individual basal rate, which the controller knows, as in `glucoloop trial`; "
+        "otherwise it is designed for the nominal patient. Each has an individual sensor key, the same under every "
         "controller."
     ),
     "glucose": (
