@@ -2,9 +2,9 @@
 """Set up, run and check glucoloop with nothing but Python.
 
     python3 dev.py run [ARGS]          run ``glucoloop run ARGS``
-    python3 dev.py test                all checks: format, lint, types, layers, tests, documentation
+    python3 dev.py test                the quick checks: format, lint, types, layers, and tests that take seconds
     python3 dev.py test PYTEST_ARGS    only pytest, with these arguments (paths from the repository root)
-    python3 dev.py test -m long        the tests that are left out above because they take long
+    python3 dev.py long                what the first leaves out: the tests that are marked long, documentation
     python3 dev.py try [--newest]      the first commands and tests/native on the newest other Python; where
                                        there is none, or with --newest, with the newest release of every package
     python3 dev.py setup               only create or refresh the environment, with the tools of developers
@@ -14,7 +14,7 @@ The first call creates .venv beside this file and installs what requirements.loc
 ``setup`` add what requirements-dev.lock names. Later calls reuse the environment until a lock,
 pyproject.toml or the Python version changes.
 
-``--python 3.13`` (or a path) before or after run, test or setup takes another Python, in an environment
+``--python 3.13`` (or a path) before or after run, test, long or setup takes another Python, in an environment
 of its own like .venv-3.13; ``test`` then runs only the tests.
 """
 
@@ -41,6 +41,7 @@ ROOT = Path(__file__).resolve().parent
 LOCK = ROOT / "requirements.lock"
 DEV_LOCK = ROOT / "requirements-dev.lock"
 PROJECT = ROOT / "pyproject.toml"
+QUICK = "not long"
 WINDOWS = os.name == "nt"
 ON_PATH = re.compile(r"python3?(\.\d+)?(\.exe)?")
 
@@ -338,22 +339,28 @@ def judge(heading: str, command: Sequence[str], code: int) -> None:
     stop(f"'{heading}' failed (exit status {code}).", code if code > 0 else 1)
 
 
-def quick_tests(env: Environment) -> None:
+def tests(env: Environment, which: str) -> None:
+    """The tests that a mark chooses, on two processors."""
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
-    check(env, "pytest", [env.program("pytest"), "-n", "2", "--dist", "worksteal", "-m", "not long"])
+    check(env, f"pytest -m '{which}'", [env.program("pytest"), "-n", "2", "--dist", "worksteal", "-m", which])
 
 
-def all_checks(env: Environment) -> None:
+def quick_checks(env: Environment) -> None:
     check(env, "ruff format --check", [env.program("ruff"), "format", "--check"])
     check(env, "ruff check", [env.program("ruff"), "check"])
     check(env, "mypy", [env.program("mypy")])
     check(env, "lint-imports", [env.program("lint-imports"), "--no-logo"])
+    tests(env, QUICK)
+    say("\nAll quick checks passed.")
+
+
+def long_checks(env: Environment) -> None:
     docs = ROOT / "docs"
     sphinx = [env.program("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")]
     with check_beside(env, "documentation", sphinx):  # most of which is computed by one processor
-        quick_tests(env)
-    say("\nAll checks passed.")
+        tests(env, "long")
+    say("\nAll long checks passed.")
 
 
 def first_commands(env: Environment) -> None:
@@ -451,7 +458,7 @@ def main(arguments: list[str]) -> int:
     if verb in ("-h", "--help", "help"):
         say((__doc__ or "").strip())
         return 0
-    if verb not in ("run", "test", "try", "setup", "lock"):
+    if verb not in ("run", "test", "long", "try", "setup", "lock"):
         stop(f"{'unknown command ' + repr(verb) if verb else 'a command is missing'}.\n\n{(__doc__ or '').strip()}", 2)
     if verb == "try":
         try_elsewhere(newest=rest == ["--newest"])
@@ -464,12 +471,14 @@ def main(arguments: list[str]) -> int:
         return env.call([env.program("glucoloop"), "run", *rest])
     if verb == "setup":
         say(f"Ready: {env.folder}")
+    elif verb == "long":
+        long_checks(env)
     elif rest:
         check(env, "pytest", [env.program("pytest"), *rest])
     elif chosen:
-        quick_tests(env)
+        tests(env, QUICK)
     else:
-        all_checks(env)
+        quick_checks(env)
     return 0
 
 
