@@ -1,4 +1,4 @@
-"""What a run comes to: regulation, glycemic risk and constraints, as pure functions of a trace."""
+"""Metrics of a run: regulation, glycemic risk and constraints, as pure functions of a trace."""
 
 from glucoloop.metrics.constraints import (
     LOWEST_GLUCOSE_MG_DL,

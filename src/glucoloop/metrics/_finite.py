@@ -1,4 +1,4 @@
-"""A run that left the numbers has no metrics: better NaN than a value that looks like one."""
+"""NaN as the metric of a run with values that are not finite, since any number would be misleading."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from jax.typing import ArrayLike
 def all_or_nan(values: ArrayLike) -> jax.Array:
     """The values, or NaN throughout for a person for whom any is not finite.
 
-    Comparisons and extremes would pass over a NaN; times in range and least values would then be told of the part
-    of the run that happened to go well.
+    Comparisons and extremes would ignore a NaN; times in range and least values would then be those of the finite part
+    of the run.
 
     Parameters
     ----------
@@ -26,5 +26,5 @@ def all_or_nan(values: ArrayLike) -> jax.Array:
 
 
 def nan_where_nan(result: jax.Array, source: jax.Array) -> jax.Array:
-    """A result of comparisons, which know no NaN, with the NaN of what was compared."""
+    """A result of comparisons, which have no NaN, with NaN where the compared values have it."""
     return jnp.where(jnp.isnan(source), jnp.nan, result)

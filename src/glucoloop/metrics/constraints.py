@@ -1,6 +1,6 @@
-"""What was infused, and whether it kept the constraints (17) to (19) of Parker, Doyle & Peppas 1999.
+"""Constraints (17) to (19) of Parker, Doyle & Peppas 1999 on the delivered insulin and on glucose.
 
-Time stands on the leading axis; people trail. What is not finite satisfies nothing.
+Time stands on the leading axis; people trail. Values that are not finite violate every constraint.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from jax.typing import ArrayLike
 from glucoloop.pumps.limits import DoseLimits
 
 LOWEST_GLUCOSE_MG_DL: Final = 60.0
-"""Bound of the constraint (19)."""
+"""Lower bound on glucose, constraint (19)."""
 
 ROUNDING_MU_MIN: Final = 1e-9
-"""A dose at its limit is within it."""
+"""Tolerance for rounding, so that a dose at its limit is within it."""
 
 
 def insulin_changes(insulin_mU_min: ArrayLike, before_mU_min: ArrayLike) -> jax.Array:
-    """Change of the infusion at each sample, the first from what was infused before the run.
+    """Change of the infusion at each sample, the first from the rate before the run.
 
     Parameters
     ----------
     insulin_mU_min : array_like, shape (samples, ...)
-        Delivered from each sample to the next.
+        Rates delivered from each sample to the next.
     before_mU_min : array_like, shape () or (...)
         The rate at rest.
 
     Returns
     -------
     Array, shape (samples, ...)
-        mU/min.
+        Changes in mU/min.
     """
     insulin = jnp.asarray(insulin_mU_min, dtype=float)
     before = jnp.broadcast_to(jnp.asarray(before_mU_min, dtype=float), insulin.shape[1:])
@@ -59,7 +59,7 @@ def glucose_satisfied(glucose_mg_dl: ArrayLike, lowest_mg_dl: ArrayLike = LOWEST
     Parameters
     ----------
     glucose_mg_dl : array_like, shape (points, ...)
-        Free of noise.
+        Glucose free of noise.
     lowest_mg_dl : array_like
     """
     glucose = jnp.asarray(glucose_mg_dl)

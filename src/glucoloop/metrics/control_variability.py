@@ -1,4 +1,4 @@
-"""Control-variability grid: each person at his least and greatest glucose, and the zone that he falls in.
+"""Control-variability grid: each person at the least and the greatest glucose, and the zone of that point.
 
 Magni, Raimondo, Dalla Man, Breton, Patek, De Nicolao, Cobelli & Kovatchev, "Evaluating the efficacy of closed-loop
 glucose regulation via control-variability grid analysis", J. Diabetes Sci. Technol. 2(4):630-635, 2008.
@@ -16,11 +16,11 @@ Floats = npt.NDArray[np.float64]
 
 ZONES: Final = ("A", "B", "C", "D", "E")
 MINIMUM_LIMITS_MG_DL: Final = (50.0, 70.0, 90.0, 110.0)
-"""Where columns of the grid meet; drawn from right to left."""
+"""Limits between columns of the grid, which are drawn from right to left."""
 MAXIMUM_LIMITS_MG_DL: Final = (110.0, 180.0, 300.0, 400.0)
-"""Where rows of the grid meet; drawn upwards."""
+"""Limits between rows of the grid, which are drawn upwards."""
 CELLS: Final = 20
-"""Cells of a column and of a row."""
+"""Number of cells of a column and of a row."""
 
 # By column from the least minimum on, and by row from the least maximum on.
 _ZONES: Final = np.array([["C", "D", "E"], ["B", "B", "D"], ["A", "B", "C"]])
@@ -33,9 +33,9 @@ def _edges(limits: tuple[float, ...]) -> Floats:
 
 
 MINIMUM_EDGES_MG_DL: Final = _edges(MINIMUM_LIMITS_MG_DL)
-"""(61,) 1 mg/dl apart."""
+"""(61,) edges of the cells, 1 mg/dl apart."""
 MAXIMUM_EDGES_MG_DL: Final = _edges(MAXIMUM_LIMITS_MG_DL)
-"""(61,) 3.5, 6 and 5 mg/dl apart, so that rows are drawn equally high."""
+"""(61,) edges of the cells, 3.5, 6 and 5 mg/dl apart, so that rows are drawn equally high."""
 
 
 def grid_counts(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> npt.NDArray[np.int64]:
@@ -51,7 +51,7 @@ def grid_counts(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> n
     Returns
     -------
     ndarray of int64 (60, 60)
-        By minimum (`MINIMUM_EDGES_MG_DL`) and maximum (`MAXIMUM_EDGES_MG_DL`), both rising.
+        Counts by minimum (`MINIMUM_EDGES_MG_DL`) and maximum (`MAXIMUM_EDGES_MG_DL`), both rising.
 
     Raises
     ------
@@ -103,12 +103,12 @@ def zone_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
     Parameters
     ----------
     counts : ndarray (60, 60)
-        As `grid_counts` gives them.
+        Counts as `grid_counts` gives them.
 
     Returns
     -------
     dict of str to float
-        By "A" to "E"; NaN if nobody is counted.
+        Percentages by zone, "A" to "E"; NaN if no person is counted.
     """
     shares = _shares(counts)
     return {zone: float(shares[_ZONES == zone].sum()) for zone in ZONES}
@@ -120,13 +120,13 @@ def region_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
     Parameters
     ----------
     counts : ndarray (60, 60)
-        As `grid_counts` gives them.
+        Counts as `grid_counts` gives them.
 
     Returns
     -------
     dict of str to float
-        By "A", "lower B", "B", "upper B", "lower C", "upper C", "lower D", "upper D" and "E", in the order of columns
-        from the least minimum on; NaN if nobody is counted.
+        Percentages by "A", "lower B", "B", "upper B", "lower C", "upper C", "lower D", "upper D" and "E", in the order
+        of columns from the least minimum on; NaN if nobody is counted.
     """
     return dict(zip(_REGIONS.ravel().tolist(), _shares(counts).ravel().tolist(), strict=True))
 

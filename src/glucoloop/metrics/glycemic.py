@@ -1,4 +1,4 @@
-"""How safe a course of glucose is: times in ranges, variability and risk indices, as diabetes care reports them.
+"""Safety of a course of glucose: times in ranges, variability and risk indices, as diabetes care reports them.
 
 Time stands on the leading axis, on an even grid; people trail. A time is the percentage of the points of the grid, both
 ends included; it needs no time axis. A person whose glucose is not finite throughout gets NaN.
@@ -101,7 +101,7 @@ def risk_indices(glucose_mg_dl: ArrayLike) -> RiskIndices:
 
 
 def risks(glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Risk of each glucose to be low, and to be high: what `risk_indices` takes the means of."""
+    """Risk of each glucose to be low, and to be high; `risk_indices` gives their means."""
     f = 1.509 * (jnp.log(jnp.clip(glucose_mg_dl, 20.0, 600.0)) ** 1.084 - 5.381)
     return 10.0 * jnp.minimum(f, 0.0) ** 2, 10.0 * jnp.maximum(f, 0.0) ** 2
 
@@ -124,6 +124,6 @@ def glycemia_risk_index(glucose_mg_dl: ArrayLike) -> jax.Array:
 
 
 def risk_index_of_pct(very_low: ArrayLike, low: ArrayLike, high: ArrayLike, very_high: ArrayLike) -> jax.Array:
-    """The same from the four percentages."""
+    """Glycemia risk index from the four percentages."""
     very_low, low, high, very_high = (jnp.asarray(pct) for pct in (very_low, low, high, very_high))
     return jnp.minimum(3.0 * very_low + 2.4 * low + 1.6 * very_high + 0.8 * high, 100.0)

@@ -1,4 +1,4 @@
-"""Events of low glucose, counted as a continuous sensor's are.
+"""Events of low glucose, counted as for a continuous sensor.
 
 An event begins when glucose has been below a bound for 15 min, and ends when it has not been for 15 min.
 
@@ -24,22 +24,22 @@ LASTING_MIN: Final = 15.0
 
 @pytree
 class LowEvents:
-    """What has been counted so far; all of the shape of the people."""
+    """Events counted so far; all arrays have the shape of the people."""
 
     events: jax.Array
     going: jax.Array
-    """1 within an event, else 0."""
+    """Indicator, 1 within an event, else 0."""
     lasting: jax.Array
     """Samples in a row on the side of the bound on which the event, or its absence, would end."""
 
     @classmethod
     def none(cls, like: jax.Array) -> LowEvents:
-        """Before the first sample."""
+        """State before the first sample."""
         zero = jnp.zeros_like(like)
         return cls(events=zero, going=zero, lasting=zero)
 
     def step(self, glucose_mg_dl: jax.Array, bound_mg_dl: float, samples: jax.Array | float) -> LowEvents:
-        """Take in a sample; so many in a row are 15 min."""
+        """Include a sample; `samples` in a row are 15 min."""
         going = self.going > 0.5
         turning = (glucose_mg_dl < bound_mg_dl) != going
         lasting = jnp.where(turning, self.lasting + 1.0, 0.0)
@@ -53,7 +53,7 @@ class LowEvents:
 
 
 def samples_in_a_row(sample_time_min: float) -> int:
-    """Samples that make 15 min; 1 where they are farther apart."""
+    """Number of samples in 15 min, at least 1."""
     return max(1, round(LASTING_MIN / sample_time_min))
 
 
@@ -63,10 +63,10 @@ def low_events(glucose_mg_dl: jax.Array, bound_mg_dl: float, samples: jax.Array 
     Parameters
     ----------
     glucose_mg_dl : array, shape (samples, ...)
-        At each sample.
+        Glucose at each sample.
     bound_mg_dl : float
     samples : () array or float
-        In a row that are 15 min; see `samples_in_a_row`.
+        Number of samples in 15 min; see `samples_in_a_row`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Metrics as a short table to be read in a terminal."""
+"""Short table of metrics for a terminal."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _ROWS: Final = (
 
 
 def short_table(metrics: Mapping[str, Any]) -> str:
-    """The metrics that most people look at, with units: of one person, or the spread of many.
+    """The most used metrics with units: of one person, or their distribution over people.
 
     Parameters
     ----------
     metrics : mapping of str to array
-        By the names of the fields of `Metrics`.
+        Metrics by the names of the fields of `Metrics`.
     """
     people = np.shape(metrics["minimum_mg_dl"])
     lines = [f"{'':31}{'5 %':>9}{'median':>9}{'95 %':>9}   of {np.prod(people, dtype=int)} people"] if people else []

@@ -1,4 +1,4 @@
-"""How well glucose is returned to its setpoint: the measures of Parker, Doyle & Peppas 1999, Tables I and II.
+"""Regulation of glucose to its setpoint: the measures of Parker, Doyle & Peppas 1999, Tables I and II.
 
 Glucose is free of noise. Time stands on the leading axis; people trail. A person whose glucose is not finite
 throughout gets NaN, and is not settled.
@@ -16,26 +16,26 @@ from glucoloop.metrics._finite import all_or_nan, nan_where_nan
 
 @pytree
 class Extreme:
-    """A least or greatest value, and when it was first reached."""
+    """A least or greatest value, and the time at which it was first reached."""
 
     value: jax.Array
-    """(...)"""
+    """(...) least or greatest value."""
     t_min: jax.Array
-    """(...)"""
+    """(...) time at which it is first reached."""
 
 
 @pytree
 class Settling:
-    """When glucose came back for good."""
+    """Settling time of glucose."""
 
     settling_min: jax.Array
-    """(...) minutes; where not settled, what they would be at best."""
+    """(...) settling time in minutes; a lower bound if glucose is not settled."""
     settled: jax.Array
     """(...) whether glucose is inside the band at the end."""
 
 
 def minimum(t_min: ArrayLike, glucose_mg_dl: ArrayLike) -> Extreme:
-    """Least glucose [mg/dl], and when it is first reached [min].
+    """Least glucose [mg/dl], and the time at which it is first reached [min].
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def minimum(t_min: ArrayLike, glucose_mg_dl: ArrayLike) -> Extreme:
 
 
 def peak(t_min: ArrayLike, glucose_mg_dl: ArrayLike) -> Extreme:
-    """Greatest glucose [mg/dl], and when it is first reached [min]; arguments as for `minimum`."""
+    """Greatest glucose [mg/dl], and the time at which it is first reached [min]; arguments as for `minimum`."""
     glucose = all_or_nan(glucose_mg_dl)
     value = glucose.max(axis=0)
     return Extreme(value=value, t_min=nan_where_nan(jnp.asarray(t_min)[glucose.argmax(axis=0)], value))
@@ -62,7 +62,7 @@ def settling(
     band_pct: ArrayLike,
     from_min: ArrayLike = 0.0,
 ) -> Settling:
-    """Time from `from_min` until glucose enters a band about the setpoint never to leave it.
+    """Time from `from_min` until glucose enters a band around the setpoint for good.
 
     The first point of the grid after the last one with ``|glucose - setpoint| > band_pct / 100 * setpoint``, less
     `from_min`: on a grid of one minute, the last minute outside, plus 1, less the time of the meal. It is 0 if glucose
@@ -78,7 +78,7 @@ def settling(
     band_pct : array_like
         Half width of the band, in percent of the setpoint.
     from_min : array_like
-        When the disturbance begins.
+        Time at which the disturbance begins.
     """
     t = jnp.asarray(t_min)
     glucose = all_or_nan(glucose_mg_dl)
@@ -99,7 +99,7 @@ def sum_squared_error(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike) -> ja
     Parameters
     ----------
     glucose_mg_dl : array_like, shape (samples, ...)
-        At the controller's samples; the sum grows with their number.
+        Glucose at the controller's samples; the sum grows with their number.
     setpoint_mg_dl : array_like, shape () or (...)
     """
     return ((all_or_nan(glucose_mg_dl) - jnp.asarray(setpoint_mg_dl)) ** 2).sum(axis=0)

@@ -1,4 +1,4 @@
-"""Virtual patients."""
+"""Virtual patients, by family."""
 
 from glucoloop.patients.model import PatientModel, patient
 from glucoloop.patients.population import (

@@ -1,4 +1,4 @@
-"""What a patient may tell of itself besides the protocol, and what is taken where it does not.
+"""Optional properties of a patient beyond the protocol, with their defaults.
 
 Each function asks the patient for an attribute of the function's name.
 """
@@ -20,28 +20,28 @@ SUBCUTANEOUS: Final = "subcutaneous"
 
 
 def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
-    """Glucose `()` or `(people,)` below which a patient's model says no more than that glucose is very low.
+    """Glucose `()` or `(people,)` below which a patient's model only says that glucose is very low.
 
-    A patient that does not tell is taken to be valid down to 0 mg/dl, below which there is no concentration.
+    The default is 0 mg/dl, below which there is no concentration.
     """
     limit: jax.Array | float = getattr(patient, "lowest_valid_glucose_mg_dl", 0.0)
     return limit
 
 
 def sites(patient: Patient) -> tuple[str, ...]:
-    """Where glucose can be read, the site of the glucose that is controlled first; one alone if nothing is told."""
+    """Sites at which glucose can be read, that of the controlled glucose first; by default only that one."""
     told: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
     return told
 
 
 def insulin_route(patient: Patient) -> str:
-    """How insulin is given: ``"intravenous"``, as if nothing is told, or ``"subcutaneous"``."""
+    """Route of insulin: ``"intravenous"``, which is the default, or ``"subcutaneous"``."""
     route: str = getattr(patient, "insulin_route", INTRAVENOUS)
     return route
 
 
 def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:
-    """Glucose of a state where a sensor sits; None: the glucose that is controlled."""
+    """Glucose of a state at the site of a sensor; None is the site of the controlled glucose."""
     if site is None or site == sites(patient)[0]:
         return patient.glucose_mg_dl(x)
     seen: jax.Array = patient.seen_mg_dl(x, site)  # type: ignore[attr-defined]  # who has another site has it
@@ -51,7 +51,7 @@ def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:
 def process_noise(patient: Patient, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
     """Diagonal of Q `(states,)` of a filter, from variances per sample of three kinds of states.
 
-    A patient that does not tell which of its states are which has the variance of glucose in all of them.
+    By default all states have the variance of glucose.
     """
     own = getattr(patient, "process_noise", None)
     if own is not None:

@@ -1,4 +1,4 @@
-"""A patient model as a value: how people of a kind are made, and what may vary among them."""
+"""A patient model as a value: construction of its people, and their variable parameters."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from glucoloop.patients.variation import Distribution
 from glucoloop.registry.patients import PatientEntry, patient_entry
 
 Values = Mapping[str, Any]
-"""Parameter -> number, or array ``(people,)``."""
+"""Number, or array ``(people,)``, of each parameter."""
 Sound = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
 
 
 def _anything(varied: Mapping[str, Distribution]) -> None:
-    """Refuse nothing."""
+    """Accept any distributions."""
 
 
 def _finite(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Promise no more of a state than that it is finite."""
+    """Check of a state that only requires it to be finite."""
     del lowest_mg_dl
     finite = jnp.all(jnp.isfinite(x), axis=0)
     return finite, finite
@@ -34,7 +34,7 @@ def _finite(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array
 
 @dataclass(frozen=True, kw_only=True)
 class PatientModel:
-    """How people of a kind are made.
+    """Model of a kind of patient, from which people are made.
 
     Parameters
     ----------
@@ -44,16 +44,16 @@ class PatientModel:
     operating_points : mapping
         Name -> function that makes the nominal patient there, for each operating point of the entry.
     nominal : mapping
-        Everything that can vary, with the nominal patient's value.
+        All parameters that can vary, with the nominal patient's value.
     populations : callable
         The populations by name, besides the nominal one.
     refuse : callable
-        Raises ValueError for distributions that can make a person who cannot be.
+        Function that raises ValueError for distributions that can make an impossible person.
     hint : str
-        What the known parameters are, for the error about an unknown one.
+        List of the known parameters, for the error about an unknown one.
     sound : callable
-        ``sound(x, lowest_mg_dl)``: whether insulin and glucose of states ``(states, ...)`` can be, if the glucose that
-        is controlled has never been below ``lowest_mg_dl``; checked at every sample of a campaign.
+        ``sound(x, lowest_mg_dl)``: whether insulin and glucose of states ``(states, ...)`` are possible, if the glucose
+        that is controlled has never been below ``lowest_mg_dl``; checked at every sample of a campaign.
     """
 
     build: Callable[[Values, Any, Any], SemilinearPatient]
@@ -62,17 +62,17 @@ class PatientModel:
     populations: Callable[[], Mapping[str, Any]] = dict
     refuse: Callable[[Mapping[str, Distribution]], None] = _anything
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Parameters that follow from others, and from which."""
+    """Parameters that follow from others, each with these others."""
     hint: str = ""
     sound: Sound = _finite
 
     def refuse_unknown(self, parameter: str) -> None:
-        """Refuse a name that nothing has which can vary.
+        """Refuse the name of an unknown parameter.
 
         Raises
         ------
         ValueError
-            For such a name, with the one that was probably meant.
+            For an unknown name, with the most similar known one.
         """
         if parameter in self.nominal:
             return

@@ -2,7 +2,7 @@
 
 A population is a table of what varies. Person i of seed s is a function of the two numbers and the table alone: each
 parameter has random numbers of its own, by its name, so that one more line in the table leaves the others as they are.
-His basal rate is found in chunks of one size, whoever else is asked for, so that it too is the same to the bit.
+The basal rate of a person is found in chunks of one size, whoever else is drawn, so that it too is the same to the bit.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _CHUNK: Final = 1024
 
 @dataclass(frozen=True)
 class Population:
-    """Who is drawn: the parameters that vary, each independently, around the nominal patient.
+    """The parameters that vary between people, each independently, around the nominal patient.
 
     Raises
     ------
     ValueError
-        For a parameter that is unknown or given twice, or a table that can make a person who cannot be.
+        For a parameter that is unknown or given twice, or a table that can make an impossible person.
     """
 
     name: str
@@ -95,7 +95,7 @@ def population(name: str, *, patient: str = "parker-1999") -> Population:
 
 @dataclass(frozen=True)
 class Draw:
-    """Who was drawn."""
+    """Drawn values of people."""
 
     person: npt.NDArray[np.int64]
     """Numbers of the persons, ``(n,)``."""
@@ -104,15 +104,15 @@ class Draw:
 
 
 def draw(population: Population, seed: int, person: npt.ArrayLike) -> Draw:
-    """Values of the varied parameters of some persons of a population.
+    """Draw the varied parameters of given persons of a population.
 
     Parameters
     ----------
     population : Population
     seed : int
-        From 0 to 2**32 - 1.
+        Seed, from 0 to 2**32 - 1.
     person : (n,) array of int
-        Their numbers, from 0 to 2**32 - 1, in any order.
+        Numbers of the persons, from 0 to 2**32 - 1, in any order.
 
     Raises
     ------
@@ -132,19 +132,19 @@ def draw(population: Population, seed: int, person: npt.ArrayLike) -> Draw:
 
 @dataclass(frozen=True)
 class VirtualPeople:
-    """People with their patient records and the rates that hold them at the setpoint."""
+    """People with their patient constants and the rates that hold them at the setpoint."""
 
     name: str
-    """Of the nominal patient."""
+    """Name of the nominal patient."""
     draw: Draw
     patient: SemilinearPatient
     """Constants with people trailing where they vary; basal rate and setpoint ``(n,)``. All float64."""
     basal_insulin_mU_min: Values
-    """``(n,)``; NaN where no rate holds the setpoint with glucose above zero everywhere."""
+    """``(n,)`` basal rate; NaN where no rate holds the setpoint with glucose above zero everywhere."""
     rest: Values
-    """State at rest under the basal rate, ``(states, n)``; NaN where there is none."""
+    """``(states, n)`` state at rest under the basal rate; NaN where there is none."""
     able: npt.NDArray[np.bool_]
-    """``(n,)``: whether a basal rate exists."""
+    """``(n,)`` whether a basal rate exists."""
 
     def at(self, place: npt.NDArray[np.intp]) -> VirtualPeople:
         """The people at some places, in their order, as often as they are named."""
@@ -169,22 +169,22 @@ def of_people(patient: SemilinearPatient, place: Any) -> SemilinearPatient:
 def virtual_people(
     population: Population, seed: int, person: npt.ArrayLike, *, setpoint_mg_dl: float | None = None
 ) -> VirtualPeople:
-    """Persons of a population at a setpoint, each with his own basal rate.
+    """Persons of a population at a setpoint, each with an individual basal rate.
 
     Parameters
     ----------
     population : Population
     seed : int
-        From 0 to 2**32 - 1.
+        Seed, from 0 to 2**32 - 1.
     person : (n,) array of int
-        Their numbers, from 0 to 2**32 - 1, in any order.
+        Numbers of the persons, from 0 to 2**32 - 1, in any order.
     setpoint_mg_dl : float, optional
         Glucose at rest under the basal rate; that of the nominal patient's usual operating point by default.
 
     Returns
     -------
     VirtualPeople
-        Nobody is left out: a person without a basal rate has NaN for it and is not `able`.
+        All persons: one without a basal rate has NaN for it and is not `able`.
 
     Raises
     ------

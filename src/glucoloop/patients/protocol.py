@@ -1,4 +1,4 @@
-"""What the simulation asks of a virtual patient."""
+"""Protocol of a virtual patient in the simulation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from glucoloop._pytree import pytree
 
 @pytree
 class Inputs:
-    """What enters a patient at one moment."""
+    """Inputs of a patient at one moment."""
 
     insulin_mU_min: jax.Array
     """Insulin infusion rate."""
@@ -25,7 +25,7 @@ class Inputs:
 class Patient(Protocol):
     """A virtual person: pure functions of a state vector, state axis first, people trailing.
 
-    This is what every patient has. What else one may tell of itself is in `patients.capabilities`.
+    These members are required. Optional ones are in `patients.capabilities`.
     """
 
     @property
@@ -35,15 +35,15 @@ class Patient(Protocol):
 
     @property
     def setpoint_mg_dl(self) -> jax.Array:
-        """Glucose at the basal rate."""
+        """Glucose at rest under the basal rate."""
         ...
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion; raises where none is physiological."""
+        """State at rest under a constant infusion; raises if none is physiological."""
         ...
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion in mU/min that holds a glucose; raises where none does."""
+        """Infusion in mU/min that holds a glucose; raises if none does."""
         ...
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
@@ -51,7 +51,7 @@ class Patient(Protocol):
         ...
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """Glucose concentration that is to be controlled."""
+        """Concentration of the glucose that is to be controlled."""
         ...
 
 
@@ -68,33 +68,33 @@ class SemilinearPatient(Patient, Protocol):
     """
 
     def split(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """State to `(y, z)`."""
+        """Parts `(y, z)` of the state."""
         ...
 
     def join(self, y: jax.Array, z: jax.Array) -> jax.Array:
-        """`(y, z)` back to the state."""
+        """State from its parts `(y, z)`."""
         ...
 
     def working_state(self) -> jax.Array:
-        """State about which the slow block is linearised: amid those that a closed loop passes through."""
+        """State about which the slow block is linearised, amid the states of a closed loop."""
         ...
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:
-        """``(n, n)``: entries of the slow block's Jacobian that are fast; others may be left to the nonlinear part."""
+        """Mask ``(n, n)`` of the fast entries of the slow block's Jacobian; others may go to the nonlinear part."""
         ...
 
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-        """z', linear in both arguments."""
+        """Derivative z' of the driven block, linear in both arguments."""
         ...
 
     def effects(self, z: jax.Array) -> jax.Array:
-        """What the driven block does to the slow one."""
+        """Effects of the driven block on the slow one."""
         ...
 
     def transport(self, y: jax.Array) -> jax.Array:
-        """``T y``: what of y' is linear."""
+        """Linear part ``T y`` of y'."""
         ...
 
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        """``k(y, e, m)``: the rest of y', linear in the meal."""
+        """Remaining part ``k(y, e, m)`` of y', linear in the meal."""
         ...

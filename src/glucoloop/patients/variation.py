@@ -1,8 +1,9 @@
-"""How one parameter varies from person to person.
+"""Variation of one parameter from person to person.
 
-Every distribution is bounded, so that what a population can draw is known before it is drawn: uniform between two
-values; normal and lognormal within three standard deviations of their median. Bounds of one's own narrow it further.
-Values come from the inverse of the distribution function, truncated, so that one uniform number makes one value.
+Every distribution is bounded, so that the possible values of a population are known before it is drawn: uniform between
+two values; normal and lognormal within three standard deviations of their median. Bounds given by the user narrow it
+further. Values come from the inverse of the truncated distribution function, so that one uniform number makes one
+value.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Values = npt.NDArray[np.float64]
 
 DISTRIBUTIONS: Final = ("uniform", "normal", "lognormal")
 TRUNCATION_SD: Final = 3.0
-"""Standard deviations from the median within which a normal or lognormal value lies."""
+"""Number of standard deviations from the median within which a normal or lognormal value lies."""
 LARGEST_SPREAD_PCT: Final = 1000.0
 
 
@@ -40,9 +41,9 @@ class Variation:
     spread : float, optional
         Spread in the unit of the parameter; not for a lognormal.
     centre : float, optional
-        The nominal value by default.
+        Centre of the distribution; the nominal value by default.
     lower, upper : float, optional
-        Bounds in the unit of the parameter, beyond which nothing is drawn.
+        Bounds in the unit of the parameter, beyond which no value is drawn.
 
     Raises
     ------
@@ -114,7 +115,7 @@ class Variation:
 
 @dataclass(frozen=True)
 class Distribution:
-    """A bounded distribution of one parameter; as `Variation.around` makes it."""
+    """A bounded distribution of one parameter, as `Variation.around` makes it."""
 
     kind: str
     centre: float
@@ -135,7 +136,7 @@ class Distribution:
         return np.clip(drawn, self.lower, self.upper)
 
     def _score(self, value: float) -> float:
-        """Standard deviations from the median."""
+        """Distance of a value from the median in standard deviations."""
         if self.kind == "lognormal":
             return math.log(value / self.centre) / self.scale
         return (value - self.centre) / self.scale

@@ -1,4 +1,4 @@
-"""The patient of Hovorka et al. (2004): type 1 diabetes, insulin under the skin."""
+"""Patient model of Hovorka et al. (2004): type 1 diabetes, subcutaneous insulin."""
 
 from glucoloop.patients.hovorka.equations import STATE_NAMES, HovorkaParameters
 from glucoloop.patients.hovorka.parameters.hovorka2004 import HOVORKA_2004

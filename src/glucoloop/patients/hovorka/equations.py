@@ -64,7 +64,7 @@ class HovorkaParameters:
     k_e: jax.Array | float
     """Elimination from plasma, 1/min."""
     V_I: jax.Array | float
-    """Volume, l/kg."""
+    """Distribution volume of insulin, l/kg."""
     k_a1: jax.Array | float
     """Rate of the effect on transport, 1/min."""
     k_a2: jax.Array | float
@@ -102,12 +102,12 @@ class HovorkaParameters:
 
     @property
     def glucose_volume_l(self) -> jax.Array | float:
-        """V_G of the whole person."""
+        """Glucose volume V_G of the whole person."""
         return self.V_G * self.weight_kg
 
     @property
     def insulin_volume_l(self) -> jax.Array | float:
-        """V_I of the whole person."""
+        """Insulin volume V_I of the whole person."""
         return self.V_I * self.weight_kg
 
 
@@ -122,7 +122,7 @@ def renal_excretion(p: HovorkaParameters, G: jax.Array) -> jax.Array:
 
 
 def hepatic_production(p: HovorkaParameters, x3: jax.Array) -> jax.Array:
-    """EGP, glucose made by the liver, mmol/min; none where insulin suppresses more than all of it."""
+    """EGP, glucose made by the liver, mmol/min; 0 where insulin suppresses it fully."""
     return p.EGP_0 * p.weight_kg * jnp.maximum(1.0 - x3, 0.0)
 
 
@@ -175,7 +175,7 @@ def glucose_transport(p: HovorkaParameters, y: jax.Array) -> jax.Array:
 
 
 def glucose_kinetics(p: HovorkaParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-    """Glucose made, taken up, excreted and eaten, and what insulin moves.
+    """Production, uptake, excretion and intake of glucose, and transport that depends on insulin.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The patient of Hovorka et al. (2004) as a model: operating points, populations, and what may vary."""
+"""Patient of Hovorka et al. (2004) as a model: operating points, populations, and variable constants."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glucoloop.patients.model import PatientModel, Values
 
 _ROUNDING: Final = 1e-9
 _INTEGRATION_MG_DL: Final = 0.1
-"""Error of two exponential steps a sample."""
+"""Integration error with two exponential steps per sample."""
 _INTERSTITIAL: Final = STATE_NAMES.index("IG")
 
 
@@ -29,7 +29,7 @@ def _build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> Ho
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin, and whether glucose, of states can be, ``(...)`` each.
+    """Whether insulin and glucose of states are physically possible, ``(...)`` each.
 
     No depot, amount, concentration or effect is ever below zero. Interstitial glucose follows plasma glucose, so that
     it has never been below the lowest of that.
@@ -38,7 +38,7 @@ def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     ----------
     x : (9, ...) array
     lowest_mg_dl : (...) array
-        Plasma glucose has never been lower.
+        Least plasma glucose so far.
     """
     insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0)
     follows = x[_INTERSTITIAL] * MG_DL_PER_MMOL_L >= lowest_mg_dl - _INTEGRATION_MG_DL

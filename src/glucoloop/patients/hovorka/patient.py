@@ -32,7 +32,7 @@ class HovorkaPatient:
     """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
 
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
-    """Where glucose can be measured."""
+    """Sites at which glucose can be measured."""
     insulin_route: ClassVar[str] = "subcutaneous"
 
     parameters: HovorkaParameters
@@ -46,7 +46,7 @@ class HovorkaPatient:
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
-        """0 mg/dl: the balances hold for any positive glucose, and glucose stays positive.
+        """Lower end of the valid range, 0 mg/dl: the balances hold for any positive glucose, and it stays positive.
 
         Every flow out of Q1 falls in proportion with Q1 below 4.5 mmol/l, and no flow into it is negative. The model
         has no counter-regulation, though: neither glucagon nor adrenaline raises production when glucose is low, so
@@ -68,17 +68,17 @@ class HovorkaPatient:
         Raises
         ------
         ValueError
-            Where the infusion is negative or not finite, or so large that glucose would fall to zero.
+            If the infusion is negative or not finite, or so large that glucose would fall to zero.
         """
         return _physiological(self.parameters, insulin_mU_min)
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds a plasma glucose.
+        """Infusion that holds the given plasma glucose.
 
         Raises
         ------
         ValueError
-            Where no infusion of 0 or more does.
+            If no infusion of 0 or more holds it.
         """
         return _holding(self.parameters, glucose_mg_dl)
 
@@ -93,7 +93,7 @@ class HovorkaPatient:
         return equations.derivative(self.parameters, x, inputs)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """Glucose in plasma."""
+        """Glucose concentration in plasma."""
         return equations.plasma_glucose_mg_dl(self.parameters, x)
 
     def seen_mg_dl(self, x: jax.Array, site: str) -> jax.Array:
@@ -121,7 +121,7 @@ class HovorkaPatient:
             Variance of plasma insulin in (mU/l) squared; depots and effects vary as they would at rest under the
             infusion that makes up such an insulin.
         glucagon : float
-            Without effect: the model has no glucagon.
+            Ignored, since the model has no glucagon.
         """
         del glucagon
         p = jax.tree.map(float, self.parameters)
@@ -140,11 +140,11 @@ class HovorkaPatient:
         return jnp.concatenate([y, z])
 
     def working_state(self) -> jax.Array:
-        """Rest under the basal rate."""
+        """State at rest under the basal rate."""
         return self.steady_state(self.basal_insulin_mU_min)
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:
-        """All: none is fast, and all are slow enough for whatever differs from person to person."""
+        """Mask with all couplings, since each is slow enough to differ between people."""
         return np.ones((3, 3), dtype=bool)
 
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
@@ -152,15 +152,15 @@ class HovorkaPatient:
         return equations.insulin_balances(self.parameters, z, insulin_mU_min)
 
     def effects(self, z: jax.Array) -> jax.Array:
-        """x1, x2, x3 `(3, ...)`."""
+        """Effects of insulin x1, x2, x3 `(3, ...)`."""
         return z[3:]
 
     def transport(self, y: jax.Array) -> jax.Array:
-        """What of the glucose balances is linear `(3, ...)`."""
+        """Linear part of the glucose balances `(3, ...)`."""
         return equations.glucose_transport(self.parameters, y)
 
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        """The rest of them `(3, ...)`."""
+        """Nonlinear part of the glucose balances `(3, ...)`."""
         return equations.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
@@ -218,7 +218,7 @@ def at_basal(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> Hovorka
     Raises
     ------
     ValueError
-        Where no physiological steady state exists.
+        If no physiological steady state exists.
     """
     with at_once(p, insulin_mU_min):
         x = _physiological(p, insulin_mU_min)
@@ -236,7 +236,7 @@ def at_setpoint(p: HovorkaParameters, glucose_mg_dl: jax.Array | float) -> Hovor
     Raises
     ------
     ValueError
-        Where no infusion of 0 or more does.
+        If no infusion of 0 or more holds it.
     """
     with at_once(p, glucose_mg_dl):
         u = _holding(p, glucose_mg_dl)

@@ -1,4 +1,4 @@
-"""What can vary from person to person, within which bounds, and the constants of whom it makes.
+"""Constants that can vary from person to person, their bounds, and the parameters that result.
 
 Varied are the constants of the patient by name, body weight among them. Absorption of insulin can be varied by its rate
 as well, ``absorption_rate = 1 / t_maxI``, since that is the quantity whose distribution is published.
@@ -21,16 +21,16 @@ RENAL_THRESHOLD: Final = "renal_threshold"
 
 _PUBLISHED: Final = {constant.name: constant.value for constant in CONSTANTS}
 NOMINAL: Final[dict[str, float]] = {**_PUBLISHED, ABSORPTION_RATE: 1.0 / _PUBLISHED[ABSORPTION_TIME]}
-"""Everything that can vary, with the value of the nominal patient."""
+"""All constants that can vary, with the value of the nominal patient."""
 
 
 def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
-    """Refuse distributions that can make a person who cannot be.
+    """Refuse distributions that can make an impossible person.
 
     Raises
     ------
     ValueError
-        Where a constant can be 0 or less, the kidney could excrete glucose while the uptake without insulin is
+        If a constant can be 0 or less, the kidney could excrete glucose while the uptake without insulin is
         reduced for lack of it, or absorption of insulin is given both by its time and by its rate.
     """
     for name, distribution in varied.items():
@@ -52,17 +52,17 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
 
 
 def with_values(values: Mapping[str, Any]) -> HovorkaParameters:
-    """Constants of the person, or the people, who have these values and are nominal otherwise.
+    """Constants of the person or people with these values, and nominal ones otherwise.
 
     Parameters
     ----------
     values : mapping
-        Of names in `NOMINAL`: floats or arrays ``(people,)``.
+        Values by names in `NOMINAL`: floats or arrays ``(people,)``.
 
     Returns
     -------
     HovorkaParameters
-        With an array wherever something varies.
+        Constants, an array for each one that varies.
     """
     constants = dict(values)
     if ABSORPTION_RATE in constants:

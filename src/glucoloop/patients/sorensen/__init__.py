@@ -1,1 +1,1 @@
-"""The family of Sorensen (1985): nineteen states, intravenous insulin, arterial glucose."""
+"""Patient family of Sorensen (1985): nineteen states, intravenous insulin, arterial glucose."""

@@ -58,7 +58,7 @@ def with_fasting_glucose(p: SorensenParameters, arterial_mg_dl: float) -> Sorens
     Raises
     ------
     ValueError
-        For a fasting glucose that leaves an organ no glucose.
+        For a fasting glucose at which an organ has no glucose.
     """
     lower = p.ref_G_H - arterial_mg_dl
     shifted = {name: getattr(p, name) - lower for name in ("ref_G_H", "ref_G_L", "ref_G_PI")}

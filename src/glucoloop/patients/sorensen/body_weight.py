@@ -1,4 +1,4 @@
-"""Body weight: volumes and flows in proportion, rates of metabolism as they are.
+"""Scaling with body weight: volumes and flows in proportion, rates of metabolism unchanged.
 
 A person of another weight has more or less blood and tissue and proportionally more or less flow, so the times in which
 blood goes round stay the same. Insulin leaves in proportion to flow: the same infusion per kilogram gives the same
@@ -46,7 +46,7 @@ def scaled_to_weight(p: SorensenParameters, weight_kg: jax.Array | float) -> Sor
     Returns
     -------
     SorensenParameters
-        With every volume and flow times ``weight_kg / 70``.
+        Constants with every volume and flow times ``weight_kg / 70``.
     """
     factor = weight_kg / REFERENCE_WEIGHT_KG
     return dataclasses.replace(p, **{name: getattr(p, name) * factor for name in (*VOLUMES, *FLOWS)})

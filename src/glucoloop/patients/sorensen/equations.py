@@ -46,7 +46,7 @@ class Sigmoid:
     inflection: jax.Array | float
 
     def __call__(self, x: jax.Array) -> jax.Array:
-        """Value at x, elementwise."""
+        """Value of the sigmoid at x, elementwise."""
         return self.offset + self.scale * jnp.tanh(self.slope * (x - self.inflection))
 
 
@@ -209,7 +209,7 @@ def insulin_balances(p: SorensenParameters, insulin: jax.Array, insulin_mU_min: 
 
 
 def insulin_effects(p: SorensenParameters, insulin: jax.Array) -> jax.Array:
-    """What insulin does to glucose and glucagon.
+    """Effects of insulin on glucose and glucagon.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def insulin_effects(p: SorensenParameters, insulin: jax.Array) -> jax.Array:
 
 
 def glucose_transport(p: SorensenParameters, y: jax.Array) -> jax.Array:
-    """Glucose carried by blood and across capillaries, and the decay of what regulates it: linear in y.
+    """Transport of glucose by blood and across capillaries, and decay of its regulation: linear in y.
 
     Parameters
     ----------
@@ -261,15 +261,15 @@ def glucose_transport(p: SorensenParameters, y: jax.Array) -> jax.Array:
 
 
 def glucose_kinetics(p: SorensenParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-    """Glucose made, taken up and eaten, and what drives its regulation.
+    """Production, uptake and intake of glucose, and the drives of its regulation.
 
     Parameters
     ----------
     p : SorensenParameters
     y : (12, ...) array
-        As for `glucose_transport`.
+        Slow block, as for `glucose_transport`.
     effects : (4, ...) array
-        As from `insulin_effects`.
+        Effects as `insulin_effects` gives them.
     meal_mg_min : (...) array
         Glucose that appears in the gut.
 

@@ -1,4 +1,4 @@
-"""The patient of Parker, Doyle and Peppas (1999) as a model: operating points, populations, and what may vary."""
+"""Patient of Parker, Doyle and Peppas (1999) as a model: operating points, populations, variable constants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Sorensen patient at rest: who he is, what he needs, where he starts."""
+"""Sorensen patient at rest: constants, basal rate and initial state."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.rest import infusion_for, insulin_at_rest, rest_at, rest_under
 
 _WORKING_INSULIN: Final = 1.35
-"""Times the basal rate: between rest and what a loop delivers while a meal is absorbed."""
+"""Insulin of the working state in basal rates, between rest and the delivery while a meal is absorbed."""
 
 
 @pytree
 class SorensenPatient:
-    """A virtual person with his operating point; implements `Patient` and `SemilinearPatient`."""
+    """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
 
     parameters: SorensenParameters
     basal_insulin_mU_min: jax.Array
@@ -35,7 +35,7 @@ class SorensenPatient:
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
-        """Glucose below which the model says no more than that it is very low; see `sorensen.lowest_valid_glucose`."""
+        """Lower end of the valid range of glucose; see `sorensen.lowest_valid_glucose`."""
         return sorensen.lowest_valid_glucose(self.parameters)
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
@@ -52,17 +52,17 @@ class SorensenPatient:
         Raises
         ------
         ValueError
-            Where the infusion is negative or not finite, or so large that glucose would rest at or below zero.
+            If the infusion is negative or not finite, or so large that glucose would rest at or below zero.
         """
         return _physiological(self.parameters, insulin_mU_min)
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds a glucose.
+        """Infusion that holds the given glucose.
 
         Raises
         ------
         ValueError
-            Where no infusion of 0 or more does.
+            If no infusion of 0 or more holds it.
         """
         return _holding(self.parameters, glucose_mg_dl)
 
@@ -81,7 +81,7 @@ class SorensenPatient:
         return sorensen.derivative(self.parameters, x, inputs)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """Arterial glucose G_H."""
+        """Arterial glucose concentration G_H."""
         return x[sorensen.ARTERIAL_GLUCOSE]
 
     def seen_mg_dl(self, x: jax.Array, site: str) -> jax.Array:
@@ -113,7 +113,7 @@ class SorensenPatient:
         return x.at[sorensen.INSULIN].set(insulin).at[production].set(on_production).at[uptake].set(on_uptake)
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:
-        """Glucose with glucose: blood flow mixes it within minutes; what regulates it acts within half an hour."""
+        """Mask of glucose with glucose: blood flow mixes it within minutes; its regulation acts within half an hour."""
         kept = np.eye(sorensen.REGULATED, dtype=bool)
         kept[sorensen.GLUCOSE, sorensen.GLUCOSE] = True
         return kept
@@ -127,11 +127,11 @@ class SorensenPatient:
         return sorensen.insulin_effects(self.parameters, z)
 
     def transport(self, y: jax.Array) -> jax.Array:
-        """What of the glucose and regulation balances is linear `(12, ...)`."""
+        """Linear part of the glucose and regulation balances `(12, ...)`."""
         return sorensen.glucose_transport(self.parameters, y)
 
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        """The rest of them `(12, ...)`."""
+        """Nonlinear part of the glucose and regulation balances `(12, ...)`."""
         return sorensen.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
@@ -180,12 +180,12 @@ def _holding_now(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax
 
 @checked
 def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> SorensenPatient:
-    """Patient whose setpoint is the glucose at which the given infusion holds him.
+    """Patient whose setpoint is the glucose at rest under the given infusion.
 
     Raises
     ------
     ValueError
-        Where no physiological steady state exists.
+        If no physiological steady state exists.
     """
     with at_once(p, insulin_mU_min):
         x = _physiological(p, insulin_mU_min)
@@ -203,7 +203,7 @@ def at_setpoint(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> Sore
     Raises
     ------
     ValueError
-        Where no infusion of 0 or more does.
+        If no infusion of 0 or more holds it.
     """
     with at_once(p, glucose_mg_dl):
         u = _holding(p, glucose_mg_dl)

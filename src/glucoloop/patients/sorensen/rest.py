@@ -81,7 +81,7 @@ def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> 
 
 
 def _people(p: SorensenParameters, given: jax.Array) -> tuple[int, ...]:
-    """Shape of the people: whatever constants vary among them."""
+    """Shape of the people in the constants that vary."""
     return jnp.broadcast_shapes(jnp.shape(given), *(jnp.shape(constant) for constant in jax.tree.leaves(p)))
 
 

@@ -1,4 +1,4 @@
-"""What every state of the patient keeps, whatever is done to the person.
+"""Bounds that every state of the patient keeps, whatever is done to the person.
 
 Concentrations of insulin and glucagon never fall below zero. Glucose can, in these equations: brain, gut and red cells
 take up the same amount however little there is, so hours of too much insulin take even arterial glucose below zero.
@@ -21,29 +21,29 @@ from glucoloop.patients.sorensen.equations import INSULIN, STATE_NAMES
 from glucoloop.patients.sorensen.varying import ADULTS, NOMINAL
 
 LIGHTEST_KG: Final = ADULTS.around(REFERENCE_WEIGHT_KG).lower
-"""Nobody of the populations weighs less."""
+"""Least weight of a person in the populations."""
 _ROUNDING: Final = 1e-9
 _INTEGRATION_MG_DL: Final = 0.1
-"""Error of two exponential steps a sample, on the way down to these bounds."""
+"""Integration error with two exponential steps per sample, on the way down to these bounds."""
 _GLUCAGON: Final = STATE_NAMES.index("N")
 _UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "G_PV", "G_PI"))
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin, and whether glucose, of states can be, ``(...)`` each.
+    """Whether insulin and glucose of states are physically possible, ``(...)`` each.
 
     Parameters
     ----------
     x : (19, ...) array
     lowest_mg_dl : (...) array
-        Arterial glucose has never been lower.
+        Least arterial glucose so far.
     """
     insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING)
     return insulin, _explained(x, lowest_mg_dl)
 
 
 def _explained(x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
-    """Whether glucose in every organ is no lower than the lowest arterial glucose and uptake make it."""
+    """Whether glucose in every organ is within the bounds that follow from the least arterial glucose and uptake."""
     n, heavier = NOMINAL, REFERENCE_WEIGHT_KG / LIGHTEST_KG
     brain = heavier * n["brain_uptake"] / n["q_B"]
     tissue = brain + heavier * n["brain_uptake"] * n["T_B"] / n["v_BI"]

@@ -1,4 +1,4 @@
-"""What can vary from person to person, within which bounds, and the constants of whom it makes.
+"""Constants that can vary from person to person, their bounds, and the parameters that result.
 
 Varied are the constants of the patient by name; the strength of an effect, the factor on the whole of it; and body
 weight. Blood is conserved: the flow through the liver is what its artery and the gut bring, so it follows from them.
@@ -18,7 +18,7 @@ from glucoloop.patients.variation import Distribution, Variation
 
 WEIGHT: Final = "weight_kg"
 ADULTS: Final = Variation(parameter=WEIGHT, distribution="lognormal", spread_pct=15.0)
-"""How weight varies where a population varies it."""
+"""Variation of body weight in populations that vary it."""
 STRENGTH: Final = "strength"
 
 _EFFECTS: Final = tuple(
@@ -35,16 +35,16 @@ NOMINAL: Final[dict[str, float]] = {
     **{f"{effect}.{STRENGTH}": 1.0 for effect in _EFFECTS},
     WEIGHT: REFERENCE_WEIGHT_KG,
 }
-"""Everything that can vary, with the value of the nominal patient."""
+"""All constants that can vary, with the value of the nominal patient."""
 
 
 def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
-    """Refuse distributions that can make a person who cannot be.
+    """Refuse distributions that can make an impossible person.
 
     Raises
     ------
     ValueError
-        Where a fraction can leave 0 to 1, a quantity that must be positive can be 0 or less, insulin can be cleared
+        If a fraction can leave 0 to 1, a quantity that must be positive can be 0 or less, insulin can be cleared
         from the periphery faster than it comes there, or an effect can change its sign.
     """
     for name, distribution in varied.items():
@@ -61,7 +61,7 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
 
 
 def _possible(name: str) -> tuple[float, float]:
-    """Bounds of a parameter, themselves excluded."""
+    """Open bounds of a parameter."""
     if name in _FRACTIONS:
         return 0.0, 1.0
     if name == "excretion_offset" or name.partition(".")[2] in _FREE_PARTS:
@@ -77,7 +77,7 @@ def _reach(name: str, varied: Mapping[str, Distribution]) -> tuple[float, float]
 
 
 def _refuse_no_clearance(varied: Mapping[str, Distribution]) -> None:
-    """Interstitial clearance is 1 / ((1 - F_PC) / (F_PC Q_P) - T_PI / V_PI), which must stay positive."""
+    """Refuse distributions with a clearance 1 / ((1 - F_PC) / (F_PC Q_P) - T_PI / V_PI) that is not positive."""
     most = {name: _reach(name, varied)[1] for name in ("F_PC", "Q_P", "T_PI")}
     allowed = 1.0 / (1.0 + most["Q_P"] * most["T_PI"] / _reach("V_PI", varied)[0])
     if not most["F_PC"] < allowed:
@@ -89,7 +89,7 @@ def _refuse_no_clearance(varied: Mapping[str, Distribution]) -> None:
 
 
 def _refuse_change_of_sign(effect: str, varied: Mapping[str, Distribution]) -> None:
-    """An effect whose offset is at least its scale is never negative, and must stay so."""
+    """Refuse distributions in which an effect that is never negative can become so: its offset must reach its scale."""
     offset, scale = f"{effect}.offset", f"{effect}.scale"
     if NOMINAL[offset] < abs(NOMINAL[scale]) or not (offset in varied or scale in varied):
         return
@@ -102,17 +102,17 @@ def _refuse_change_of_sign(effect: str, varied: Mapping[str, Distribution]) -> N
 
 
 def with_values(values: Mapping[str, Any]) -> SorensenParameters:
-    """Constants of the person, or the people, who have these values and are nominal otherwise.
+    """Constants of the person or people with these values, and nominal ones otherwise.
 
     Parameters
     ----------
     values : mapping
-        Of names in `NOMINAL`: floats or arrays ``(people,)``. Volumes and flows are those at 70 kg.
+        Values by names in `NOMINAL`: floats or arrays ``(people,)``. Volumes and flows are those at 70 kg.
 
     Returns
     -------
     SorensenParameters
-        With an array wherever something varies.
+        Constants, an array for each one that varies.
     """
     constants: dict[str, Any] = {}
     for name, value in values.items():

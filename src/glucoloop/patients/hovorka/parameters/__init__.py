@@ -1,1 +1,1 @@
-"""Published constants of the Hovorka model, one set in a file."""
+"""Published constants of the Hovorka model, one set per file."""

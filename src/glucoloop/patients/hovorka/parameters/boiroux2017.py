@@ -1,4 +1,4 @@
-"""How people differ, as Boiroux et al. (2017) draw them around the model of Hovorka et al. (2004).
+"""Variation between people, as Boiroux et al. (2017) draw it around the model of Hovorka et al. (2004).
 
 Standard deviations are the square root of 6 times the standard errors that Hovorka et al. (2002) found in six persons;
 the other distributions are those that Hovorka et al. (2004) give for their Bayesian estimates. Values are drawn within
@@ -20,14 +20,14 @@ from typing import Final, NamedTuple
 
 PERSONS: Final = 6
 LEAST_OF_MEAN: Final = 0.1
-"""Fraction of a mean that is the least value where one standard deviation below the mean is not positive."""
+"""Least value as a fraction of the mean, where one standard deviation below the mean is not positive."""
 SOURCE: Final = "Boiroux et al. 2017, Control Eng. Pract. 58"
 IVGTT: Final = f"{SOURCE}, after Hovorka et al. 2002, Am. J. Physiol. Endocrinol. Metab. 282(5)"
 PRIOR: Final = f"{SOURCE}, after Hovorka et al. 2004, Physiol. Meas. 25(4)"
 
 
 class Normal(NamedTuple):
-    """A parameter that is normal, drawn within one standard deviation."""
+    """A normally distributed parameter, drawn within one standard deviation."""
 
     parameter: str
     mean: float
@@ -36,7 +36,7 @@ class Normal(NamedTuple):
 
 
 class Uniform(NamedTuple):
-    """A parameter that is uniform between two values."""
+    """A parameter with a uniform distribution between two values."""
 
     parameter: str
     least: float
@@ -45,7 +45,7 @@ class Uniform(NamedTuple):
 
 
 class Lognormal(NamedTuple):
-    """A parameter whose logarithm is normal, drawn within one standard deviation."""
+    """A parameter whose logarithm is normally distributed, drawn within one standard deviation."""
 
     parameter: str
     median: float

@@ -1,4 +1,4 @@
-"""The constants of Hovorka et al. (2004), for a person of 75 kg.
+"""Constants of Hovorka et al. (2004), for a person of 75 kg.
 
 The paper lists constants and, for those that it estimates from a person's data, the means of its prior distributions;
 here the means are the nominal person's. It leaves the body weight free; 75 kg is the choice of published

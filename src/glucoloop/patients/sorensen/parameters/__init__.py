@@ -1,1 +1,1 @@
-"""Published parameter sets, one file each; every value with its unit and where it was printed."""
+"""Published parameter sets, one file each; every value with its unit and its place in print."""

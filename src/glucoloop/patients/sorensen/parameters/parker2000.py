@@ -24,7 +24,7 @@ class Uncertain(NamedTuple):
     parameter: str
     """A constant of the patient, or ``strength``, the factor on a whole effect."""
     half_width: float | None
-    """Largest change in its unit; None: 40 % of its nominal value."""
+    """Largest change in the unit of the parameter, or None for 40 % of its nominal value."""
     meaning: str
     source: str
 
