@@ -1,1 +1,1 @@
-"""Cohorts: virtual people under controllers, and what becomes of them."""
+"""Cohorts: virtual people under controllers, and their results."""

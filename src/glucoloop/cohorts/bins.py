@@ -1,4 +1,4 @@
-"""The bins in which a trial counts glucose and insulin over time.
+"""Bins in which a trial counts glucose and insulin over time.
 
 Counts of any number of people take the same room, add exactly, and give quantiles to the width of a bin.
 """
@@ -18,7 +18,7 @@ INSULIN_BIN_MU_MIN: Final = 0.25
 
 
 def glucose_edges() -> Edges:
-    """Edges of the bins of glucose, mg/dl; what lies beyond them is counted in the outermost bins."""
+    """Edges of the bins of glucose, mg/dl; values beyond them are counted in the outermost bins."""
     return GLUCOSE_BIN_MG_DL * np.arange(HIGHEST_GLUCOSE_MG_DL / GLUCOSE_BIN_MG_DL + 1, dtype=np.float64)
 
 
@@ -29,14 +29,14 @@ def insulin_edges(max_insulin_mU_min: float) -> Edges:
 
 
 def count(values: npt.NDArray[np.floating], edges: Edges) -> npt.NDArray[np.int64]:
-    """How many people are in each bin, row by row.
+    """Number of people in each bin, row by row.
 
     Parameters
     ----------
     values : (rows, people) array
-        Finite.
+        Finite values.
     edges : (bins + 1,) array
-        Evenly spaced from 0.
+        Edges, evenly spaced from 0.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""People in blocks of one size, however many are asked for: the last one is filled up by repetition.
+"""Blocks of people of one size, whatever the number of people: the last block is filled up by repetition.
 
-So each person goes through the same code, and is the same to the bit whoever else is asked for, in whatever order, and
-by how many threads.
+So each person is computed by the same code, with results that are the same to the bit whoever else is simulated, in
+whatever order, and by any number of threads.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy.typing as npt
 T = TypeVar("T")
 
 _SIZES: Final = {"native": 2048, "xla": 64}
-"""As many as fit the caches, and few where each takes long."""
+"""Number of people in a block: as many as fit the caches, and few where each takes long."""
 
 
 def block_size(engine: str) -> int:
-    """People that go through a loop together."""
+    """Number of people who are simulated together."""
     return _SIZES[engine]
 
 
@@ -33,12 +33,12 @@ def in_blocks(
     Parameters
     ----------
     run : callable
-        Of a full block, and how many of it, from the first on, were asked for.
+        Function of a full block, and of the number of its first members that were asked for.
     values : (n,) array
     size : int
-        Of a block.
+        Size of a block.
     threads : int, optional
-        One for each core by default.
+        Number of threads; one for each core by default.
     """
     parts = [values[start : start + size] for start in range(0, values.size, size)]
     blocks, asked = [np.resize(part, size) for part in parts], [part.size for part in parts]

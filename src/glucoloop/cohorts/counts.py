@@ -1,4 +1,4 @@
-"""Quantiles of what was counted in bins: exact counts of many people, in proportion within a bin."""
+"""Quantiles of values counted in bins: exact counts of many people, interpolated linearly within a bin."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 BAND_QUANTILES: Final = (0.01, 0.05, 0.10, 0.25, 0.50, 0.75, 0.90, 0.95, 0.99)
-"""Of glucose and insulin over time."""
+"""Quantiles of glucose and insulin over time."""
 
 
 def quantiles_of_counts(
     edges: npt.NDArray[np.float64], counts: npt.NDArray[np.int64], probabilities: Sequence[float] = BAND_QUANTILES
 ) -> npt.NDArray[np.float64]:
-    """Quantiles of numbers of which it is known how many lie in each bin.
+    """Quantiles of values of which only the number in each bin is known.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def quantiles_of_counts(
     Returns
     -------
     (probabilities, rows) array
-        Each is in the bin of the true quantile, so its error is less than the width of the bin; NaN for a row without
+        Quantiles in the bin of the true one, so that the error is less than the width of the bin; NaN for a row without
         counts.
     """
     ends = np.cumsum(counts, axis=1, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The people of a trial under its controllers: drawn, simulated, measured and counted, block by block."""
+"""People of a trial under its controllers: drawn, simulated, measured and counted, block by block."""
 
 from __future__ import annotations
 
@@ -35,40 +35,40 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class PeopleResult:
-    """What became of some people under one controller."""
+    """Results of people under one controller."""
 
     person: npt.NDArray[np.int64]
-    """(n,)"""
+    """(n,) numbers of the people."""
     able: npt.NDArray[np.bool_]
-    """(n,) whether a basal rate holds him at the setpoint; without one the metrics are not numbers."""
+    """(n,) whether a basal rate holds the person at the setpoint; without one the metrics are NaN."""
     drawn: Mapping[str, npt.NDArray[np.float64]]
-    """(n,) each, by parameter."""
+    """(n,) drawn values of each parameter."""
     basal_insulin_mU_min: npt.NDArray[np.float64]
-    """(n,)"""
+    """(n,) basal rates."""
     metrics: Mapping[str, Array]
-    """(n,) each, by the name of a field of `Metrics`."""
+    """(n,) values of each metric, by the name of a field of `Metrics`."""
     glucose_counts: npt.NDArray[np.int64]
-    """(samples + 1, bins) of those who are able."""
+    """(samples + 1, bins) numbers of people with a basal rate in each bin."""
     insulin_counts: npt.NDArray[np.int64]
-    """(samples, bins)"""
+    """(samples, bins) numbers of people with a basal rate in each bin."""
     glucose_mg_dl: npt.NDArray[np.float32] | None = None
-    """(samples + 1, n) if traces were asked for."""
+    """(samples + 1, n) glucose, if traces were asked for."""
     insulin_mU_min: npt.NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
 class PreparedCase:
-    """A controller of a trial with its loop, compiled."""
+    """A controller of a trial with its compiled loop."""
 
     case: Case
     controller: Controller
-    """For the nominal patient."""
+    """Controller designed for the nominal patient."""
     loop: PeopleLoop
-    """Which cases that differ only in a fault share."""
+    """Compiled loop, which cases that differ only in a fault share."""
     surroundings: Surroundings
     """Sensor and pump of one person."""
     around: Callable[[int], Surroundings] | None
-    """Sensors and pumps of so many people; None where they are the cohort's."""
+    """Function that makes sensors and pumps of a number of people; None where they are the loop's."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _prepared(key: str, trial: _ByFingerprint) -> PreparedTrial:
 
 
 class _ByFingerprint:
-    """A trial that a cache knows by what it says; its dictionaries cannot be hashed."""
+    """A trial as the key of a cache, compared by its fingerprint, since its dictionaries cannot be hashed."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
@@ -102,12 +102,12 @@ class _ByFingerprint:
 
 
 def prepare(trial: Trial) -> PreparedTrial:
-    """Design the controllers of a trial and compile their loops; what was prepared last is kept.
+    """Design the controllers of a trial and compile their loops; the trial prepared last is cached.
 
     Raises
     ------
     ValueError
-        For a design that is not possible.
+        If a controller cannot be designed.
     """
     return _prepared(fingerprint(trial), _ByFingerprint(trial))
 
@@ -129,7 +129,7 @@ def _prepare_cases(
     grid: SampleGrid,
     fold: RunningMetrics,
 ) -> dict[str, PreparedCase]:
-    """Cases that share a loop: they differ in their label and in what is around it."""
+    """Prepare cases that share a loop: they differ in their label, sensor and pump."""
     cases = [case for case in trial.cases if case.label in around]
     case, own_around = cases[0], around[cases[0].label]
     controller = controller_of(trial, case)
@@ -171,24 +171,24 @@ def run_people(
     traces: bool = False,
     threads: int | None = None,
 ) -> PeopleResult:
-    """What becomes of some people of a trial under one of its controllers.
+    """Simulate people of a trial under one of its controllers.
 
     Parameters
     ----------
     prepared : PreparedTrial
     label : str
-        Of the controller.
+        Label of the controller.
     person : (n,) array of int
-        Their numbers.
+        Numbers of the people.
     traces : bool
         Whether to keep glucose and insulin over time.
     threads : int, optional
-        One for each core by default. It makes no difference to the result.
+        Number of threads, one for each core by default; the result does not depend on it.
 
     Raises
     ------
     ValueError
-        If nobody is asked for.
+        If no person is asked for.
     """
     number = np.asarray(person, np.int64)
     if not number.size:
@@ -204,7 +204,7 @@ def run_people(
 def _run_block(
     prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], n: int, *, traces: bool
 ) -> PeopleResult:
-    """The first n people of a full block."""
+    """Results of the first n people of a full block."""
     trial, grid = prepared.trial, prepared.grid
     with one_at_a_time:
         people, drawn, first_meal_min = _drawn(prepared, of_case, person)
@@ -237,14 +237,14 @@ def _run_block(
 
 
 def _of(values: Array, people: Array) -> Array:
-    """Columns of some people; without a copy if all are wanted."""
+    """Columns of the first people; without a copy if all are wanted."""
     return values if people.all() else values[:, people]
 
 
 def _drawn(
     prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64]
 ) -> tuple[People, VirtualPeople, Array | float]:
-    """People as the loop takes them, who they are, and when the sample of each one's first meal is taken."""
+    """People as the loop takes them, the drawn people, and the sample time of each person's first meal."""
     trial, sample_time_min = prepared.trial, prepared.grid.sample_time_min
     drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=prepared.setpoint_mg_dl)
     meals = None
@@ -260,7 +260,7 @@ def _drawn(
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:
-    """Results of blocks as one, in their order."""
+    """Results of blocks joined in their order."""
     if len(parts) == 1:
         return parts[0]
     first = parts[0]

@@ -1,8 +1,8 @@
-"""Exact quantiles of many numbers that come in parts, in memory that does not grow with how many there are.
+"""Exact quantiles of many numbers that come in parts, in memory that does not grow with their number.
 
-Some of the numbers are taken for marks. A first reading counts how many are at each mark and between each two, which
-tells where every wanted rank is: at a mark, so that it is known, or in a gap. A second reading gathers the numbers of
-these gaps; a gap that has too many gets marks of its own, and is searched in the same way.
+Some of the numbers are taken as marks. A first reading counts the numbers at each mark and between neighbouring marks,
+which gives the place of every wanted rank: at a mark, so that it is known, or in a gap. A second reading gathers the
+numbers of these gaps; a gap with too many numbers gets marks of its own, and is searched in the same way.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import numpy.typing as npt
 
 MARKS: Final = 2048
 FEW: Final = 8192
-"""Numbers that are gathered in a gap."""
+"""Largest number of values that are gathered in a gap."""
 _SAMPLED: Final = 64
-"""Numbers of a part that are taken for marks in a gap that has too many."""
+"""Number of values of a part that are taken as marks in a gap with too many."""
 
 Floats = npt.NDArray[np.float64]
 Parts = Callable[[], Iterable[Sequence[Floats]]]
-"""Calling it reads the parts again from the first one; each has the numbers of every column."""
+"""Function that reads the parts again from the first one; each holds the numbers of every column."""
 
 
 @dataclass
 class Moments:
-    """How many numbers there are, their mean and spread, and the least and greatest of them."""
+    """Count, mean, spread, least and greatest value of numbers."""
 
     count: int = 0
     mean: float = 0.0
@@ -37,7 +37,7 @@ class Moments:
     greatest: float = -np.inf
 
     def add(self, values: Floats) -> None:
-        """Take in more numbers, all finite (Chan, Golub & LeVeque, Am. Stat. 37(3):242-247, 1983)."""
+        """Include more numbers, all finite (Chan, Golub & LeVeque, Am. Stat. 37(3):242-247, 1983)."""
         if not values.size:
             return
         mean = float(values.mean())
@@ -72,13 +72,13 @@ def moments(parts: Parts, columns: int) -> list[Moments]:
 
 
 def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float]) -> Floats:
-    """Quantiles of the finite numbers of each column, between two of them in proportion, as `numpy.quantile` has them.
+    """Quantiles of the finite numbers of each column, interpolated linearly as by `numpy.quantile`.
 
     Parameters
     ----------
     parts : callable
     counts : sequence of int
-        How many finite numbers each column has.
+        Number of finite values in each column.
     probabilities : sequence of float
 
     Returns
@@ -104,23 +104,23 @@ def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float
 
 
 def _marks(values: Floats, most: int) -> Floats:
-    """Some of sorted numbers, without repetition."""
+    """A selection of sorted numbers, without repetition."""
     return np.unique(values[np.linspace(0, values.size - 1, min(most, values.size)).astype(np.intp)])
 
 
 def _between(values: Floats, low: float, high: float) -> Floats:
-    """Those of sorted numbers that lie between two, which are left out."""
+    """Sorted numbers strictly between two limits."""
     return values[np.searchsorted(values, low, "right") : np.searchsorted(values, high, "left")]
 
 
 @dataclass
 class _Gap:
-    """The numbers between two marks, in which ranks are wanted."""
+    """The numbers between two marks, among which ranks are wanted."""
 
     low: float
     high: float
     below: int
-    """Numbers up to the lower mark."""
+    """Count of the numbers up to the lower mark."""
     count: int
     ranks: list[int]
     taken: list[Floats] = field(default_factory=list)
@@ -134,12 +134,12 @@ class _Gap:
 
 
 class _Interval:
-    """The numbers between two, counted at marks and between them."""
+    """The numbers between two limits, counted at marks and between them."""
 
     def __init__(self, low: float, high: float, below: int, ranks: list[int], marks: Floats) -> None:
         self.low, self.high, self.below, self.ranks, self.marks = low, high, below, ranks, marks
         self.counts = np.zeros(2 * marks.size + 1, np.int64)
-        """Below the first mark, at it, between it and the second, and so on."""
+        """Counts below the first mark, at it, between it and the second, and so on."""
 
     def count(self, values: Floats) -> None:
         inside = _between(values, self.low, self.high)
@@ -149,7 +149,7 @@ class _Interval:
         self.counts += np.diff(ends)
 
     def divide(self, found: dict[int, float]) -> Iterator[_Gap]:
-        """Note the ranks that are at a mark, and name the gaps that hold the others."""
+        """Record the ranks that are at a mark, and yield the gaps that hold the others."""
         ends = self.below + np.cumsum(self.counts)
         places = np.searchsorted(ends, self.ranks, "right")
         for place in np.unique(places).tolist():
@@ -174,7 +174,7 @@ class _Search:
         self.found: dict[int, float] = {}
         self.intervals: list[_Interval] = []
         self.gaps: list[_Gap] | None = None
-        """None while numbers are counted."""
+        """Gaps that are gathered, or None while numbers are counted."""
 
     def begin(self, values: Floats) -> None:
         if not self.begun and values.size:
@@ -190,7 +190,7 @@ class _Search:
             gap.take(values)
 
     def next(self) -> None:
-        """From counting to gathering, or from gathering to the intervals that had too many."""
+        """Proceed from counting to gathering, or from gathering to intervals for gaps with too many numbers."""
         if self.gaps is None:
             self.gaps = [gap for interval in self.intervals for gap in interval.divide(self.found)]
             return

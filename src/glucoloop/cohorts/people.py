@@ -1,4 +1,4 @@
-"""What became of people: one row a person, under one controller."""
+"""Results of people under one controller, one row per person."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ class People:
     """Some people of a trial under one controller, in the order of their numbers."""
 
     person: npt.NDArray[np.int64]
-    """(n,)"""
+    """(n,) numbers of the people."""
     able: npt.NDArray[np.bool_]
-    """(n,) whether a basal rate holds him at the setpoint; without one there is nothing to start from."""
+    """(n,) whether a basal rate holds the person at the setpoint; without one the run cannot start."""
     basal_insulin_mU_min: Floats
-    """(n,) NaN for those who are not able."""
+    """(n,) basal rates, NaN for people without one."""
     drawn: Mapping[str, Floats]
-    """(n,) each, by parameter: what sets a person apart."""
+    """(n,) drawn values of each parameter."""
     metrics: Mapping[str, Floats]
-    """(n,) each, by the name of a field of `Metrics`; NaN for those who are not able."""
+    """(n,) values of each metric, by the name of a field of `Metrics`; NaN for people without a basal rate."""
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""
 
     @property
     def below_validity(self) -> npt.NDArray[np.bool_]:
-        """(n,) whether glucose was ever lower than the person's model is valid for.
+        """(n,) whether glucose was ever below the range in which the person's model is valid.
 
-        False throughout where that was not measured, in folders that an earlier version wrote.
+        It is False throughout where that was not measured, in folders of an earlier version.
         """
         found = self.metrics.get("time_below_validity_pct", np.zeros(self.person.shape))
         ever: npt.NDArray[np.bool_] = found > 0.0
@@ -40,6 +40,6 @@ class People:
 
 
 Shard = Mapping[str, People]
-"""By the label of the controller."""
+"""Results of a shard by the label of the controller."""
 Shards = Callable[[], Iterable[Shard]]
-"""Calling it reads the shards again from the first one, so that only one at a time need be in memory."""
+"""Function that reads the shards again from the first one, so that only one at a time is in memory."""

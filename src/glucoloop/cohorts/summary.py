@@ -1,7 +1,7 @@
-"""What a trial comes to: how each metric is spread, who fared worst, and who could not take part.
+"""Summary of a trial: distributions of metrics, the people with the worst outcomes, and people left out.
 
-Shards are read one at a time and as often as it takes, so that memory does not grow with the number of people; all
-numbers are exact, and depend on nothing but the shards.
+Shards are read one at a time, repeatedly if necessary, so that memory does not grow with the number of people; all
+numbers are exact, and depend only on the shards.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from glucoloop.metrics.control_variability import CELLS, grid_counts
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
 MOST_NAMED: Final = 1000
-"""People that are named; beyond that they are counted."""
+"""Largest number of people that are listed by number; beyond it they are only counted."""
 WORST: Final = 10
 LOW_MG_DL: Final = (60, 54)
 DISTRIBUTIONS: Final = (
@@ -37,52 +37,56 @@ _BINS: Final = 60
 
 @dataclass(frozen=True)
 class Named:
-    """People that something is true of."""
+    """People for whom a condition holds."""
 
     count: int
     person: tuple[int, ...]
-    """Their numbers; of more than 1000 the first 1000."""
+    """Numbers of the people, at most the first 1000."""
 
 
 @dataclass(frozen=True)
 class Histogram:
-    """How many people have a metric between two edges; those beyond them are counted in the outermost bins."""
+    """Number of people with a metric in each bin; values beyond the edges are counted in the outermost bins."""
 
     edges: Floats
-    """(bins + 1,) from the least p1 to the greatest p99 of all controllers."""
+    """(bins + 1,) edges from the least p1 to the greatest p99 of all controllers."""
     counts: npt.NDArray[np.int64]
-    """(bins,)"""
+    """(bins,) numbers of people."""
 
 
 @dataclass(frozen=True)
 class CaseSummary:
-    """What one controller came to."""
+    """Results of one controller."""
 
     metrics: Mapping[str, Mapping[str, float]]
-    """By metric: mean, sd, min, p1 to p99, max and count; of one that is 0 or 1: the count of each and the share."""
+    """Statistics of each metric: mean, sd, min, p1 to p99, max and count; for one that is 0 or 1, the count of each and
+    the share.
+    """
     ever_below: Mapping[int, Mapping[str, float]]
-    """By a glucose [mg/dl]: number and share of people who were below it at any time."""
+    """Number and share of people who were ever below a glucose, by that glucose [mg/dl]."""
     below_validity: Named
-    """People whose glucose was ever lower than their model is valid for: it means severe hypoglycemia, not a number."""
+    """People whose glucose was ever below the range in which their model is valid; it means severe hypoglycemia, not a
+    number.
+    """
     not_finite: Named
-    """Able people whose glucose or insulin was not finite at some time; they are in no other number."""
+    """People with a basal rate whose glucose or insulin was not finite at some time; they are in no other number."""
     worst: Sequence[Mapping[str, Any]]
     """The ten people with the least glucose, the least first: number, basal rate, parameters and metrics."""
     cvga_counts: npt.NDArray[np.int64]
     """People in each cell of the control-variability grid."""
     distributions: Mapping[str, Histogram]
-    """By metric, those of `DISTRIBUTIONS`."""
+    """Histogram of each metric in `DISTRIBUTIONS`."""
 
 
 @dataclass(frozen=True)
 class TrialSummary:
-    """What a trial came to."""
+    """Results of a trial."""
 
     people: int
     unable: Named
     """People for whom no basal rate holds the setpoint."""
     beyond_pump: Named
-    """Able people whose basal rate the pump cannot deliver."""
+    """People whose basal rate exists but exceeds the largest rate of the pump."""
     cases: Mapping[str, CaseSummary]
 
     def as_dict(self) -> dict[str, Any]:
@@ -123,7 +127,7 @@ class _Naming:
 
 
 class _Case:
-    """What is counted of one controller in a first reading."""
+    """Counts of one controller from the first reading."""
 
     def __init__(self, people: People) -> None:
         self.names = list(people.metrics)
@@ -171,7 +175,7 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
     Parameters
     ----------
     shards : callable
-        Reads the shards, in order.
+        Function that reads the shards, in order.
     max_insulin_mU_min : float
         Greatest rate of the pump.
 
@@ -205,7 +209,7 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
 
 
 def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSummary]:
-    """Of all controllers, whose columns are read together."""
+    """Summaries of all controllers, whose columns are read together."""
 
     def parts() -> Iterator[list[Floats]]:
         for shard in shards():
@@ -223,7 +227,7 @@ def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSumma
 def _distributions(
     shards: Shards, cases: Mapping[str, _Case], found: Mapping[str, Floats]
 ) -> dict[str, dict[str, Histogram]]:
-    """Counted between edges that all controllers share."""
+    """Histograms between edges that all controllers share."""
     first, last = (list(QUANTILES).index(name) for name in ("p1", "p99"))
     counted: dict[str, dict[str, Histogram]] = {label: {} for label in cases}
     for metric in DISTRIBUTIONS:
@@ -243,7 +247,7 @@ def _distributions(
 
 
 def columns(people: People) -> list[Floats]:
-    """Each metric of the people all of whose metrics are known."""
+    """Values of each metric for the people all of whose metrics are known."""
     whole = _whole(people)
     return [values[whole] for values in people.metrics.values()]
 

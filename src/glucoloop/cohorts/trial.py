@@ -1,4 +1,4 @@
-"""A trial: virtual people, what they go through, and the controllers that are tried on each of them."""
+"""Definition of a trial: virtual people, their situation, and the controllers that are tried on each of them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.units import MIN_PER_DAY
 
 FORMAT: Final = 4
-"""Of the files of a trial; another one is not continued."""
+"""Version of the file format of a trial; a folder with another one is not resumed."""
 MOST_PEOPLE: Final = 1_000_000_000
 SHARD_PATIENT_DAYS: Final = 16_384
 TRACED_PATIENT_DAYS: Final = 2048
-"""Of a shard of which all traces are kept."""
+"""Number of patient-days in a shard of which all traces are kept."""
 _SHARDS_WANTED: Final = 16
 _BLOCK: Final = 1024
 _LEAST_SHARD: Final = 2 * _BLOCK
@@ -38,7 +38,7 @@ class Trial(Situation):
     Every person starts at rest at the target.
 
     Person i of a seed is the same, and meets the same meals and noise, under every controller and in every trial of
-    the same population, meals and sensor; how people are dealt into shards changes nothing about them.
+    the same population, meals and sensor; the division into shards does not change them.
 
     Raises
     ------
@@ -55,12 +55,12 @@ class Trial(Situation):
     first_person: int = 0
     precision: Literal["float32", "float64"] = "float64"
     design: Literal["nominal", "individual"] = "nominal"
-    """Whether a controller is designed once, for the nominal patient, or for each person."""
+    """Whether a controller is designed once for the nominal patient, or for each person."""
     traces: Literal["none", "all"] | int = "none"
-    """Whose glucose and insulin are kept over time; a number: of so many, from the first person on."""
+    """People whose glucose and insulin over time are kept: none, all, or a number of the first ones."""
     shard_people: int = SHARD_PATIENT_DAYS
     allow_unusual: bool = False
-    """Whether values that are hardly meant were confirmed; no result depends on it."""
+    """Whether unusual values were confirmed; no result depends on it."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.people <= MOST_PEOPLE:
@@ -88,28 +88,28 @@ class Trial(Situation):
 
     @property
     def samples(self) -> int:
-        """How often each controller decides."""
+        """Number of decisions of each controller."""
         return round(self.plan.horizon_min / self.sample_time_min)
 
     @property
     def shards(self) -> int:
-        """Into how many shards the people are dealt."""
+        """Number of shards into which the people are divided."""
         return -(-self.people // self.shard_people)
 
     def shard(self, index: int) -> npt.NDArray[np.int64]:
-        """The people of a shard, by number."""
+        """Numbers of the people in a shard."""
         start = index * self.shard_people
         stop = min(start + self.shard_people, self.people)
         return self.first_person + np.arange(start, stop, dtype=np.int64)
 
     def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Of which people traces are kept."""
+        """Whether the traces of each person are kept."""
         kept = {"none": 0, "all": self.people}[self.traces] if isinstance(self.traces, str) else self.traces
         return person < self.first_person + kept
 
 
 def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0) -> int:
-    """Size of the shards if none is asked for: a power of two.
+    """Default size of the shards, a power of two.
 
     A shard is what is lost when a run is killed, what a worker does at a time, and what is in memory: at most some
     16 000 patient-days, or 2000 of which all is kept, and fewer where there would be less than 16 shards, but no less
@@ -124,13 +124,13 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0) -> i
 
 
 def plain(trial: Trial) -> dict[str, Any]:
-    """What the results depend on, as plain values."""
+    """Plain values of everything on which the results depend."""
     values = dataclasses.asdict(trial)
     del values["allow_unusual"]
     return {**values, "format": FORMAT}
 
 
 def fingerprint(trial: Trial) -> str:
-    """SHA-256 of everything that the results depend on, in hexadecimal."""
+    """SHA-256 of everything on which the results depend, in hexadecimal."""
     text = json.dumps(plain(trial), sort_keys=True, separators=(",", ":"), allow_nan=False, default=list)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Carrying patients through time: integrators, the closed loop, and the experiments made with it."""
+"""Simulation of patients over time: integrators, the closed loop, and experiments with it."""
 
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.closed_loop import Trace, simulate

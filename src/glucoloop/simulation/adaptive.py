@@ -1,4 +1,4 @@
-"""The reference: any patient, by an adaptive Runge-Kutta method of eighth order, with every jump of a meal honoured."""
+"""Reference integrator for any patient: adaptive Runge-Kutta of eighth order that stops at every meal jump."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from glucoloop.simulation.plant import SampleGrid
 
 @pytree
 class AdaptivePlant:
-    """A patient and the meals that it absorbs; implements `Plant`."""
+    """A patient and its absorbed meals; implements `Plant`."""
 
     patient: Patient
     absorption: Absorption
@@ -51,7 +51,7 @@ class AdaptivePlant:
         return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
 
     def _steps(self, start: jax.Array, end: jax.Array) -> Any:
-        """Adaptive steps, none of them across a jump of a meal."""
+        """Adaptive steps between two times, none of them across a jump of a meal."""
         adaptive = diffrax.PIDController(rtol=self.tolerance, atol=self.tolerance)
         jumps = self.absorption.jumps.t_min
         if jumps.size == 0:

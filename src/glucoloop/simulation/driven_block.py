@@ -31,10 +31,10 @@ Matrix = npt.NDArray[np.float64]
 
 _TERMS: Final = 12
 _SHORT: Final = 0.25
-"""Norm of X below which twelve terms are exact to rounding."""
+"""Largest norm of X at which twelve terms are exact to rounding."""
 
 _AT_A_TIME: Final = 256
-"""People whose matrices fit the caches."""
+"""Number of people whose matrices fit the caches."""
 
 _GAUSS_NODES: Final = (np.polynomial.legendre.leggauss(3)[0] + 1.0) / 2.0
 # From monomial moments on [0, 1] to Legendre moments, and from these to the projected path at the Gauss nodes.
@@ -44,7 +44,7 @@ _PATH: Final = _AT_NODES * np.array([1.0, 3.0, 5.0]) @ _LEGENDRE
 
 
 def doublings_for(single: SemilinearPatient, step_min: float) -> int:
-    """Doublings that are enough for this person and for anybody whose flows are up to four times as fast."""
+    """Number of doublings for this person and for anyone whose flows are up to four times as fast."""
     z = single.split(single.steady_state(single.basal_insulin_mU_min))[1]
     A = jax.jacfwd(lambda z: single.driven_derivative(z, jnp.zeros(())))(z)
     norm = float(jnp.abs(A).sum(axis=0).max()) * step_min
@@ -97,9 +97,9 @@ def driven_matrices(
     patient : SemilinearPatient
     step_min : float
     states : int
-        Of the driven block, d.
+        Number of states d of the driven block.
     doublings : int
-        See `doublings_for`.
+        Number of doublings, see `doublings_for`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""How a loop over samples is carried out for many people: as native code, or mapped by JAX.
+"""Engines that run a loop over samples for many people: native code, or JAX mapped over people.
 
 Both take the same function of one person and one sample,
 ``carry, outputs = step(own, carry, reaching, shared, chance)``:
@@ -6,10 +6,10 @@ Both take the same function of one person and one sample,
 ============  =====================================================  ================================
 argument      meaning                                                arrays given to `run`
 ============  =====================================================  ================================
-``own``       what a person is                                       ``(..., people)``
-``carry``     what is handed from sample to sample                   ``(..., people)``
-``reaching``  what reaches the person at a sample                    ``(samples, ..., people)``
-``shared``    what reaches everybody alike at a sample               ``(samples, ...)``
+``own``       values of a person                                     ``(..., people)``
+``carry``     state that is passed from sample to sample             ``(..., people)``
+``reaching``  inputs of the person at a sample                       ``(samples, ..., people)``
+``shared``    inputs of all people at a sample                       ``(samples, ...)``
 ``chance``    the person's random key, and the number of the sample  ``(people,)`` keys
 ============  =====================================================  ================================
 """
@@ -35,26 +35,26 @@ Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
 ENGINES: Final = ("native", "xla")
 
 one_at_a_time = threading.RLock()
-"""Held while JAX computes: on the CPU two of its programs, run by two threads, can wait for one another for ever."""
+"""Lock held while JAX computes: on the CPU two of its programs in two threads can deadlock."""
 
 
 class Engine(Protocol):
-    """Carries a loop out."""
+    """Protocol of an engine."""
 
     @property
     def name(self) -> str:
-        """Which of the engines it is."""
+        """Name of the engine."""
         ...
 
     @property
     def precision(self) -> str:
-        """``"float64"`` or ``"float32"``."""
+        """Precision, ``"float64"`` or ``"float32"``."""
         ...
 
     def run(
         self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
-        """Carry at the end ``(..., people)``, and outputs of each sample ``(samples, ..., people)``."""
+        """Final carry ``(..., people)``, and outputs of each sample ``(samples, ..., people)``."""
         ...
 
 
@@ -69,9 +69,9 @@ def make_engine(
     own, carry, reaching, shared, key
         Arguments of `step`, with the key in place of ``chance``.
     name : {"native", "xla"}, optional
-        By default native code where the loop allows it.
+        Name of the engine; by default native code if the loop allows it.
     precision : {"float64", "float32"}
-        Of native code; the other engine computes in float64.
+        Precision of native code; the other engine computes in float64.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def make_engine(
 
 
 class NativeEngine:
-    """Straight-line vector code, several people in each vector."""
+    """Engine with straight-line vector code, several people in each vector."""
 
     name: Final = "native"
 
@@ -108,7 +108,7 @@ class NativeEngine:
     def run(
         self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
-        """See `Engine`."""
+        """Run the compiled loop; see `Engine.run`."""
         kernel, n = self._kernel, keys.shape[0]
         columns, dtype = kernel.padded(n), kernel.dtype
         told = [np.asarray(leaf, dtype) for leaf in jax.tree.leaves(shared)]
@@ -131,7 +131,7 @@ class NativeEngine:
 
 
 class MappedEngine:
-    """JAX, mapped over people, in float64, on the device that it has."""
+    """Engine with JAX mapped over people, in float64, on the default device."""
 
     name: Final = "xla"
     precision: Final = "float64"
@@ -156,7 +156,7 @@ class MappedEngine:
     def run(
         self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
-        """See `Engine`; JAX has threads of its own."""
+        """Run the mapped loop with JAX's own threads; see `Engine.run`."""
         del threads
         with one_at_a_time:
             carry, outputs = jax.tree.map(np.asarray, self._scan(own, carry, reaching, shared, keys))

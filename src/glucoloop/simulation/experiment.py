@@ -1,4 +1,4 @@
-"""Experiments on a virtual patient without a controller: excite him, and identify a model from what he answers."""
+"""Experiments on a virtual patient without a controller: excitation, and identification from the response."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
 
 LARGEST_PULSE_MU_MIN: Final = 22.33
-"""The paper's amplitude: its nominal rate."""
+"""Amplitude of the pulses in the paper, its nominal rate."""
 
 
 @jax.jit
@@ -75,15 +75,15 @@ def excite(
     sample_time_min: float = 5.0,
     integrator: Integrator | None = None,
 ) -> Record:
-    """Give a fasting patient at rest a sequence of infusion rates and read his glucose.
+    """Give a fasting patient at rest a sequence of infusion rates and read glucose.
 
     Parameters
     ----------
     patient : Patient
     insulin_mU_min : (N,) array
-        Rates, each held over one sample. The patient starts at rest at his basal rate.
+        Rates, each held over one sample. The patient starts at rest at the basal rate.
     sensor : Sensor, optional
-        Ideal by default. A sensor with dead time gives a record from which the dead time is identified too.
+        Sensor; an ideal one by default. One with dead time gives a record from which the dead time is identified too.
     key : JAX key or int
     sample_time_min : float
     integrator : Integrator, optional
@@ -133,7 +133,7 @@ def identify(
     ----------
     patient : Patient
     sensor : Sensor, optional
-        Ideal by default; `white_noise` gives the paper's noisy record.
+        Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
     key : JAX key or int
     memory : int
         Samples M after which the response has died out.
@@ -150,7 +150,7 @@ def identify(
     Returns
     -------
     Identification
-        Its ``model`` is what a controller is designed on.
+        Result, whose ``model`` is the one for the design of a controller.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def validate_on(
     model : StepResponseModel
     samples : int
     amplitude_mU_min : float, optional
-        A tenth of the basal rate by default.
+        Amplitude; a tenth of the basal rate by default.
     seed : int
 
     Returns
@@ -220,14 +220,14 @@ def fit_step(
     delay_min: float | None = 5.0,
     sample_time_min: float = 5.0,
 ) -> FirstOrderModel:
-    """First-order model with dead time, fitted to a patient's answer to a lasting step of insulin.
+    """First-order model with dead time, fitted to a patient's response to a lasting step of insulin.
 
     Parameters
     ----------
     patient : Patient
     step_mU_min : float, optional
-        Above the basal rate; by default half the paper's nominal rate, 11.165 mU/min, or half the basal rate where that
-        is less.
+        Height of the step above the basal rate; by default half the paper's nominal rate, 11.165 mU/min, or half the
+        basal rate where that is less.
     horizon_min : float
     delay_min : float or None
         Dead time of the model; None fits it too.

@@ -40,7 +40,7 @@ _GAUSS_NODES: Final = np.polynomial.legendre.leggauss(3)[0]
 
 
 def _legendre(x: Matrix) -> Matrix:
-    """P_0, P_1, P_2 at points of [-1, 1], as columns."""
+    """Values of P_0, P_1, P_2 at points of [-1, 1], as columns."""
     return np.stack([np.ones_like(x), x, (3.0 * x * x - 1.0) / 2.0], axis=-1)
 
 
@@ -64,14 +64,14 @@ def _phi(M: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
 
 @pytree
 class Matrices:
-    """What a step needs, computed once per patient and step length."""
+    """Matrices of a step, computed once per patient and step length."""
 
     driven_end: jax.Array
     """(d, d + 1) the driven block at the end of the step, from its start and the infusion."""
     driven_gauss: jax.Array
-    """(3, d, d + 1) its projected path at the Gauss nodes."""
+    """(3, d, d + 1) projected path of the driven block at the Gauss nodes."""
     beyond_transport: jax.Array
-    """(n, n) what the exponentials hold of the slow block beyond its transport, ``L - T``."""
+    """(n, n) part of the slow block in the exponentials beyond its transport, ``L - T``."""
     half: jax.Array
     """(3, n, n) half step: exponential, ``h/2 phi_1``, ``h phi_2``."""
     full: jax.Array
@@ -81,11 +81,11 @@ class Matrices:
     dense: jax.Array
     """(substeps, times, 4, n) rows that read glucose at the moments inside each substep, padded with zeros."""
     wanted: jax.Array
-    """(points,) which of the ``substeps * times`` readings are not padding."""
+    """(points,) indices of those among the ``substeps * times`` readings that are not padding."""
     transport: jax.Array | None = None
-    """(n, n) T, if it is not the patient's own: what the patient's differs by is left to the nonlinear part."""
+    """(n, n) T, if it is not the patient's own; the difference is left to the nonlinear part."""
     probe: jax.Array | None = None
-    """(n,) a slow block of which `dense` reads 1 mg/dl, if glucose is read otherwise from the patient's own state."""
+    """(n,) slow block whose glucose by `dense` is 1 mg/dl, if the patient's own state reads glucose in another way."""
 
 
 def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
@@ -100,7 +100,7 @@ def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
 
 @jax.jit
 def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array, ...]:
-    """T, the Jacobian of the kinetics at the state x, A, b, and the row that reads glucose from the slow block."""
+    """Transport T, Jacobian of the kinetics at x, A, b, and the row that reads glucose from the slow block."""
     y, z = patient.split(x)
     none = jnp.zeros(())
     T = jax.jacfwd(patient.transport)(y)
@@ -118,7 +118,7 @@ def design(
     state: jax.Array,
     kept: npt.NDArray[np.bool_] | None = None,
 ) -> Matrices:
-    """Matrices of one step.
+    """Compute the matrices of one step.
 
     Parameters
     ----------
@@ -127,12 +127,12 @@ def design(
     step_min : float
         Length of the step.
     dense_times_min : sequence of (times,) arrays
-        For each substep of a sample, the moments inside it, counted from its start, at which glucose is wanted.
+        Moments inside each substep of a sample, counted from its start, at which glucose is wanted.
     state : (states,) array
-        Where the slow block is linearised.
+        State at which the slow block is linearised.
     kept : (n, n) array of bool, optional
-        Entries of the Jacobian of the kinetics that the exponentials hold; all of them by default. What they do not
-        hold is left to the Runge-Kutta method, at the same order.
+        Entries of the Jacobian of the kinetics that the exponentials contain; all of them by default. The others are
+        left to the Runge-Kutta method, at the same order.
     """
     T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
     K = K if kept is None else np.where(kept, K, 0.0)
@@ -140,7 +140,7 @@ def design(
 
 
 class _Hashed:
-    """An array that a cache can know again by its content."""
+    """An array as the key of a cache, compared by its content."""
 
     def __init__(self, array: Matrix) -> None:
         self.array = array
@@ -163,7 +163,7 @@ def _design(
     h: float,
     dense_times: tuple[_Hashed, ...],
 ) -> Matrices:
-    """Matrix exponentials cost more than a day of closed loop, so the same patient is not designed for twice."""
+    """Cached design of the same patient, since matrix exponentials cost more than a day of closed loop."""
     L, A, row = transport.array + kinetics.array, driven.array, output.array
     d = A.shape[0]
     augmented = np.zeros((d + 1, d + 1))
@@ -198,12 +198,12 @@ def step(
     insulin_mU_min: jax.Array,
     meal_moments: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """One step.
+    """Advance the state by one step.
 
     Parameters
     ----------
     patient, matrices
-        The patient and the matrices made for him.
+        The patient, and the matrices made for that patient.
     dense : (times, 4, n) array
         Rows that read glucose inside the step.
     x : (states, ...) array
@@ -246,7 +246,7 @@ def step(
 
 @pytree
 class ExponentialPlant:
-    """A patient with the matrices that carry him over one sample; implements `Plant`."""
+    """A patient with the matrices of one sample; implements `Plant`."""
 
     patient: SemilinearPatient
     matrices: Matrices
@@ -283,7 +283,7 @@ class Exponential:
         Steps per sample.
     near_rest : bool
         Linearise at the basal state instead of the working state: better for a patient who fasts and stays near it,
-        since the error is then of the square of what he departs from it.
+        since the error is then quadratic in the distance from it.
     """
 
     substeps: int = 1
@@ -314,7 +314,7 @@ class Exponential:
     def at_sample(
         self, plant: ExponentialPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
     ) -> tuple[ExponentialPlant, jax.Array]:
-        """The same plant, and the meals' moments ``(substeps, 3)`` of the sample with a number."""
+        """The same plant, and the meals' moments ``(substeps, 3)`` of the sample with the given number."""
         h = grid.sample_time_min / self.substeps
         starts = (index * self.substeps + jnp.arange(self.substeps)) * h
         return plant, _moments(starts[None], h, absorption)[0]

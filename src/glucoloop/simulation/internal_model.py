@@ -1,4 +1,4 @@
-"""Models of a patient that can be handed to a controller: linear, or nonlinear, about his operating point."""
+"""Internal models of a patient for a controller: linear or nonlinear, about the operating point."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sampl
     Raises
     ------
     ValueError
-        Where the patient has no steady state under the infusion, or the sample time is not positive.
+        If the patient has no steady state under the infusion, or the sample time is not positive.
     """
     insulin = patient.basal_insulin_mU_min if insulin_mU_min is None else jnp.asarray(insulin_mU_min, float)
     model: LinearModel = linear_model_at(patient, patient.steady_state(insulin), insulin, sample_time_min)
@@ -50,7 +50,7 @@ def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sampl
 
 @pytree
 class InternalModel:
-    """A patient as a controller imagines it; implements `models.nonlinear.FedModel`."""
+    """Internal model of a patient for a controller; implements `models.nonlinear.FedModel`."""
 
     plant: ExponentialPlant
     state: jax.Array
@@ -58,28 +58,28 @@ class InternalModel:
     sample_time_min: float = static()
 
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-        """The patient's own, without a meal."""
+        """Rate of change of the patient's state without a meal."""
         none = jnp.zeros_like(insulin_mU_min)
         return self.plant.patient.derivative(none, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=none))
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-        """One sample by the exponential integrator, without a meal."""
+        """State after one sample by the exponential integrator, without a meal."""
         no_meal = jnp.zeros((1, 3, *jnp.shape(insulin_mU_min)))
         return self.plant.advance(x, insulin_mU_min, no_meal)[0]
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
-        """One sample by the exponential integrator, with what appears of a meal."""
+        """State after one sample by the exponential integrator, with the appearance of a meal."""
         return self.plant.advance(x, insulin_mU_min, appearance_mg_min[None])[0]
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """The patient's own."""
+        """Glucose of a state by the patient's equations."""
         return self.plant.patient.glucose_mg_dl(x)
 
 
 @checked
 @on_host("its integrator is made with SciPy")
 def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> InternalModel:
-    """A patient as an internal model at his basal operating point.
+    """A patient as an internal model at the basal operating point.
 
     Raises
     ------

@@ -57,7 +57,7 @@ class PeoplePlant:
         return varies
 
     def own(self, patient: SemilinearPatient) -> list[jax.Array]:
-        """What differs between people, as a list of arrays with people trailing."""
+        """Values that differ between people, as a list of arrays with people trailing."""
         matrices = self.single.matrices
         if self._own_driven:
             end, gauss = driven_block.driven_matrices(
@@ -67,23 +67,23 @@ class PeoplePlant:
         return chosen(ExponentialPlant(patient=patient, matrices=matrices), self._varies)
 
     def own_of_nominal(self) -> list[jax.Array]:
-        """The same of the nominal patient, as an example of one person."""
+        """Values of the nominal patient in the same form, as an example of one person."""
         return chosen(self.single, self._varies)
 
     def of(self, own: Sequence[jax.Array]) -> ExponentialPlant:
-        """A person's plant."""
+        """Plant of one person."""
         plant: ExponentialPlant = replaced(self.single, self._varies, own)
         return plant
 
 
 def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
-    """A slow block of which the nominal patient's glucose is 1 mg/dl; that of others is their scale.
+    """Slow block at which the nominal patient's glucose is 1 mg/dl; other people's glucose there is their scale.
 
     Raises
     ------
     ValueError
-        Where glucose of others is not in proportion to the nominal patient's whatever the state: then what is read
-        inside a step would not be theirs.
+        If the glucose of others is not proportional to the nominal patient's in every state: readings inside a step
+        would then be wrong.
     """
     y, z = nominal.split(nominal.working_state())
     blocks = np.eye(y.size)
@@ -107,13 +107,13 @@ def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
 
 
 def varying(many: Any, one: Any) -> list[bool]:
-    """Leaf by leaf, whether there is one number for each person."""
+    """Whether each leaf has one number per person."""
     leaves = zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True)
     return [jnp.ndim(a) > jnp.ndim(b) for a, b in leaves]
 
 
 def chosen(tree: Any, varies: Sequence[bool]) -> list[jax.Array]:
-    """The leaves that vary."""
+    """Leaves that vary between people."""
     return [jnp.asarray(leaf) for leaf, own in zip(jax.tree.leaves(tree), varies, strict=True) if own]
 
 
@@ -125,7 +125,7 @@ def replaced(tree: Any, varies: Sequence[bool], own: Sequence[Any]) -> Any:
 
 
 def _depends(function: Callable[[Any], jax.Array], single: Any, varies: Sequence[bool]) -> bool:
-    """Whether a function of a person rests on any of the numbers that vary, told leaf by leaf."""
+    """Whether a function of a person depends on any of the varying leaves."""
     leaves, tree = jax.tree.flatten(single)
     jaxpr = jax.make_jaxpr(lambda *leaves: function(jax.tree.unflatten(tree, leaves)))(*leaves).jaxpr
     used = {id(atom) for equation in jaxpr.eqns for atom in equation.invars}

@@ -1,4 +1,4 @@
-"""What the closed loop asks of an integrator."""
+"""Protocols of an integrator in the closed loop."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class SampleGrid:
 
 
 class Plant(Protocol):
-    """A patient made ready to be advanced by whole samples; a pytree."""
+    """A patient prepared to be advanced by whole samples; a pytree."""
 
     @property
     def patient(self) -> Patient:
-        """Whom it carries."""
+        """Patient that the plant advances."""
         ...
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Any) -> tuple[jax.Array, jax.Array]:
@@ -55,16 +55,16 @@ class Plant(Protocol):
 
 
 class Integrator(Protocol):
-    """Makes a plant of a patient."""
+    """Protocol of an integrator, which makes a plant from a patient."""
 
     def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[Plant, Any]:
-        """The plant, and what reaches it from outside, one entry per sample on the leading axis."""
+        """The plant, and its exogenous inputs with one entry per sample on the leading axis."""
         ...
 
 
 class SteppingIntegrator(Integrator, Protocol):
-    """An integrator that can also go on one sample at a time, with meals that are told on the way."""
+    """An integrator that can also advance sample by sample, with meals that become known on the way."""
 
     def at_sample(self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
-        """The plant after other meals than those it was prepared for, and what reaches it in one sample; traceable."""
+        """The plant with other meals than it was prepared for, and its exogenous inputs of one sample; traceable."""
         ...

@@ -1,4 +1,4 @@
-"""The paper's pulse experiment on many people at once: the record from which each one's own model is identified."""
+"""Pulse experiment of the paper on many people at once: records for the identification of individual models."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from glucoloop.simulation.plant import SampleGrid
 Floats = npt.NDArray[np.float64]
 
 SUBSTEPS: Final = 8
-"""As in `excite`: pulses jump far."""
+"""Number of substeps of a sample, as in `excite`, since pulses change insulin by much."""
 
 
 class PulseExperiment:
-    """Readings of fasting people at rest who are given a sequence of infusion rates.
+    """Readings of fasting people at rest who get a sequence of infusion rates.
 
     Parameters
     ----------
     nominal, varied : SemilinearPatient
-        As for `Cohort`.
+        Patients as for `Cohort`.
     sensor : Sensor
     sample_time_min : float
     """
@@ -76,9 +76,9 @@ class PulseExperiment:
         Parameters
         ----------
         patient : SemilinearPatient
-            People trailing.
+            Patients, people trailing.
         x : (states, people) array
-            At rest.
+            States at rest.
         insulin_mU_min : (samples, people) array
             Rates, each held over one sample.
         key : (people,) keys

@@ -1,4 +1,4 @@
-"""How estimators of unknown meals did, in a picture ready for print."""
+"""Figure of the performance of estimators of unknown meals, ready for print."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_UNTOLD_PCT: Final = 50.0
-"""A median delay is drawn where more meals than these are detected."""
+"""Largest percentage of undetected meals at which a median delay is drawn."""
 _FEWEST: Final = 0.1
-"""Share of the meals that must be detected for quantiles to speak of them."""
+"""Share of the meals that must be detected for quantiles to be meaningful."""
 _TRUTH: Final = "true rate"
 
 
@@ -36,12 +36,12 @@ def plot_detection(result: DetectionResult, *, title: str | None = None, width: 
     result : DetectionResult
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Apart from pyplot's state; write it with ``savefig``.
+        Figure outside pyplot's state; write it with ``savefig``.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _draw_curve(axes: Axes, of: EstimatorResult, index: int) -> Artist:
 
 
 def _drawn(curve: Curve) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Thresholds that detect enough meals for a median to speak of them."""
+    """Whether each threshold detects enough meals for a meaningful median."""
     told = np.isfinite(curve.delay_median_min)
     return told & (curve.missed_pct + curve.already_pct < _MOST_UNTOLD_PCT)
 

@@ -1,4 +1,4 @@
-"""What came of it: each meal, each threshold, the error of the size over time, and a day to look at."""
+"""Results of a test of estimators: meals, thresholds, the error of the size over time, and an example day."""
 
 from __future__ import annotations
 
@@ -13,38 +13,43 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 TOLD_AFTER_MIN: Final = (30.0, 60.0, 90.0, 120.0)
-"""After a meal's beginning its expected size is judged."""
+"""Times after a meal's beginning at which its expected size is judged."""
 QUANTILES: Final = (0.1, 0.5, 0.9)
 SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
-"""Small, middling and large meals."""
+"""Limits between small, middling and large meals."""
 
 
 @dataclass(frozen=True)
 class MealTable:
-    """Meals, one row each ``(n,)``."""
+    """Meals, one row ``(n,)`` per meal."""
 
     person: npt.NDArray[np.int64]
     day: npt.NDArray[np.int64]
     t_min: Array
-    """Beginning, from the start of the day."""
+    """Beginning of the meal, from the start of the day."""
     carbs_g: Array
     delay_min: Array
-    """NaN for a meal that was not detected, or that began when the probability was above the threshold already."""
+    """Delay of the detection; NaN for a meal that was missed, or that began with the probability above the threshold
+    already.
+    """
     already: npt.NDArray[np.bool_]
-    """Whether that was so."""
+    """Whether the probability was above the threshold when the meal began."""
     estimated_g: Array
-    """60 min after its end; NaN if it was not detected, another one had begun or the day was over."""
+    """Estimated size 60 min after the end of the meal; NaN if it was not detected, another one had begun or the day was
+    over.
+    """
     expected_g: Mapping[float, Array]
-    """By the minutes after the beginning: what was estimated so far and likely still to come. NaN likewise, and before
-    it was detected: until then an estimator speaks of the meal before."""
+    """Expected final size at times in minutes after the beginning. NaN in the same cases, and before the detection,
+    since until then the estimate is about the meal before.
+    """
 
     @property
     def missed(self) -> npt.NDArray[np.bool_]:
-        """Neither detected nor above the threshold already."""
+        """Whether the meal was neither detected nor began with the probability above the threshold."""
         return ~np.isfinite(self.delay_min) & ~self.already
 
     def columns(self) -> dict[str, npt.NDArray[Any]]:
-        """By name, for files."""
+        """Columns of a table, by name, for files."""
         own = {
             name: getattr(self, name)
             for name in ("person", "day", "t_min", "carbs_g", "delay_min", "already", "missed", "estimated_g")
@@ -54,21 +59,21 @@ class MealTable:
 
 @dataclass(frozen=True)
 class Curve:
-    """By threshold ``(n,)``."""
+    """Performance as a function of the threshold ``(n,)``."""
 
     threshold: Array
     delay_median_min: Array
-    """Of the meals detected; NaN if none is."""
+    """Median delay of the detected meals; NaN if none is detected."""
     delay_p90_min: Array
     missed_pct: Array
     already_pct: Array
     false_alarms_fasting_per_day: Array
-    """On days without a meal."""
+    """False alarms on days without a meal."""
     false_alarms_between_per_day: Array
-    """Of the time of days with meals in which none was under way; NaN without any."""
+    """False alarms between meals, per day of that time; NaN without any such time."""
 
     def columns(self) -> dict[str, Array]:
-        """By name, for files."""
+        """Columns of a table, by name, for files."""
         return dict(vars(self))
 
 
@@ -77,14 +82,14 @@ class SizeError:
     """Expected size less the true one, by the time since the meal's beginning; quantiles over meals."""
 
     after_min: Array
-    """(n,)"""
+    """(n,) times since the meal's beginning."""
     error_g: Array
-    """(3, n) the quantiles 0.1, 0.5 and 0.9."""
+    """(3, n) quantiles 0.1, 0.5 and 0.9 of the error."""
     meals: npt.NDArray[np.int64]
-    """(n,) that are told of: those that were detected by then, and whose time was not over."""
+    """(n,) number of meals that count: detected by then, and not over."""
 
     def columns(self) -> dict[str, npt.NDArray[Any]]:
-        """By name, for files."""
+        """Columns of a table, by name, for files."""
         of = {f"error_p{100 * q:.0f}_g": row for q, row in zip(QUANTILES, self.error_g, strict=True)}
         return {"after_min": self.after_min, **of, "meals": self.meals}
 
@@ -94,42 +99,42 @@ class ExampleDay:
     """The first day of the first person."""
 
     t_min: Array
-    """(samples,)"""
+    """(samples,) times of the samples."""
     glucose_mg_dl: Array
-    """Free of noise."""
+    """(samples,) glucose free of noise."""
     reading_mg_dl: Array
     insulin_mU_min: Array
     eating: Array
     emptying_mg_min: Array
-    """True rate at which his stomach empties."""
+    """(samples,) true rate at which the stomach empties."""
     estimated_emptying_mg_min: Array
     carbs_g: Array
-    """Estimated, of the latest meal."""
+    """(samples,) estimated size of the latest meal."""
     remaining_g: Array
 
     def columns(self) -> dict[str, Array]:
-        """By name, for files."""
+        """Columns of a table, by name, for files."""
         return dict(vars(self))
 
 
 @dataclass(frozen=True)
 class EstimatorResult:
-    """What came of one estimator."""
+    """Results of one estimator."""
 
     estimator: str
     controller: str
     threshold: float
     meals: MealTable
     curve: Curve
-    """The threshold among others."""
+    """Performance at several thresholds."""
     size_error: SizeError
     fasting_days: float
     between_days: float
-    """Time of days with meals in which none was under way."""
+    """Time between meals on days with meals, in days."""
     example: ExampleDay
 
     def summary(self) -> dict[str, Any]:
-        """The numbers of a table; None for what no meal tells of."""
+        """Numbers of a table row; None for a number without meals."""
         meals, at = self.meals, int(np.flatnonzero(self.curve.threshold == self.threshold)[0])
         return {
             **_of_meals(meals, np.ones(meals.carbs_g.size, bool)),
@@ -150,11 +155,11 @@ class EstimatorResult:
 
 @dataclass(frozen=True)
 class DetectionResult:
-    """What came of all estimators."""
+    """Results of all estimators."""
 
     estimators: tuple[EstimatorResult, ...]
     days: int
-    """In all; as many again are without a meal."""
+    """Number of days with meals; there are as many without a meal."""
     unable: int
     """People without a basal rate that holds them at the setpoint, who are left out."""
 
@@ -189,7 +194,7 @@ def _of_meals(meals: MealTable, which: npt.NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def quantiles(values: Array) -> tuple[float | None, float | None, float | None]:
-    """10 %, median and 90 % of what is a number; None if nothing is."""
+    """Quantiles 10 %, 50 % and 90 % of the finite values; None without any."""
     known = values[np.isfinite(values)]
     if not known.size:
         return None, None, None
@@ -198,7 +203,7 @@ def quantiles(values: Array) -> tuple[float | None, float | None, float | None]:
 
 
 def share_pct(which: npt.NDArray[np.bool_]) -> float | None:
-    """Of how many it is true; None of none."""
+    """Percentage of true values; None without values."""
     return float(100.0 * which.mean()) if which.size else None
 
 

@@ -1,7 +1,8 @@
-"""How well an estimate tells meals, by a threshold on the probability that one is being served.
+"""Scores of an estimate of meals, by a threshold on the probability that a meal is being served.
 
-A meal counts as *under way* from its beginning to 60 min after its end: what is above the threshold then is no false
-alarm, and what rises above it later does not detect it any more. Times are on the leading axis, days trail.
+A meal counts as *under way* from its beginning to 60 min after its end: a probability above the threshold in that time
+is not a false alarm, and a rise above it later does not count as its detection. Times are on the leading axis, days
+trail.
 """
 
 from __future__ import annotations
@@ -20,44 +21,44 @@ Array = npt.NDArray[np.float64]
 Truths = npt.NDArray[np.bool_]
 
 AFTERMATH_MIN: Final = 60.0
-"""So long after a meal's end it is still under way, and then its size is judged."""
+"""Time after a meal's end for which it is still under way, and after which its size is judged."""
 
 
 def end_min(meals: Eaten) -> Array:
-    """``(meals, days)``: when each meal has been served."""
+    """Time at which each meal has been served, ``(meals, days)``."""
     return np.asarray(meals.t_min + np.maximum(meals.carbs_g / SERVED_G_PER_MIN, meals.eating_min))
 
 
 def followed_min(meals: Eaten, horizon_min: float) -> Array:
-    """``(meals, days)``: when each meal's time is over, since the next one begins or the day is at its end."""
+    """Time at which each meal's period ends, by the next meal or the end of the day, ``(meals, days)``."""
     after = np.full((1, meals.t_min.shape[1]), horizon_min)
     followed: Array = np.minimum(np.concatenate([meals.t_min[1:], after]), horizon_min)
     return followed
 
 
 def in_order(meals: Eaten) -> Eaten:
-    """Meals of some days ``(meals, days)``, each day's in the order of their beginnings."""
+    """Meals of days ``(meals, days)``, sorted by their beginning within each day."""
     order = np.argsort(meals.t_min, axis=0, kind="stable")
     ordered: Eaten = jax.tree.map(lambda part: np.take_along_axis(np.asarray(part), order, 0), meals)
     return ordered
 
 
 def under_way(meals: Eaten, t_min: Array) -> Truths:
-    """``(samples, days)``: whether a meal is being served, or was within the last 60 min."""
+    """Whether a meal is being served, or was within the last 60 min, ``(samples, days)``."""
     t = t_min[:, None, None]
     way: Truths = np.any((meals.t_min <= t) & (t <= end_min(meals) + AFTERMATH_MIN), axis=1)
     return way
 
 
 def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
-    """From each meal's beginning to the first sample after it at which the probability is above the threshold.
+    """Delay of the first sample after each meal's beginning at which the probability is above the threshold.
 
     Parameters
     ----------
     eating : (samples, days) array
     t_min : (samples,) array
     meals : Eaten
-        Those of each day in their order.
+        Meals of each day in their order.
     threshold : float
     horizon_min : float
         End of the day.
@@ -65,9 +66,9 @@ def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, hori
     Returns
     -------
     delay_min : (meals, days) array
-        NaN for a meal that was missed, or that began when the probability was above the threshold already.
+        Delays; NaN for a meal that was missed, or that began with the probability above the threshold already.
     already : (meals, days) array of bool
-        Whether that was so.
+        Whether the probability was above the threshold already.
     """
     above = eating > threshold
     last = np.minimum(end_min(meals) + AFTERMATH_MIN, followed_min(meals, horizon_min))
@@ -82,19 +83,19 @@ def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, hori
 
 
 def false_alarms(eating: Array, quiet: Truths, threshold: float) -> int:
-    """Rises of the probability above the threshold that begin where it is quiet, ``(samples, days)``."""
+    """Number of rises of the probability above the threshold that begin in a quiet time, ``(samples, days)``."""
     above = eating > threshold
     before = np.concatenate([np.zeros_like(above[:1]), above[:-1]])
     return int((above & ~before & quiet).sum())
 
 
 def days_of(quiet: Truths, sample_time_min: float) -> float:
-    """How long it is quiet, in days."""
+    """Length of the quiet time, in days."""
     return float(quiet.sum() * sample_time_min / MIN_PER_DAY)
 
 
 def told_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
-    """What was said of each meal at the first sample from a time on.
+    """Estimate for each meal at the first sample from a time on.
 
     Parameters
     ----------
@@ -102,14 +103,14 @@ def told_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_
     t_min : (samples,) array
     at_min : (meals, days) array
     since_min : (meals, days) array
-        When the meal was detected; NaN: never. What is said before is about the meal before.
+        Time of the detection; NaN for none. Earlier estimates are about the meal before.
     until_min : (meals, days) array
-        When the meal's time is over.
+        Time at which the meal's period ends.
 
     Returns
     -------
     (meals, days) array
-        NaN where that sample is before the meal was detected, or not before the end of its time.
+        Estimates; NaN where that sample is before the detection, or not before the end of the meal's period.
     """
     sample = np.searchsorted(t_min, at_min, side="left")
     kept = np.minimum(sample, t_min.size - 1)

@@ -1,4 +1,4 @@
-"""How estimators of unknown meals did, as a table for the terminal; piped, it is plain text."""
+"""Performance of estimators of unknown meals as a table for the terminal; piped, it is plain text."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _size(of: Mapping[str, Any]) -> str:
 
 
 def _cell(of: Mapping[str, Any], keys: tuple[str, ...], digits: int, signed: bool) -> str:
-    """The numbers of a cell side by side."""
+    """Text of a cell with several numbers side by side."""
     values = [of[key] for key in keys]
     if any(value is None for value in values):
         return NOT_AVAILABLE

@@ -1,1 +1,1 @@
-"""A stress test: controllers, with and without a guard, under one fault after another."""
+"""Stress test: controllers, with and without a guard, under one fault after another."""

@@ -1,4 +1,4 @@
-"""How a cell of a stress test is told: its numbers, as short as they can be, and its shade on a map."""
+"""Text and shade of a cell of a stress test."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glucoloop.studies.stress.stress import StressRow
 
 
 def short_pct(value: float) -> str:
-    """A percentage in at most four characters; little is not told as none, nor nearly all as all."""
+    """Text of a percentage in at most four characters; a small value is not rounded to 0, nor a large one to 100."""
     if not math.isfinite(value):
         return NOT_AVAILABLE
     if value in (0.0, 100.0):
@@ -23,20 +23,20 @@ def short_pct(value: float) -> str:
 
 
 def short_mg_dl(value: float) -> str:
-    """A concentration, to the whole number."""
+    """Text of a concentration, rounded to a whole number."""
     return f"{value:z.0f}" if math.isfinite(value) else NOT_AVAILABLE
 
 
 @dataclass(frozen=True)
 class Shade:
-    """How a cell of the map looks, by the time below 60 mg/dl of the person who was longest below."""
+    """Shade of a cell of the map, by the time below 60 mg/dl of the person with the longest."""
 
     most_pct: float
-    """Up to which it is used, from the shade before."""
+    """Upper limit of the shade; the lower one is that of the shade before."""
     colour: str | None
-    """None: the paper."""
+    """Colour of the cell, or None for the background."""
     ink: str | None
-    """Of what is written on it; None: as elsewhere."""
+    """Colour of text on it, or None for the usual one."""
     words: str
 
 
@@ -56,20 +56,20 @@ UNKNOWN: Final = Shade(math.nan, "#b0b0b0", _DARK, NOT_AVAILABLE)
 
 
 def shade_of(row: StressRow) -> Shade:
-    """How the cell of a row looks."""
+    """Shade of the cell of a row."""
     value = row.below_60_worst_pct
     return next((shade for shade in SHADES if value <= shade.most_pct), UNKNOWN if math.isnan(value) else SHADES[-1])
 
 
 def legend_shades(rows: Iterable[StressRow]) -> list[Shade]:
-    """The shades of the scale, and that of the unknown if there is any."""
+    """Shades of the scale, and the one for unknown values if there are any."""
     unknown = any(shade_of(row) is UNKNOWN for row in rows)
     return [*SHADES, *([UNKNOWN] if unknown else [])]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of a row."""
+    """One number of a row, with its heading and format."""
 
     group: str
     name: str
@@ -110,7 +110,7 @@ QUANTITIES: Final = (
     Quantity("Worse off", "people", lambda row: f"{len(row.worse)}" if row.people else NOT_AVAILABLE),
     Quantity("Worse off", "most (%)", _pct("worst_more_pct")),
 )
-"""All that is told of a cell, in order."""
+"""All quantities of a cell, in order."""
 
 
 def grouped() -> Iterator[tuple[str, list[Quantity]]]:

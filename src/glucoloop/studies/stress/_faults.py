@@ -1,4 +1,4 @@
-"""Faults in words: a short name that tells each from the others, what is set about it, and when it is there."""
+"""Descriptions of faults: a short unique name, the settings, and the times."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _TIMES: Final = (START, LATEST, DURATION, PER_DAY)
 
 
 def short_names(faults: Sequence[str]) -> dict[str, str]:
-    """Kind of each fault, and what sets it apart from others of its kind.
+    """Short name of each fault: its kind, and the settings that distinguish it from others of its kind.
 
-    Settings that are the same for all of a kind are left out, and so are those that change nothing beside others. Two
-    faults never have the same name: if need be it is all of the fault.
+    Settings that are the same for all faults of a kind are left out, and so are settings without effect. Two faults
+    never have the same name: if necessary it is the full text of the fault.
     """
     parsed = {fault: parse_fault(fault) for fault in faults}
     names = {fault: _short_name(of, [f for f in parsed.values() if f.name == of.name]) for fault, of in parsed.items()}
@@ -45,7 +45,7 @@ def _tell_apart(keys: Sequence[str], kind: Sequence[Fault]) -> bool:
 
 
 def _tell_apart_with_time(own: Sequence[str], kind: Sequence[Fault]) -> list[str]:
-    """With one time beside what is its own, if that is enough; how long it lasts says more than when it begins."""
+    """Names with one time added, if that makes them unique; the duration is preferred to the start."""
     for key in (DURATION, PER_DAY, START, LATEST):
         if _tell_apart([*own, key], kind):
             return [*own, key]
@@ -75,12 +75,12 @@ def _name_and_unit(key: str) -> tuple[str, str]:
 
 
 def settings_in_words(fault: Fault) -> str:
-    """What is set about a fault, apart from when it is there; empty if there is nothing to set."""
+    """Settings of a fault apart from its times; empty if it has none."""
     return ", ".join(setting_in_words(key, value) for key, value in fault.settings.items() if key not in _TIMES)
 
 
 def when_in_words(fault: Fault) -> str:
-    """When a fault is there, in a phrase."""
+    """Times of a fault, in a phrase."""
     when = fault.settings
     if not fault.entry.timed:
         return "by chance, at any time" if fault.entry.comes_and_goes else "always"

@@ -1,4 +1,4 @@
-"""A stress test as a grid: faults down, controllers across, once without and once with a guard."""
+"""A stress test as a grid: faults in rows, controllers in columns, without and with a guard."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class Grid:
 
     controllers: tuple[str, ...]
     faults: tuple[str, ...]
-    """In full; that of no fault is first."""
+    """Full texts of the faults; the empty one is first."""
     guards: tuple[bool, ...]
-    """What was tried of without and with."""
+    """Whether a guard is used, for each variant that was tried."""
     names: dict[str, str]
-    """Short, by the fault in full."""
+    """Short name of each fault."""
     rows: dict[Tried, StressRow]
 
     def row(self, controller: str, guarded: bool, fault: str) -> StressRow:
-        """What came of a cell."""
+        """Result of a cell."""
         return self.rows[Tried(controller=controller, guarded=guarded, fault=fault)]
 
     def pair(self, controller: str, fault: str) -> list[StressRow]:
@@ -70,5 +70,5 @@ def grid_of(result: StressResult) -> Grid:
 
 
 def people_of(result: StressResult) -> int:
-    """People who could take part; as many under every controller, save for those that lost a person."""
+    """Number of people who took part, the same under every controller apart from lost people."""
     return max(row.people for row in result.rows)

@@ -1,4 +1,4 @@
-"""How the page of a stress test looks beyond what the page of a trial does."""
+"""Style of the page of a stress test beyond that of the page of a trial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stress test came to, in sentences; every number is computed."""
+"""Conclusions of a stress test in sentences; every number is computed."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ _MOST_LISTED: Final = 5
 
 
 def verdict(grid: Grid) -> list[str]:
-    """What stands and what does not, in short paragraphs."""
+    """Conclusions about cells that pass and cells that fail, in short paragraphs."""
     if not grid.faults[1:]:
         return ["No fault was tried.", *_without_a_fault(grid)]
     return [*_standing(grid), *_failing(grid), *_harm_of_the_guard(grid), *_without_a_fault(grid)]
 
 
 def people_told(people: int) -> str:
-    """A number of people."""
+    """Text of a number of people."""
     return f"{people} {'person' if people == 1 else 'people'}"
 
 
 def worse_told(row: StressRow) -> str:
-    """How many were worse off, and by how much the one who was so most."""
+    """Text of the number of people who were worse off, and of the largest difference."""
     return f"{len(row.worse)} of {people_told(row.people)}, at most {short_pct(row.worst_more_pct)} % of the time more"
 
 
 def numbers_told(row: StressRow) -> str:
-    """The numbers of the people who were worse off, as many as can be read."""
+    """List of the people who were worse off, shortened if it is long."""
     told = ", ".join(map(str, row.worse[:MOST_NAMED]))
     beyond = len(row.worse) - MOST_NAMED
     return f"{told} and {beyond} more" if beyond > 0 else told
 
 
 def failing(grid: Grid, guarded: bool) -> list[StressRow]:
-    """Cells in which somebody was worse off, the worst first."""
+    """Cells in which a person was worse off, the worst first."""
     return sorted((row for row in grid.under_faults(guarded) if not row.stands), key=lambda row: -row.worst_more_pct)
 
 
@@ -76,7 +76,7 @@ def _failing(grid: Grid) -> list[str]:
 
 
 def _harm_of_the_guard(grid: Grid) -> list[str]:
-    """Said either way: that a guard does no harm is what it is tried for."""
+    """Sentences on harm by the guard; the absence of harm is stated too, since the test looks for it."""
     if len(grid.guards) < 2:
         return []
     pairs = [grid.pair(controller, fault) for controller in grid.controllers for fault in grid.faults]
@@ -92,7 +92,7 @@ def _harm_of_the_guard(grid: Grid) -> list[str]:
 
 
 def _without_a_fault(grid: Grid) -> list[str]:
-    """What the guard changes where nothing is wrong."""
+    """Sentences on the effect of the guard without a fault."""
     told = []
     for controller in grid.controllers:
         rows = grid.pair(controller, NO_FAULT)
@@ -114,7 +114,7 @@ def _without_a_fault(grid: Grid) -> list[str]:
 
 
 def _acted_pct(row: StressRow) -> float:
-    """Samples at which the guard had a hand in the dose; each has one status."""
+    """Percentage of samples at which the guard acted on the reading or the dose; each sample has one status."""
     return row.rejected_pct + row.fallback_pct + row.suspended_pct + row.dose_limited_pct
 
 

@@ -1,4 +1,4 @@
-"""A stress test in a picture, ready for print: maps of faults and controllers, without and with the guard."""
+"""Figure of a stress test, ready for print: maps of faults and controllers, without and with the guard."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ _MOST_NAME: Final = 30  # characters
 
 @dataclass(frozen=True)
 class _Sheet:
-    """How large everything is."""
+    """Sizes of all parts of the figure."""
 
     stacked: bool
     """Whether the maps stand below each other."""
     two_lines: bool
-    """Whether the numbers of a cell do."""
+    """Whether the numbers of a cell stand below each other."""
     names: list[str]
     heads: list[str]
     upright: bool
-    """Whether the names of controllers stand on end."""
+    """Whether the names of controllers are rotated."""
 
     @property
     def row_mm(self) -> float:
-        """Of a row of cells."""
+        """Height of a row of cells."""
         lines = max(2 if self.two_lines else 1, *(name.count("\n") + 1 for name in self.names))
         return _LINE_MM * lines + 1.2
 
     @property
     def head_mm(self) -> float:
-        """Above the cells, with the title."""
+        """Height above the cells, with the title."""
         if self.upright:
             return _CHARACTER_MM * max(map(len, self.heads)) + _LINE_MM
         return _LINE_MM * (2 + max(head.count("\n") for head in self.heads))
@@ -63,14 +63,14 @@ def plot_stress(result: StressResult, *, title: str | None = None, width: Width 
     ----------
     result : StressResult
     title : str, optional
-        None if not given.
+        Title; no title by default.
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Apart from pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
+        Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A stress test on a page of its own: one file that needs neither network nor script, to read and to pass on."""
+"""Self-contained page of a stress test: one file that needs neither network nor script."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ _LONG_FROM: Final = 28  # characters of a fact
 def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
     """A stress test as a self-contained HTML page.
 
-    What stands and what does not, in words; a map of faults and controllers, without and with the guard; for whom and
-    why something does not stand; all numbers; what each fault is; and how to repeat the test.
+    The page holds the conclusions in words; a map of faults and controllers, without and with the guard; for each
+    failed cell the person and the reason; all numbers; a description of each fault; and the command that repeats the
+    test.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def _hover(grid: Grid, row: StressRow) -> str:
 
 
 def _why(result: StressResult, grid: Grid) -> str:
-    """Only of what was tried with the guard: without it nobody asks why."""
+    """Reasons for failures with the guard; without it a failure is expected."""
     rows = failing(grid, guarded=True) if True in grid.guards else []
     if not rows:
         return ""
@@ -208,7 +209,7 @@ def _is_worse(column: int, row: StressRow) -> bool:
 
 
 def _part(column: int) -> str:
-    """What sets the first column of a group apart."""
+    """CSS class of the first column of a group."""
     return "part" if column == 0 or QUANTITIES[column - 1].group != QUANTITIES[column].group else ""
 
 

@@ -20,7 +20,7 @@ Tell = Callable[[StressRow], str]
 
 
 def _terse_pct(value: float) -> str:
-    """A decimal only where it tells."""
+    """Text of a percentage, with a decimal only for small values."""
     short = short_pct(value)
     return f"{min(value, 99.0):.0f}" if 9.95 <= value < 100.0 else short
 
@@ -45,7 +45,7 @@ _WORSE: Final = "worse\noff"
 
 @dataclass(frozen=True)
 class FittingTable:
-    """A table that leaves out columns where there is no room for all: a number cut short is another number."""
+    """A table that leaves out whole columns where there is no room, since a cut number would be another number."""
 
     table: Table
 

@@ -1,8 +1,8 @@
-"""The long campaign: random people, meals, noise and faults under every controller, and every promise checked.
+"""Campaign: random people, meals, noise and faults under every controller, with every promise checked.
 
-Person i of a seed is of one of the patient's populations by turns. Under a controller that person meets the same meals,
-noise and faults with a guard and without; which fault is around which differs from controller to controller. So a loop
-has a name, by which it is closed again to the bit.
+Person i of a seed is drawn from one of the patient's populations in turn. Under a controller that person has the same
+meals, noise and faults with a guard and without; the order in which faults wrap each other differs from controller to
+controller. So a loop has a name, by which it can be repeated to the bit.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ HORIZON_MIN: Final = 1440.0
 SLOW_HORIZON_MIN: Final = 300.0
 """Length of a loop of a slow controller."""
 SLOW_SHARE: Final = 0.05
-"""Loops of a slow controller for one of the others."""
+"""Number of loops of a slow controller for each loop of another one."""
 REPEATED: Final = 8
-"""Of so many loops one is closed again, in another order and other blocks."""
+"""Number of loops among which one is repeated, in another order and other blocks."""
 _OTHERS: Final = 1_000_000_000
-"""Numbers that controllers of other packages share."""
+"""Range of numbers over which controllers of other packages are spread by their names."""
 _TOLD: Final = 10
-"""Broken loops that are kept of each promise and arm."""
+"""Number of broken loops that are listed for each promise and arm."""
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What is tried.
+    """Definition of a campaign.
 
     Raises
     ------
@@ -54,13 +54,13 @@ class Campaign:
     """
 
     loops: int = 100_000
-    """At least so many: each controller has as many with a guard as without."""
+    """Smallest number of loops; each controller has as many with a guard as without."""
     seed: int = 1
     controllers: tuple[str, ...] = tuple(CONTROLLERS)
     person: int | None = None
-    """This one alone; None: as many as it takes."""
+    """Number of a single person, or None for as many people as necessary."""
     patient: str = USUAL_PATIENT.name
-    """Around whom people are drawn, and for whom controllers are designed."""
+    """Patient around whom people are drawn, and for whom controllers are designed."""
 
     def __post_init__(self) -> None:
         if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:
@@ -77,7 +77,7 @@ class Campaign:
             raise ValueError(f"a controller is named twice in {', '.join(self.controllers)}; leave one out")
 
     def pairs(self) -> dict[str, int]:
-        """Controller -> people, each of whom makes a loop with a guard and one without."""
+        """Number of people for each controller; each person makes a loop with a guard and one without."""
         if self.person is not None:
             return dict.fromkeys(self.controllers, 1)
         shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in self.controllers}
@@ -88,7 +88,7 @@ class Campaign:
 
 
 def horizon_min(controller: str) -> float:
-    """How long its loops are."""
+    """Length of a controller's loops."""
     return SLOW_HORIZON_MIN if controller_entry(controller).slow else HORIZON_MIN
 
 
@@ -106,20 +106,20 @@ def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Contro
 
 @dataclass(frozen=True)
 class Met:
-    """Who somebody is, and what he meets under a controller."""
+    """A person, with the meals and faults under a controller."""
 
     population: str
     basal_insulin_mU_min: float
     meals: tuple[tuple[float, float], ...]
-    """Minute and carbohydrate in g."""
+    """Minute and carbohydrate in g of each meal."""
     noise_variance: float
     noise_bound_mg_dl: float
     faults: tuple[str, ...]
-    """As `glucoloop run --fault` takes them."""
+    """Faults in the form of `glucoloop run --fault`."""
 
 
 def met(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.name) -> Met:
-    """What somebody meets under a controller."""
+    """A person of a campaign, with the meals and faults under a controller."""
     horizon = horizon_min(controller)
     faults = random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
     drawn = draw_random_meals(seed, [person], horizon)
@@ -148,8 +148,8 @@ def run_campaign(campaign: Campaign, progress: Progress | None = None) -> Campai
     ----------
     campaign : Campaign
     progress : callable, optional
-        Told of each number of loops that were closed. If it raises KeyboardInterrupt, the campaign ends early and what
-        is done is handed back, marked as interrupted.
+        Called with each number of finished loops. If it raises KeyboardInterrupt, the campaign ends early and returns
+        the results so far, marked as interrupted.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""The caps of a guard, counted again from what the guard is told and what it asks for.
+"""Caps of a guard, computed independently from its inputs and outputs.
 
-It shares no code with the guard: insulin on board and in an hour are summed up here once more. The caps bind as long as
-the pump never says that it gave more than it was asked for. If it does, they bind again once the pump is back at the
+It shares no code with the guard: insulin on board and in an hour are summed up here a second time. The caps bind as
+long as the pump never reports more than it was asked for. If it does, they bind again once the pump is back at the
 basal rate and both sums are within their caps; see `control.guard_doses` for why they then hold at every sample.
 """
 
@@ -23,11 +23,11 @@ _ROUNDING: Final = 1e-9
 
 @pytree
 class Counted:
-    """What was given, and whether the caps bind."""
+    """Insulin counted so far, and whether the caps bind."""
 
     basal_mU_min: jax.Array
     on_board: jax.Array
-    """In basal rates beyond the basal rate; never below 0."""
+    """Insulin on board beyond the basal rate, in basal rates; never below 0."""
     hour_mU_min: jax.Array
     """(samples, ...) rates of the last hour but one sample, each at least the basal rate."""
     asked_mU_min: jax.Array
@@ -62,13 +62,13 @@ class Caps:
         ----------
         counted : Counted
         told_mU_min : (...) array
-            What the pump says it gave; where it says no possible rate, it is taken to have done as it was asked.
+            Rate that the pump reports; an impossible one is replaced by the rate that was asked for.
         asked_mU_min : (...) array
 
         Returns
         -------
         Counted, (...) array
-            What was given by now, and whether both caps hold or do not bind.
+            Insulin counted so far, and whether both caps hold or do not bind.
         """
         basal, settings = counted.basal_mU_min, self.settings
         possible = (told_mU_min >= 0.0) & (told_mU_min <= 2.0 * self.limits.max_mU_min)

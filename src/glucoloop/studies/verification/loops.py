@@ -1,4 +1,4 @@
-"""The loops of a campaign under one controller: random people, meals, noise and faults, and every promise checked."""
+"""Loops of a campaign under one controller: random people, meals, noise and faults, with every promise checked."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from glucoloop.studies.verification.watched import WatchedController, WatchedPum
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
 Progress = Callable[[int], None]
-"""Told of each number of loops that were closed."""
+"""Callback with each number of finished loops."""
 
 _CHUNK: Final = 4
-"""Blocks between two looks at whether to go on."""
+"""Number of blocks between two checks for an interrupt."""
 
 
 @dataclass(frozen=True)
 class Closed:
-    """What became of people under one controller."""
+    """Results of people under one controller."""
 
     broken: Array
-    """(promises, n) samples."""
+    """(promises, n) number of samples at which each was broken."""
     first_min: Array
-    """(promises, n)"""
+    """(promises, n) time at which each was first broken."""
     below_60_pct: Array
-    """(n,)"""
+    """(n,) percentage of the time below 60 mg/dl."""
     bits: npt.NDArray[np.uint64]
-    """(n,) of all that was seen: equal for equal bits."""
+    """(n,) hash of all observations: equal for equal bits."""
 
 
 class Loops:
@@ -85,16 +85,16 @@ class Loops:
 
     @property
     def engine(self) -> str:
-        """That carries them out."""
+        """Engine of the loops."""
         return self._loop.engine
 
     @property
     def samples(self) -> int:
-        """Of each."""
+        """Number of samples of each loop."""
         return self._grid.samples
 
     def close(self, person: Numbers, progress: Progress | None = None) -> Closed:
-        """Close the loops of some people."""
+        """Simulate the loops of people."""
         parts: list[Closed] = []
         size = block_size(self.engine)
         for start in range(0, person.size, _CHUNK * size):
@@ -127,7 +127,7 @@ class Loops:
 
 
 def bits_of(arrays: Sequence[Array]) -> npt.NDArray[np.uint64]:
-    """A number for each person, which a single other bit changes: odd factors lose none of them."""
+    """Hash of each person's values, which changes with any single bit: odd factors lose none of them."""
     rows = np.concatenate([np.asarray(a, np.float64).reshape(-1, a.shape[-1]) for a in arrays])
     words = np.ascontiguousarray(rows).view(np.uint64)
     factors = 2 * np.arange(rows.shape[0], dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)

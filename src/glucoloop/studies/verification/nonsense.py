@@ -1,9 +1,9 @@
-"""Nonsense in masses: guarded controllers that are told anything and whose memory is lost, with no patient at all.
+"""Nonsense test: guarded controllers with arbitrary inputs and corrupted memory, without a patient.
 
-In each loop readings wander or are anything; now and then the setpoint, the meal, the rate that the pump says it gave
-and the rate that the controller inside asks for are anything too. In every other loop single words of the memory are
-overwritten as well, those of the guard and those of the controller inside. What happens in a loop is a function of the
-seed and its number alone.
+In each loop readings wander or are arbitrary; at times the setpoint, the meal, the rate that the pump reports and the
+rate that the inner controller asks for are arbitrary too. In every other loop single words of the memory are
+overwritten as well, those of the guard and those of the inner controller. A loop is a function of the seed and its
+number alone.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from glucoloop.threefry import checked_counter, uniforms
 
 Array = npt.NDArray[Any]
 Progress = Callable[[int], None]
-"""Told of each number of loops that were closed."""
+"""Callback with each number of finished loops."""
 
 SAMPLES: Final = 96
-"""Of a loop."""
+"""Number of samples of a loop."""
 MOST_SAMPLES: Final = 100_000_000_000
 QUICK: Final = tuple(name for name, entry in CONTROLLERS.items() if not entry.slow)
 PROMISES: Final = (COMMAND, RATE, STATUS, CONTROLLER, CAPS)
 _TOLD: Final = 10
-"""Broken loops that are kept of each promise and controller."""
+"""Number of broken loops that are listed for each promise and controller."""
 _ROUNDING_MU_MIN: Final = 1e-9
 _NONSENSE: Final = np.array(
     [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-3, 0.5, 1.0, 1e5, -1e5, 1e18, 1e300, -1e300, 1.7e308]
@@ -53,7 +53,7 @@ _READINGS: Final = np.array([np.nan, np.inf, -np.inf, 0.0, 19.9, 20.0, 31.0, 64.
 
 @dataclass(frozen=True)
 class Nonsense:
-    """What is tried.
+    """Definition of a nonsense test.
 
     Raises
     ------
@@ -62,11 +62,11 @@ class Nonsense:
     """
 
     samples: int = 100_000_000
-    """At least so many, of all controllers together."""
+    """Smallest number of samples, of all controllers together."""
     seed: int = 1
     controllers: tuple[str, ...] = QUICK
     loop: int | None = None
-    """This loop alone; None: as many as it takes."""
+    """Number of a single loop, or None for as many loops as necessary."""
 
     def __post_init__(self) -> None:
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or not 1 <= self.samples <= MOST_SAMPLES:
@@ -82,7 +82,7 @@ class Nonsense:
 
     @property
     def loops(self) -> int:
-        """Of each controller."""
+        """Number of loops of each controller."""
         return 1 if self.loop is not None else math.ceil(self.samples / (SAMPLES * len(self.controllers)))
 
 
@@ -93,14 +93,14 @@ class NonsenseArm:
     controller: str
     loops: int
     broken: Mapping[str, int]
-    """Promise -> loops in which it was broken."""
+    """Number of loops in which each promise was broken."""
     told: Mapping[str, tuple[int, ...]]
-    """Promise -> numbers of the first few of them."""
+    """Numbers of the first loops that broke each promise."""
 
 
 @dataclass(frozen=True)
 class NonsenseResult:
-    """What became of it, by controller."""
+    """Results by controller."""
 
     seed: int
     arms: tuple[NonsenseArm, ...]
@@ -108,12 +108,12 @@ class NonsenseResult:
 
     @property
     def samples(self) -> int:
-        """Checked."""
+        """Number of checked samples."""
         return SAMPLES * sum(arm.loops for arm in self.arms)
 
     @property
     def violations(self) -> dict[str, int]:
-        """Promise -> loops in which it was broken, of all controllers."""
+        """Number of loops in which each promise was broken, over all controllers."""
         return {promise: sum(arm.broken[promise] for arm in self.arms) for promise in PROMISES}
 
     @property
@@ -124,7 +124,7 @@ class NonsenseResult:
 
 @pytree
 class _Wilful:
-    """A controller that asks for a rate of its own now and then."""
+    """A controller that asks for an arbitrary rate at times."""
 
     inner: Controller
     asks: jax.Array
@@ -153,9 +153,9 @@ class _Carry:
     counted: Counted
     asked_mU_min: jax.Array
     whole: jax.Array
-    """1 while no word of the memory was overwritten."""
+    """Indicator, 1 while no word of the memory was overwritten."""
     broken: jax.Array
-    """(promises,) samples at which each was broken."""
+    """(promises,) number of samples at which each was broken."""
 
 
 class _Loops:
@@ -183,7 +183,7 @@ class _Loops:
         self._begin_all = jax.jit(jax.vmap(self._begin, in_axes=-1, out_axes=-1))
 
     def broken(self, loop: npt.NDArray[np.int64], progress: Progress | None) -> Array:
-        """(promises, n) samples at which each promise was broken."""
+        """(promises, n) number of samples at which each promise was broken."""
         parts: list[Array] = []
         size = block_size("native")
         for start in range(0, loop.size, 4 * size):
@@ -249,7 +249,7 @@ class _Loops:
         return _Carry(guard=state, counted=counted, asked_mU_min=asked, whole=whole, broken=broken), asked
 
     def _told(self, loop: npt.NDArray[np.int64]) -> dict[str, Array]:
-        """What each loop is told at each sample, ``(SAMPLES, n)`` each."""
+        """Inputs of each loop at each sample, ``(SAMPLES, n)`` each."""
 
         def drawn(name: str) -> Array:
             return np.stack([uniforms(self._seed, name, loop, k) for k in range(SAMPLES)])
@@ -282,7 +282,7 @@ class _Loops:
 
 
 def _overwritten(state: Any, word: jax.Array, value: jax.Array) -> Any:
-    """A state with one of its words replaced; with none of them for a number below 0."""
+    """A state with one of its words replaced; unchanged for a word below 0."""
     leaves, structure = jax.tree.flatten(state)
     first, new = 0, []
     for leaf in map(jnp.asarray, leaves):
@@ -293,14 +293,14 @@ def _overwritten(state: Any, word: jax.Array, value: jax.Array) -> Any:
 
 
 def run_nonsense(nonsense: Nonsense, progress: Progress | None = None) -> NonsenseResult:
-    """Carry it out.
+    """Run a nonsense test.
 
     Parameters
     ----------
     nonsense : Nonsense
     progress : callable, optional
-        Told of each number of loops that were closed. If it raises KeyboardInterrupt, the run ends early, and what is
-        done is handed back, marked as interrupted.
+        Called with each number of finished loops. If it raises KeyboardInterrupt, the run ends early and returns the
+        results so far, marked as interrupted.
     """
     loop = np.arange(nonsense.loops) if nonsense.loop is None else np.array([nonsense.loop])
     arms: list[NonsenseArm] = []

@@ -1,4 +1,4 @@
-"""Who is in a campaign, and what they eat: each a function of a seed and his number alone."""
+"""People of a campaign and their meals, each a function of the seed and the person's number alone."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ Array = npt.NDArray[Any]
 
 
 def _populations(patient: str) -> list[Population]:
-    """Of which people are, by turns; the nominal one where the patient has no other."""
+    """Populations from which people are drawn in turn; the nominal one where the patient has no other."""
     nominal, *others = populations_of(patient).values()
     return others or [nominal]
 
 
 def population_of(person: int, patient: str = USUAL_PATIENT.name) -> Population:
-    """Of which population somebody is."""
+    """Population from which a person is drawn."""
     populations = _populations(patient)
     return populations[person % len(populations)]
 
 
 def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.name) -> VirtualPeople:
-    """People of a patient's populations by turns, by their numbers; what was drawn is that of the last population."""
+    """People drawn from a patient's populations in turn, by their numbers; drawn values are those of the last one."""
     number = np.asarray(person, np.int64)
     each = [virtual_people(population, seed, number) for population in _populations(patient)]
     turn = number % len(each)
@@ -76,7 +76,7 @@ def able_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> np
 
 
 def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:
-    """Up to four meals ``(4, n)`` of 5 to 120 g at any time, eaten at once; one of 0 g is none."""
+    """Meals, at most four ``(4, n)`` of 5 to 120 g at any time, eaten at once; a meal of 0 g counts as none."""
     many = np.floor((MOST_MEALS + 1) * uniforms(seed, "meals", person))
     which = np.arange(MOST_MEALS)
     t_min = np.stack([horizon_min * uniforms(seed, "when", person, int(i)) for i in which])

@@ -1,7 +1,8 @@
-"""Faults by chance for many people: up to three at once of every kind, absurd ones among them.
+"""Random faults for many people: up to three at once of every kind, absurd ones among them.
 
-All are around one sensor and one pump, and each person has numbers of his own, by which only his own faults ever begin:
-so a loop is compiled once for all of them. What a person meets is a function of a seed and his number alone.
+All faults wrap one sensor and one pump, and each person has individual numbers, by which only the person's own faults
+ever begin: so a loop is compiled once for all people. The faults of a person are a function of the seed and the
+person's number alone.
 """
 
 from __future__ import annotations
@@ -34,38 +35,38 @@ DELAYS_SAMPLES: Final = (1, 12)
 AMONG: Final = (2, 8)
 
 _TO_THE_END: Final = 0.15
-"""Part of the planned faults that are never over."""
+"""Share of the planned faults that last to the end."""
 _BY_CHANCE: Final = 0.3
 _NONSENSE: Final = (math.nan, math.inf, -math.inf, 0.0, 2000.0, 1e300, -1e300, -40.0, 600.0, 20.0)
 _NO_STEP: Final = 2.0**-1000
-"""A resolution by which no dose is changed: to divide by a power of two is exact."""
+"""Resolution that changes no dose, since division by a power of two is exact."""
 
 SENSOR_KINDS: Final = (
     *("missing", "late", "repeated", "out-of-order", "spikes", "stuck"),
     *("drift", "calibration", "compression", "saturation", "nonsense"),
 )
 PUMP_KINDS: Final = ("resolution", "battery", "missed-pulses", "occlusion", "occlusion, noticed")
-"""From the inside out: what is around a pump without power does not start anew with it."""
+"""Kinds of pump faults from the inside out, so that faults inside a pump without power do not restart with it."""
 KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
 
 
 @dataclass(frozen=True)
 class Order:
-    """What all people of a campaign's controller share: the order of the faults, and the length of what is kept."""
+    """Common part of the faults of a controller's people: their order, and the length of buffers."""
 
     sensor: tuple[str, ...]
-    """From the inside out."""
+    """Kinds of sensor faults from the inside out."""
     delay_samples: int
     among: int
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of both parts, in the order in which they are put around."""
+        """Kinds of sensor and pump faults, in the order in which they wrap each other."""
         return (*self.sensor, *PUMP_KINDS)
 
 
 def random_order(seed: int, number: int) -> Order:
-    """The order with a number."""
+    """Order of faults with the given number."""
     score = [float(uniforms(seed, f"order of {kind}", [number])[0]) for kind in SENSOR_KINDS]
 
     def whole(name: str, least: int, most: int) -> int:
@@ -80,23 +81,23 @@ def random_order(seed: int, number: int) -> Order:
 
 @dataclass(frozen=True)
 class RandomFaults:
-    """Which faults people meet, and how large they are; ``(n,)`` each."""
+    """Faults of people and their sizes; ``(n,)`` each."""
 
     order: Order
     there: Mapping[str, npt.NDArray[np.bool_]]
-    """Kind -> who has it."""
+    """Whether each person has a fault, by kind."""
     settings: Mapping[str, Mapping[str, Floats]]
-    """Kind -> setting -> value, in the unit of the setting."""
+    """Values of the settings of each kind, in the unit of the setting."""
     earliest: Mapping[str, Floats]
-    """Kind -> sample; infinite: never, or by chance."""
+    """First sample of each kind; infinite for a fault that never begins or begins at random."""
     length: Mapping[str, Floats]
-    """Kind -> samples."""
+    """Number of samples of each kind."""
     probability: Mapping[str, Floats]
     noise_variance: Floats
     noise_bound_mg_dl: Floats
 
     def sensor(self, *, person: int | None = None) -> Sensor:
-        """Sensors of all, or of one."""
+        """Sensors of all people, or of one."""
         sensor: Sensor = WhiteNoise(
             inner=IdealSensor(),
             variance=_of(self.noise_variance, person),
@@ -108,7 +109,7 @@ class RandomFaults:
         return sensor
 
     def pump(self, limits: DoseLimits, *, person: int | None = None) -> Pump:
-        """Pumps of all, or of one."""
+        """Pumps of all people, or of one."""
         coarse = {name: _of(values, person) for name, values in self.settings["resolution"].items()}
         is_coarse = _of(self.there["resolution"], person)
         pump: Pump = Resolution(
@@ -129,7 +130,7 @@ class RandomFaults:
         return pump
 
     def texts(self, person: int) -> list[str]:
-        """Faults of one person as `glucoloop run --fault` takes them, in the order in which they are put around."""
+        """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
         return [self._text(kind, person) for kind in self.order.kinds if self.there[kind][person]]
 
     def _episodes(self, kind: str, person: int | None) -> Episodes:
@@ -205,7 +206,7 @@ def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) 
 
 
 def _settings(kind: str, drawn: Callable[..., Floats]) -> dict[str, Floats]:
-    """What sets one fault of a kind apart from another."""
+    """Settings of a fault that are drawn for each person."""
 
     def even(low: float, high: float, index: int = 0) -> Floats:
         return low + (high - low) * drawn(f"size {kind}", index)
@@ -234,7 +235,7 @@ def _settings(kind: str, drawn: Callable[..., Floats]) -> dict[str, Floats]:
 
 
 def _key(kind: str) -> int:
-    """Sets the chance of each kind apart."""
+    """Number that makes the random draws of each kind differ."""
     return KINDS.index(kind) + 1
 
 

@@ -1,4 +1,4 @@
-"""What a campaign found."""
+"""Results of a campaign."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class Broken:
     promise: str
     person: int
     samples: int
-    """At which it was broken."""
+    """Number of samples at which the promise was broken."""
     first_min: float
     faults: tuple[str, ...]
-    """As `glucoloop run --fault` takes them."""
+    """Faults in the form of `glucoloop run --fault`."""
 
 
 @dataclass(frozen=True)
@@ -34,65 +34,65 @@ class Arm:
     loops: int
     samples: int
     broken: Mapping[str, int]
-    """Promise -> loops."""
+    """Number of loops that broke each promise."""
     repeated: int
-    """Loops closed a second time."""
+    """Number of loops that were repeated."""
     not_repeated: tuple[int, ...]
-    """People whose loop then had other bits."""
+    """People whose repeated loop had other bits."""
     told: tuple[Broken, ...]
     """The first few broken loops of each promise."""
 
 
 @dataclass(frozen=True)
 class Guarding:
-    """Time below 60 mg/dl of the same people with a guard and without. A figure and no promise."""
+    """Time below 60 mg/dl of the same people with a guard and without; a result, not a promise."""
 
     MARGIN_PCT: ClassVar[float] = 1.0
-    """Of the time; less is no difference."""
+    """Smallest difference that counts, in percent of the time."""
 
     controller: str
     pairs: int
     bare_pct: float
-    """Mean of all."""
+    """Mean time without a guard over all people, in percent."""
     guarded_pct: float
     better: int
-    """People with less than without, by more than the margin."""
+    """Number of people whose time was shorter with the guard, by more than the margin."""
     worse: int
     worst_pct: float
-    """Largest difference; above 0: with a guard it was longer."""
+    """Largest difference; above 0 if the time was longer with the guard."""
     worst_person: int
 
 
 @dataclass(frozen=True)
 class CampaignResult:
-    """What a campaign found, by controller."""
+    """Results of a campaign by controller."""
 
     patient: str
-    """Around whom people were drawn."""
+    """Patient around whom people were drawn."""
     seed: int
     arms: tuple[Arm, ...]
     guarding: tuple[Guarding, ...]
     interrupted: bool = False
-    """Whether it ended early; then only what was finished of controllers is here."""
+    """Whether the campaign ended early; it then holds only finished controllers."""
 
     @property
     def loops(self) -> int:
-        """Closed and checked, without those closed again."""
+        """Number of loops that were simulated and checked, without repeated ones."""
         return sum(arm.loops for arm in self.arms)
 
     @property
     def samples(self) -> int:
-        """Checked."""
+        """Number of checked samples."""
         return sum(arm.samples for arm in self.arms)
 
     @property
     def repeated(self) -> int:
-        """Loops closed a second time."""
+        """Number of loops that were repeated."""
         return sum(arm.repeated for arm in self.arms)
 
     @property
     def violations(self) -> dict[str, int]:
-        """Promise -> loops in which it was broken, of all arms."""
+        """Number of loops in which each promise was broken, over all arms."""
         counts = {promise: sum(arm.broken[promise] for arm in self.arms) for promise in PROMISES}
         return {**counts, SAME_BITS: sum(len(arm.not_repeated) for arm in self.arms)}
 
