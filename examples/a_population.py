@@ -13,6 +13,6 @@ print(f"{people.able.sum()} people; undershoot: median {np.median(undershoot):.1
 
 worst = int(undershoot.argmax())
 basal = people.basal_insulin_mU_min[worst]
-print(f"Person {people.draw.person[worst]} falls lowest; his basal rate is {basal:.1f} mU/min.")
+print(f"Person {people.draw.person[worst]} has the lowest glucose; the basal rate is {basal:.1f} mU/min.")
 for parameter, values in people.draw.values.items():
     print(f"    {parameter:18} {values[worst]:8.3f}")

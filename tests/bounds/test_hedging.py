@@ -1,4 +1,4 @@
-"""What noise lets one know, and the doses for two worlds."""
+"""Two-scenario bound under sensor noise: the doses for two worlds."""
 
 from itertools import islice
 

@@ -64,7 +64,7 @@ def test_noise_adds_what_it_lets_one_know(glucoloop, monkeypatch, tmp_path):
 def test_noise_on_several_meals_is_told_to_be_left_out(glucoloop):
     meals = ("--meal", "50g@50", "--meal", "5g@1h", "--known-after", 100)
     answer = glucoloop("bound", "--noise", 1.45, *meals, *SHORT)
-    assert "What noise lets one know is left out here" in answer.out
+    assert "The bound under sensor noise is left out here" in answer.out
 
 
 @pytest.mark.parametrize(

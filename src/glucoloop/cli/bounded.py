@@ -80,7 +80,7 @@ class Bounded:
             )
         elif self.config.noise_variance > 0.0:
             yield (
-                "What noise lets one know is left out here: it is worked out for one meal, at rest at the setpoint, "
+                "The bound under sensor noise is left out here: it is computed for one meal, at rest at the setpoint, "
                 "and the objective deviation."
             )
 
