@@ -48,6 +48,7 @@ def _tallied(fold, trace):
         reading=Reading(glucose_mg_dl=trace.reading_mg_dl, valid=trace.reading_valid),
         decision=Decision(insulin_mU_min=trace.command_mU_min, status=trace.status),
         delivery=Delivery(insulin_mU_min=trace.insulin_mU_min, reported_mU_min=trace.reported_mU_min),
+        infused_mU_min=trace.insulin_mU_min + (0.0 if trace.bolus_mU is None else trace.bolus_mU / 5.0),
         lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, trace.glucose_mg_dl.shape),
         inside_mg_dl=fine[1:].reshape(trace.t_min.shape[0], len(INSIDE), *fine.shape[1:]),
     )
@@ -89,6 +90,17 @@ def made(make_trace, rng, **fields):
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_happened(make_trace, seed):
     assert_same(made(make_trace, np.random.default_rng(seed)))
+
+
+def test_boluses_count_in_the_total_and_are_no_change_of_the_rate(make_trace):
+    rng = np.random.default_rng(3)
+    bolus = np.where(rng.uniform(size=(SAMPLES, PEOPLE)) > 0.8, 1000.0, 0.0)
+    without = made(make_trace, np.random.default_rng(3))
+    found = assert_same(dataclasses.replace(without, bolus_mU=jnp.asarray(bolus)))
+    before = folded(without)
+    np.testing.assert_allclose(found.insulin_total_mU - before.insulin_total_mU, bolus.sum(axis=0), rtol=1e-9)
+    for name in ("insulin_total_variation_mU_min", "largest_change_mU_min", "rate_satisfied", "magnitude_satisfied"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(before, name))
 
 
 def test_bounds_of_ones_own(make_trace):
@@ -146,9 +158,8 @@ def real(patient_81, identified_81):
     scenario = Scenario([Meal(60.0, 3.0), Meal(80.0, 50.0)], 5.0 * SAMPLES)
     trace = simulate(patient_81, controller, white_noise(), scenario=scenario, key=1)
     of_all = {"t_min", "fine_t_min", "carbs_g"}
-    return dataclasses.replace(
-        trace, **{name: jnp.stack([a] * PEOPLE, -1) for name, a in vars(trace).items() if name not in of_all}
-    )
+    own = {name: a for name, a in vars(trace).items() if name not in of_all}
+    return dataclasses.replace(trace, **jax.tree.map(lambda a: jnp.stack([a] * PEOPLE, -1), own))
 
 
 def test_a_noisy_run_at_the_limits(real):

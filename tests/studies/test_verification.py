@@ -80,6 +80,7 @@ def happened(**others):
         reading=reading,
         decision=decision,
         delivery=delivery,
+        infused_mU_min=jnp.asarray(told["dose"]),
         inside_mg_dl=told["inside"],
         lowest_valid_mg_dl=jnp.asarray(0.0),
     )

@@ -17,6 +17,7 @@ from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
+from glucoloop.meals.scenario import announced_g
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
 from glucoloop.patients.population import VirtualPeople
@@ -40,7 +41,7 @@ class PeopleRun:
     glucose_mg_dl: Array
     """(samples + 1, people) free of noise, at each sample and at the horizon."""
     insulin_mU_min: Array
-    """(samples, people) delivered from each sample to the next."""
+    """(samples, people) all insulin delivered from each sample to the next, as a rate: a bolus counts evenly."""
     engine: str
     """``"native"`` or ``"xla"``."""
     scenario: Scenario
@@ -105,11 +106,14 @@ def simulate_people(
                 f"draw them with setpoint_mg_dl={asked:g}"
             )
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
+    told_g = announced_g(scenario.meals)
+    told_otherwise = bool(scenario.announced and np.any(told_g != scenario.eaten().carbs_g))
     loop = PeopleLoop(
         Situation(
             patient=people.name,
             setpoint_mg_dl=setpoint,
             announced=scenario.announced,
+            start_min=scenario.start_min,
             meal_model=scenario.meal_model,
         ),
         controller,
@@ -117,6 +121,7 @@ def simulate_people(
         grid,
         fold,
         meals=scenario.eaten(),
+        own_announcements=told_otherwise,
         own=with_basal_of_each(controller),
         around=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump() if pump is None else pump
@@ -128,7 +133,8 @@ def simulate_people(
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        return loop.run(some, keys_of_people(seed, some.draw.person))
+        told = np.repeat(told_g[:, None], place.size, axis=1) if told_otherwise else None
+        return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=told)
 
     runs = in_blocks(run, np.arange(people.able.size), block_size(loop.engine), threads)
     kept = people.able.size

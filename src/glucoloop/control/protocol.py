@@ -23,9 +23,14 @@ class Observation:
     """Whether the sensor stands by its reading."""
     setpoint_mg_dl: jax.Array
     delivered_mU_min: jax.Array
-    """Rate that the pump really delivered since the last sample."""
+    """Basal rate that the pump says it delivered since the last sample."""
     announced_carbs_g: jax.Array
     """Carbohydrate of a meal that begins during the coming sample, if the scenario announces meals; else 0."""
+    delivered_bolus_mU: jax.Array | None = None
+    """Bolus that the pump says it delivered since the last sample, apart from the basal rate; None: the controller
+    gives no boluses. All insulin since then is ``delivered_mU_min * sample_time_min + delivered_bolus_mU``."""
+    time_of_day_min: jax.Array | None = None
+    """Minutes after midnight, from 0 to below 1440; None: the controller is not told."""
     number: jax.Array | None = None
     """Counts the readings, in a loop that runs in real time; None: not told, as in a simulation. See `timing`."""
     read_t_min: jax.Array | None = None
@@ -92,13 +97,25 @@ _STATUS_TEXTS = {
 
 @pytree
 class Decision:
-    """A dose and how it came about."""
+    """A dose, which is a basal rate and perhaps a bolus, and how it came about."""
 
     insulin_mU_min: jax.Array
+    """Basal rate until the next decision."""
     status: jax.Array
     """A `Status`, as an integer."""
     holds_until_min: jax.Array | None = None
     """Time after which a pump goes back to the basal rate by itself; None: until the next decision. See `timing`."""
+    bolus_mU: jax.Array | None = None
+    """Insulin given at once, beside the basal rate; 0 for none at this sample. None: the controller never gives any.
+    A controller that does has ``gives_boluses = True``."""
+
+
+def gives_boluses(controller: object) -> bool:
+    """Whether a controller decides on boluses beside its basal rate.
+
+    It says so by an attribute ``gives_boluses``, which a wrapper passes on. All its decisions then hold a bolus.
+    """
+    return bool(getattr(controller, "gives_boluses", False))
 
 
 class Controller(Protocol):

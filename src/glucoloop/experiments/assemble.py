@@ -154,6 +154,8 @@ class PeopleLoop:
         What is made of the loop as it goes.
     meals : Eaten or None
         Meals of all, ``(meals,)``; None: each person brings meals of their own.
+    own_announcements : bool
+        Whether people bring what is announced to each of them, as where carbohydrate is counted with an error.
     own : callable, optional
         Controllers of people, see `own_controllers`; None: all have the same.
     around : Surroundings, optional
@@ -178,6 +180,7 @@ class PeopleLoop:
         fold: Fold,
         *,
         meals: Eaten | None,
+        own_announcements: bool = False,
         own: Own | None = None,
         around: Surroundings | None = None,
         varied: Surroundings | None = None,
@@ -198,6 +201,8 @@ class PeopleLoop:
             setpoint_mg_dl=situation.target_mg_dl,
             meals=meals,
             announced=situation.announced,
+            own_announcements=own_announcements,
+            start_min=situation.start_min,
             meal_model=situation.gut,
             varied_controller=None if own is None else own(example),
             varied_sensor=None if varied is None else varied.sensor,
@@ -220,6 +225,7 @@ class PeopleLoop:
         controller: Controller | None = None,
         around: Surroundings | None = None,
         meals: Eaten | None = None,
+        announced_g: Array | None = None,
     ) -> People:
         """People made ready for a run of the cohort.
 
@@ -234,6 +240,8 @@ class PeopleLoop:
             Sensors and pumps of people.
         meals : Eaten, optional
             ``(meals, people)``
+        announced_g : array, optional
+            ``(meals, people)`` what is announced of the meals; by default what is eaten.
         """
         number = people.basal_insulin_mU_min.shape[0]
 
@@ -252,6 +260,7 @@ class PeopleLoop:
             sensor=None if around is None else around.sensor,
             pump=None if around is None else around.pump,
             meals=meals,
+            announced_g=announced_g,
         )
 
     def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:

@@ -31,6 +31,8 @@ class Situation:
     """How meals are digested and absorbed, by a name of `meals.MEAL_MODELS` or a model; None: as the patient does."""
     announced: bool = False
     """Whether the controller is told of meals when they begin."""
+    start_min: float | None = None
+    """Time of day at the start, in minutes after midnight, of which the controller is told; None: it is not."""
     noise_variance: float = 0.0
     noise_bound_mg_dl: float = 5.0
     dead_time_samples: int = 0

@@ -35,16 +35,20 @@ class Meal:
         Time at which eating begins.
     eating_min : float
         Duration of eating; 0 for a meal that is eaten at once.
+    announced_g : float, optional
+        What the controller is told of it, where the scenario announces meals; its carbohydrate by default.
 
     Raises
     ------
     ValueError
-        Unless ``0 < carbs_g <= 1000``, ``t_min >= 0`` and finite, and ``eating_min`` is 0 or from 1 to 1440.
+        Unless ``0 < carbs_g <= 1000``, ``t_min >= 0`` and finite, ``eating_min`` is 0 or from 1 to 1440, and
+        ``announced_g`` is from 0 to 1000.
     """
 
     carbs_g: float
     t_min: float
     eating_min: float = 0.0
+    announced_g: float | None = None
 
     def __post_init__(self) -> None:
         if not is_traced(self.carbs_g) and not 0.0 < self.carbs_g <= LARGEST_MEAL_G:  # false for NaN too
@@ -53,6 +57,12 @@ class Meal:
             )
         if not is_traced(self.t_min) and not 0.0 <= self.t_min < math.inf:
             raise ValueError(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
+        told = self.announced_g
+        if told is not None and not is_traced(told) and not 0.0 <= told <= LARGEST_MEAL_G:
+            raise ValueError(
+                f"a meal that is announced as {told:g} g is not possible; "
+                f"give 0 to {LARGEST_MEAL_G:g} g, or leave it out"
+            )
         if is_traced(self.eating_min) or self.eating_min == 0.0:
             return
         if not SHORTEST_EATING_MIN <= self.eating_min <= LONGEST_EATING_MIN:
@@ -82,12 +92,15 @@ class Scenario:
         Model of absorption, or its name; the patient's own meal model by default.
     allow_unusual : bool
         Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
+    start_min : float, optional
+        Time of day at the start, in minutes after midnight, of which the controller is told; by default it is not.
 
     Raises
     ------
     ValueError
         For a horizon that is not positive or longer than a year, a meal that begins after it, a glucose that is not
-        positive, or one that is hardly meant, or a meal model that is unknown or not possible.
+        positive, or one that is hardly meant, a meal model that is unknown or not possible, or a time of day that is
+        none.
     """
 
     meals: tuple[Meal, ...] = (Meal(50.0, 50.0),)
@@ -97,6 +110,7 @@ class Scenario:
     announced: bool = False
     allow_unusual: bool = False
     meal_model: MealModel | None = None
+    start_min: float | None = None
 
     def __init__(
         self,
@@ -108,6 +122,7 @@ class Scenario:
         announced: bool = False,
         allow_unusual: bool = False,
         meal_model: MealModel | str | None = None,
+        start_min: float | None = None,
     ) -> None:
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "horizon_min", horizon_min)
@@ -116,6 +131,7 @@ class Scenario:
         object.__setattr__(self, "announced", announced)
         object.__setattr__(self, "allow_unusual", allow_unusual)
         object.__setattr__(self, "meal_model", _meal_model(meal_model))
+        object.__setattr__(self, "start_min", start_min)
         if is_traced(horizon_min):
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
@@ -125,6 +141,8 @@ class Scenario:
                 f"a horizon of {self.horizon_min:g} min is not possible; "
                 f"give more than 0 and at most {LONGEST_HORIZON_MIN:g} min"
             )
+        if start_min is not None and not is_traced(start_min):
+            check_time_of_day(start_min)
         for meal in self.meals:
             if not is_traced(meal.t_min) and meal.t_min >= self.horizon_min:
                 raise ValueError(
@@ -149,6 +167,26 @@ class Scenario:
     def absorbed_by(self, patient: object) -> Absorption:
         """All meals as a patient absorbs them: by the scenario's meal model, or else by the patient's own."""
         return absorb(meal_model_of(patient, self.meal_model), self.eaten())
+
+
+def check_time_of_day(start_min: float) -> None:
+    """Refuse what is no time of day.
+
+    Raises
+    ------
+    ValueError
+        Unless it is 0 or more and below 1440 min.
+    """
+    if not 0.0 <= start_min < MIN_PER_DAY:
+        raise ValueError(
+            f"a time of day of {start_min:g} min after midnight is not possible; give 0 to below {MIN_PER_DAY:g} min"
+        )
+
+
+def announced_g(meals: Sequence[Meal]) -> Any:
+    """What is announced of meals, ``(meals,)``."""
+    told = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
+    return jnp.asarray(told, float) if is_traced(told) else np.array(told, float)
 
 
 def _meal_model(given: MealModel | str | None) -> MealModel | None:

@@ -49,7 +49,7 @@ class Tally:
     low_risk: jax.Array
     high_risk: jax.Array
     insulin: jax.Array
-    """Sum over the samples."""
+    """Sum over the samples, boluses included; what follows is of the basal rate alone."""
     variation: jax.Array
     largest_change: jax.Array
     previous_mU_min: jax.Array
@@ -115,7 +115,7 @@ class RunningMetrics:
         tally = dataclasses.replace(
             tally,
             sse=tally.sse + error * error,
-            insulin=tally.insulin + insulin,
+            insulin=tally.insulin + happened.infused_mU_min,
             variation=tally.variation + change,
             largest_change=jnp.maximum(tally.largest_change, change),
             previous_mU_min=insulin,

@@ -180,6 +180,7 @@ def summarise(
     settling_2pct = regulation.settling(t_min, glucose, setpoint, band_pct=2.0, from_min=meal_min)
     settling_5pct = regulation.settling(t_min, glucose, setpoint, band_pct=5.0, from_min=meal_min)
     mean = glucose.mean(axis=0)
+    bolus = 0.0 if trace.bolus_mU is None else all_or_nan(trace.bolus_mU).sum(axis=0)
     risk = glycemic.risk_indices(glucose)
     sample_time_min = t_min[-1] / trace.t_min.shape[0]
     in_a_row = jnp.maximum(1.0, jnp.round(LASTING_MIN / sample_time_min))
@@ -222,7 +223,7 @@ def summarise(
         lbgi=risk.lbgi,
         hbgi=risk.hbgi,
         gri=glycemic.glycemia_risk_index(glucose),
-        insulin_total_mU=insulin.sum(axis=0) * sample_time_min,
+        insulin_total_mU=insulin.sum(axis=0) * sample_time_min + bolus,
         insulin_total_variation_mU_min=changes.sum(axis=0),
         largest_change_mU_min=changes.max(axis=0),
         rate_satisfied=rate,

@@ -1,5 +1,6 @@
-"""Insulin pumps: limits of rate and magnitude, delivery resolution, and faults."""
+"""Insulin pumps: limits of the basal rate and of boluses, delivery resolution, and faults."""
 
+from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits, bolus_limits
 from glucoloop.pumps.expiring import Expiring, expiring, rate_in_force
 from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion, unheard
 from glucoloop.pumps.limited import LimitedPump
@@ -9,6 +10,8 @@ from glucoloop.pumps.resolution import Resolution, with_resolution
 
 __all__ = [
     "PARKER_1999_LIMITS",
+    "USUAL_BOLUS_LIMITS",
+    "BolusLimits",
     "Delivery",
     "DoseLimits",
     "Expiring",
@@ -16,6 +19,7 @@ __all__ = [
     "Pump",
     "Resolution",
     "battery_gap",
+    "bolus_limits",
     "dose_limits",
     "expiring",
     "missed_pulses",

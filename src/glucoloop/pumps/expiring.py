@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.pumps.limited import LimitedPump
-from glucoloop.pumps.protocol import Delivery, Pump
+from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 
 def rate_in_force(
@@ -45,7 +45,8 @@ class Expiring:
     """Keeps the last command for some samples and then gives the basal rate; make it with `expiring`.
 
     A command that is not a number is one that was not heard. The pump inside keeps its limits on the way back to the
-    basal rate, and the report tells what it delivers.
+    basal rate, and the report tells what it delivers. A bolus is given only at the sample in which it is heard, and
+    never again while its command holds.
     """
 
     inner: Pump
@@ -61,13 +62,16 @@ class Expiring:
             basal_mU_min=insulin_mU_min,
         )
 
-    def deliver(self, state: _State, command_mU_min: jax.Array, key: jax.Array) -> tuple[_State, Delivery]:
+    def deliver(
+        self, state: _State, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[_State, Delivery]:
         """Deliver the command, the one before while it holds, or the basal rate."""
         heard = jnp.isfinite(command_mU_min)
         unheard = jnp.where(heard, 0.0, state.unheard + 1.0)
         command = jnp.where(heard, command_mU_min, state.command_mU_min)
         rate = rate_in_force(command, jnp.asarray(self.samples), unheard, state.basal_mU_min)
-        inner, delivery = self.inner.deliver(state.inner, rate, key)
+        bolus = None if bolus_mU is None else jnp.where(heard, bolus_mU, 0.0)
+        inner, delivery = deliver(self.inner, state.inner, rate, key, bolus)
         return _State(inner=inner, command_mU_min=command, unheard=unheard, basal_mU_min=state.basal_mU_min), delivery
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any, Protocol
 
 import jax
+import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import ArgumentTypeError
 
 
 @pytree
@@ -14,18 +17,66 @@ class Delivery:
     """What a pump did with a command."""
 
     insulin_mU_min: jax.Array
-    """Rate that reaches the patient until the next command."""
+    """Basal rate that reaches the patient until the next command."""
     reported_mU_min: jax.Array
-    """Rate that the pump says it delivered, which is all that a controller learns; not a number if it says nothing."""
+    """Basal rate that the pump says it delivered, which is all that a controller learns; not a number if it says
+    nothing."""
+    bolus_mU: jax.Array | None = None
+    """Bolus that reaches the patient before the next command, beside the basal rate; None: none was asked for."""
+    reported_bolus_mU: jax.Array | None = None
+    """Bolus that the pump says it delivered; not a number if it says nothing."""
 
 
 class Pump(Protocol):
-    """Turns a commanded rate into a delivered one. The state is any pytree; randomness comes from the key alone."""
+    """Turns a commanded dose into a delivered one. The state is any pytree; randomness comes from the key alone.
+
+    A pump whose `deliver` has no argument ``bolus_mU`` works with every controller that gives no boluses.
+    """
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
         """State of a pump that has long been delivering the given rate."""
         ...
 
-    def deliver(self, state: Any, command_mU_min: jax.Array, key: jax.Array) -> tuple[Any, Delivery]:
-        """What is delivered until the next command, with a key of its own; never raises, whatever the command."""
+    def deliver(
+        self, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[Any, Delivery]:
+        """What is delivered until the next command, with a key of its own; never raises, whatever the command.
+
+        The basal rate and the bolus are apart: limits of the rate do not bind the bolus. None stands for a controller
+        that never gives a bolus; the delivery then has none either.
+        """
         ...
+
+
+def deliver(
+    pump: Pump, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None
+) -> tuple[Any, Delivery]:
+    """Hand a pump a basal rate, and a bolus unless that is None.
+
+    Raises
+    ------
+    ArgumentTypeError
+        For a bolus where the pump can give none.
+    """
+    if bolus_mU is None:
+        return pump.deliver(state, command_mU_min, key)
+    if "bolus_mU" not in inspect.signature(pump.deliver).parameters:
+        raise ArgumentTypeError(
+            f"the pump {type(pump).__name__} cannot give a bolus, and the controller asks for one; "
+            "write deliver(self, state, command_mU_min, key, bolus_mU=None), or take a controller without boluses"
+        )
+    return pump.deliver(state, command_mU_min, key, bolus_mU)
+
+
+def gives_bolus(pump: Pump) -> bool:
+    """Whether a pump, and every pump inside of it, can give a bolus."""
+
+    def first_delivery() -> Any:
+        dose, key = jnp.zeros(()), jax.random.key(0)
+        return deliver(pump, pump.init(dose, key), dose, key, dose)
+
+    try:
+        jax.eval_shape(first_delivery)
+    except ArgumentTypeError:
+        return False
+    return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any, Final
 
@@ -13,7 +14,7 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.pumps.protocol import Delivery, Pump
+from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
 
@@ -32,7 +33,8 @@ class Resolution:
     carried over, so that the mean dose is right to that much unless the upper limit is in the way. The dose stays at or
     below that limit, while a change may exceed the rate limit by less than two steps, or two least rates.
 
-    It reports what it delivers, unless the pump inside reports other than it delivers: that report is passed on.
+    It reports what it delivers, unless the pump inside reports other than it delivers: that report is passed on. A
+    bolus has a step of its own, see `BolusLimits`, and passes as the pump inside delivers it.
     """
 
     inner: Pump
@@ -45,9 +47,11 @@ class Resolution:
         """Nothing is owed at the start."""
         return _Carry(inner=self.inner.init(insulin_mU_min, key), owed_mU_min=jnp.zeros_like(insulin_mU_min))
 
-    def deliver(self, state: _Carry, command_mU_min: jax.Array, key: jax.Array) -> tuple[_Carry, Delivery]:
+    def deliver(
+        self, state: _Carry, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[_Carry, Delivery]:
         """Deliver whole steps."""
-        inner, wanted = self.inner.deliver(state.inner, command_mU_min, key)
+        inner, wanted = deliver(self.inner, state.inner, command_mU_min, key, bolus_mU)
         due = wanted.insulin_mU_min + state.owed_mU_min
         most = jnp.minimum(due, self.limits.max_mU_min)
         whole = jnp.floor(most / self.step_mU_min + _HAIR) * self.step_mU_min
@@ -57,7 +61,8 @@ class Resolution:
         owed = jnp.minimum(due - delivered, jnp.maximum(self.step_mU_min, self.least_mU_min))
         honest = wanted.reported_mU_min == wanted.insulin_mU_min
         reported = jnp.where(honest, delivered, wanted.reported_mU_min)
-        return _Carry(inner=inner, owed_mU_min=owed), Delivery(insulin_mU_min=delivered, reported_mU_min=reported)
+        delivery = dataclasses.replace(wanted, insulin_mU_min=delivered, reported_mU_min=reported)
+        return _Carry(inner=inner, owed_mU_min=owed), delivery
 
 
 @checked

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,8 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
-from glucoloop.control.protocol import Controller, Observation, Status
-from glucoloop.meals.scenario import Scenario
+from glucoloop.control.protocol import Controller, Observation, Status, gives_boluses
+from glucoloop.meals.scenario import Scenario, announced_g
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.pumps import LimitedPump, Pump
@@ -23,6 +24,7 @@ from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     import polars as pl
@@ -62,6 +64,14 @@ class Trace:
     basal_insulin_mU_min: jax.Array
     lowest_valid_mg_dl: jax.Array | float = 0.0
     """Lower glucose means only that it is very low: the patient's model is not valid there."""
+    command_bolus_mU: jax.Array | None = None
+    """(samples, ...) bolus that the controller asked for; None, like the next two, where it gives no boluses."""
+    bolus_mU: jax.Array | None = None
+    """(samples, ...) bolus that the pump delivered from this sample to the next, beside the basal rate."""
+    reported_bolus_mU: jax.Array | None = None
+    """(samples, ...) bolus that the pump said it delivered."""
+    announced_carbs_g: jax.Array | None = None
+    """(samples,) what the controller was told of the meals; None where meals were not announced."""
 
     def to_polars(self) -> pl.DataFrame:
         """One row per sample, as a data frame of Polars.
@@ -69,7 +79,9 @@ class Trace:
         Columns: ``t_min``; ``glucose_mg_dl``, free of noise; ``reading_mg_dl``, null where there was none;
         ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller asked for,
         null where that was no number; ``reported_mU_min``, what the pump said it delivered, null where it said nothing;
-        ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample.
+        ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample. Where meals
+        are announced, ``announced_carbs_g`` tells what the controller was told; where it gives boluses, ``bolus_mU``,
+        ``command_bolus_mU`` and ``reported_bolus_mU`` tell of them what the rates tell of the basal rate.
 
         Raises
         ------
@@ -84,6 +96,7 @@ class Trace:
                 "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
             )
         reading = np.where(np.asarray(self.reading_valid), np.asarray(self.reading_mg_dl), np.nan)
+        others = ("announced_carbs_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
         return pl.DataFrame(
             {
                 "t_min": np.asarray(self.t_min),
@@ -94,6 +107,11 @@ class Trace:
                 "reported_mU_min": pl.Series(np.asarray(self.reported_mU_min)).fill_nan(None),
                 "status": [Status(code).name.lower().replace("_", " ") for code in np.asarray(self.status).tolist()],
                 "carbs_g": np.asarray(self.carbs_g),
+                **{
+                    name: pl.Series(np.asarray(getattr(self, name))).fill_nan(None)
+                    for name in others
+                    if getattr(self, name) is not None
+                },
             }
         )
 
@@ -115,41 +133,48 @@ class _OnGrid:
     fine_t_min: Values
     carbs_g: Values
     announced_g: Values
+    time_of_day_min: Values | None
+    """None: the controller is not told."""
 
 
 def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
     meals = scenario.eaten()
-    t_min, sizes_g = meals.t_min, meals.carbs_g
-    carbs_g: Values
-    if is_traced(t_min, sizes_g):
-        carbs_g = jnp.zeros(grid.samples).at[jnp.floor(t_min / grid.sample_time_min).astype(int)].add(sizes_g)
-    else:
+    t_min = meals.t_min
+
+    def at_samples(sizes_g: Any) -> Values:
+        if is_traced(t_min, sizes_g):
+            return jnp.zeros(grid.samples).at[jnp.floor(t_min / grid.sample_time_min).astype(int)].add(sizes_g)
         sample = np.asarray(t_min / grid.sample_time_min, int)
-        carbs_g = np.bincount(sample, np.asarray(sizes_g), grid.samples).astype(float)
+        return np.bincount(sample, np.asarray(sizes_g), grid.samples).astype(float)
+
+    carbs_g, start = at_samples(meals.carbs_g), scenario.start_min
     return _OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
         carbs_g=carbs_g,
-        announced_g=carbs_g if scenario.announced else 0.0 * carbs_g,
+        announced_g=at_samples(announced_g(scenario.meals)) if scenario.announced else 0.0 * carbs_g,
+        time_of_day_min=None if start is None else (start + grid.t_min) % MIN_PER_DAY,
     )
 
 
 @functools.partial(jax.jit, static_argnums=1)
-def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, eaten: _OnGrid, key: jax.Array) -> Trace:
+def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: _OnGrid, key: jax.Array) -> Trace:
     """The loop proper: one scan over samples."""
     loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
-    state, reading_key = begin(loop, start.x, start.insulin_mU_min, eaten.announced_g[0], key)
+    told, times = on_grid.announced_g, on_grid.time_of_day_min
+    first_time = None if times is None else times[0]
+    state, reading_key = begin(loop, start.x, start.insulin_mU_min, told[0], key, first_time)
 
     def one(state: LoopState, entry: Any) -> tuple[LoopState, Sampled]:
-        index, outside, announced_g = entry
-        return sample(loop, state, outside, announced_g, reading_key, index)
+        index, outside, announced_g, time_of_day_min = entry
+        return sample(loop, state, outside, announced_g, reading_key, index, time_of_day_min)
 
-    index = jnp.arange(eaten.carbs_g.shape[0])
-    last, happened = jax.lax.scan(one, state, (index, exogenous, eaten.announced_g))
+    index = jnp.arange(on_grid.carbs_g.shape[0])
+    last, happened = jax.lax.scan(one, state, (index, exogenous, told, times))
     glucose = patient.glucose_mg_dl(start.x)
     return Trace(
-        t_min=jnp.asarray(eaten.t_min),
+        t_min=jnp.asarray(on_grid.t_min),
         glucose_mg_dl=happened.glucose_mg_dl,
         reading_mg_dl=happened.reading.glucose_mg_dl,
         reading_valid=happened.reading.valid,
@@ -157,13 +182,16 @@ def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, eaten: 
         insulin_mU_min=happened.delivery.insulin_mU_min,
         reported_mU_min=happened.delivery.reported_mU_min,
         status=happened.decision.status,
-        carbs_g=jnp.asarray(eaten.carbs_g),
+        carbs_g=jnp.asarray(on_grid.carbs_g),
         states=jnp.concatenate([happened.x, last.x[None]]),
-        fine_t_min=jnp.asarray(eaten.fine_t_min),
+        fine_t_min=jnp.asarray(on_grid.fine_t_min),
         fine_glucose_mg_dl=jnp.concatenate([glucose[None], happened.inside_mg_dl.reshape(-1, *glucose.shape)]),
         setpoint_mg_dl=start.setpoint_mg_dl,
         basal_insulin_mU_min=start.insulin_mU_min,
         lowest_valid_mg_dl=jnp.broadcast_to(lowest_valid_glucose_mg_dl(patient), glucose.shape),
+        command_bolus_mU=happened.decision.bolus_mU,
+        bolus_mU=happened.delivery.bolus_mU,
+        reported_bolus_mU=happened.delivery.reported_bolus_mU,
     )
 
 
@@ -254,20 +282,26 @@ def simulate(
     loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
     numbers, fixed = apart(loop)
     try:
-        trace: Trace = _run(numbers, fixed, start, exogenous, _on_grid(scenario, grid), key)
+        on_grid = _on_grid(scenario, grid)
+        trace: Trace = _run(numbers, fixed, start, exogenous, on_grid, key)
     except (AttributeError, TypeError, ValueError):
-        wrong = wrong_with(controller, _first_observation(start))
+        wrong = wrong_with(controller, _first_observation(start, controller, scenario))
         if wrong is None:
             raise
         raise ArgumentTypeError(wrong) from None
+    if scenario.announced:
+        trace = dataclasses.replace(trace, announced_carbs_g=jnp.asarray(on_grid.announced_g))
     return trace
 
 
-def _first_observation(start: Start) -> Observation:
+def _first_observation(start: Start, controller: Controller, scenario: Scenario) -> Observation:
+    zero = jnp.zeros(())
     return Observation(
         glucose_mg_dl=start.setpoint_mg_dl,
         valid=jnp.ones((), bool),
         setpoint_mg_dl=start.setpoint_mg_dl,
         delivered_mU_min=start.insulin_mU_min,
-        announced_carbs_g=jnp.zeros(()),
+        announced_carbs_g=zero,
+        delivered_bolus_mU=zero if gives_boluses(controller) else None,
+        time_of_day_min=None if scenario.start_min is None else jnp.asarray(scenario.start_min, float),
     )

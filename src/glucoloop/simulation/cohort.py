@@ -29,6 +29,7 @@ from glucoloop.simulation.exponential import meal_moments
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
 
@@ -65,6 +66,9 @@ class People:
     pump: Pump | None = None
     meals: Eaten | None = None
     """(meals, people) meals of their own; None: the cohort's."""
+    announced_g: Array | None = None
+    """(meals, people) what each controller is told of the meals, in a cohort that was made for announcements of
+    people's own; None: what is eaten."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ class CohortRun:
     glucose_mg_dl: Array
     """(samples + 1, people) free of noise, at each sample and at the horizon, in the engine's precision."""
     insulin_mU_min: Array
-    """(samples, people) delivered from each sample to the next."""
+    """(samples, people) all insulin delivered from each sample to the next, as a rate: a bolus counts evenly."""
     reading_mg_dl: Array | None = None
     """(samples, people) what the sensor said, if the cohort tells it."""
     status: Array | None = None
@@ -121,6 +125,10 @@ class Cohort:
         Meals of all, ``(meals,)``; None: each person brings meals of their own.
     announced : bool
         Whether the controller is told of meals when they begin.
+    own_announcements : bool
+        Whether people bring what is announced to each of them, as where carbohydrate is counted with an error.
+    start_min : float, optional
+        Time of day at the start, in minutes after midnight, of which controllers are told; by default they are not.
     meal_model : MealModel, optional
         How everybody absorbs meals; each person's own meal model by default.
     varied_controller, varied_sensor, varied_pump : optional
@@ -153,6 +161,8 @@ class Cohort:
         setpoint_mg_dl: float,
         meals: Eaten | None,
         announced: bool = False,
+        own_announcements: bool = False,
+        start_min: float | None = None,
         meal_model: MealModel | None = None,
         varied_controller: Controller | None = None,
         varied_sensor: Sensor | None = None,
@@ -183,7 +193,10 @@ class Cohort:
         self._digestion_varies = varying(digestion_matrices(own_gut, self._plants.step_min), self._one_digestion)
         self._own_meals = meals is None or any(varying(own_gut, one_gut))
         moments, told = self._meals_of_all(None if self._own_meals else meals)
+        self._own_told = announced and (self._own_meals or own_announcements)
         self._shared = {"moments": moments, "t_min": grid.t_min, "told": told}
+        if start_min is not None:
+            self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
         self._engine = self._make_engine(engine, precision)
 
@@ -236,7 +249,8 @@ class Cohort:
     def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
         """Before the first sample, and the key of his readings."""
         loop = self._loop(own)
-        state, reading_key = begin(loop, x, insulin, told, key)
+        times = self._shared.get("time_of_day_min")
+        state, reading_key = begin(loop, x, insulin, told, key, None if times is None else jnp.asarray(times[0]))
         glucose = loop.plant.patient.glucose_mg_dl(x)
         digestion = jnp.zeros(self._one_digestion.transition.shape[0]) if self._own_meals else None
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
@@ -250,10 +264,11 @@ class Cohort:
                 digestion, of_step = digest(digestion, matrices, jumps)
                 of_steps.append(of_step)
             moments = jnp.stack(of_steps)
-        told = (reaching if self._own_meals else shared)["told"] if self._announced else jnp.zeros(())
-        state, happened = sample(self._loop(own), carry.loop, moments, told, *chance)
+        told = (reaching if self._own_told else shared)["told"] if self._announced else jnp.zeros(())
+        (key, index), time = chance, shared.get("time_of_day_min")
+        state, happened = sample(self._loop(own), carry.loop, moments, told, key, index, time)
         fold = self._fold.step(carry.fold, happened, shared["t_min"])
-        outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.delivery.insulin_mU_min
+        outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._tells_decisions:
             outputs += happened.reading.glucose_mg_dl, happened.decision.status
         return _Carry(loop=state, digestion=digestion, fold=fold), outputs
@@ -264,9 +279,12 @@ class Cohort:
         own = _Own(plant=self._plants.own_of_nominal(), digestion=digestion, **parts)
         insulin = self._nominal.basal_insulin_mU_min
         carry, key = self._begin(own, self._nominal.steady_state(insulin), insulin, jnp.zeros(()), jax.random.key(0))
-        jumps = {"jumps": np.zeros((self._substeps, self._entries)), "told": np.zeros(())}
+        reaching: dict[str, Array] = {}
+        if self._own_meals:
+            reaching["jumps"] = np.zeros((self._substeps, self._entries))
+        if self._own_meals or self._own_told:
+            reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
-        reaching = jumps if self._own_meals else {}
         return make_engine(self._step, own, carry, reaching, shared, key, name=name, precision=precision)
 
     # many people
@@ -308,19 +326,23 @@ class Cohort:
     def _meals_of_people(self, people: People) -> tuple[Any, Array]:
         """What reaches people of their own meals, and what is announced at the start."""
         samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
-        if not self._own_meals:
+        if not (self._own_meals or self._own_told):
             return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
         meals = people.meals
         if self._meals is not None:
             meals = _for_people(self._meals, n)
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
-        absorption = absorb(self._gut(people.patient), meals)
-        table = jump_table(absorption, steps=samples * self._substeps, step_min=self._plants.step_min)
+        reaching: dict[str, Array] = {}
+        if self._own_meals:
+            absorption = absorb(self._gut(people.patient), meals)
+            table = jump_table(absorption, steps=samples * self._substeps, step_min=self._plants.step_min)
+            reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
         told = np.zeros((samples, n))
         if self._announced:
-            told = _at_samples(meals, self._grid)
-        return {"jumps": table.reshape(samples, self._substeps, self._entries, n), "told": told}, told[0]
+            told_g = meals.carbs_g if people.announced_g is None else people.announced_g
+            told = _at_samples(dataclasses.replace(meals, carbs_g=told_g), self._grid)
+        return {**reaching, "told": told}, told[0]
 
 
 def _for_people(meals: Eaten, people: int) -> Eaten:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -40,6 +40,9 @@ class Fixed:
     structure: Any
     places: tuple[int, ...]
     functions: tuple[Hashable, ...]
+    kinds: tuple[Any, ...]
+    """Classes of the nodes. JAX takes the structures of two classes with the same fields for equal, and would carry out
+    one controller with the program of another."""
 
     def joined(self, numbers: list[Any]) -> Any:
         """The tree with these numbers."""
@@ -70,7 +73,16 @@ def apart(tree: Any) -> tuple[list[Any], Fixed]:
                 f"{_place(path)} is an instance of {type(leaf).__name__}, which JAX cannot carry through a loop; write "
                 "@jax.tree_util.register_static above its class, a frozen dataclass, or derive it from equinox.Module"
             )
-    return numbers, Fixed(structure=structure, places=tuple(places), functions=tuple(functions))
+    kinds = tuple(_kinds(structure))
+    return numbers, Fixed(structure=structure, places=tuple(places), functions=tuple(functions), kinds=kinds)
+
+
+def _kinds(structure: Any) -> Iterator[Any]:
+    """Classes of the nodes of a tree, each before those inside it."""
+    node = structure.node_data()
+    yield None if node is None else node[0]
+    for inside in structure.children():
+        yield from _kinds(inside)
 
 
 def wrong_with(controller: Controller, observation: Observation) -> str | None:

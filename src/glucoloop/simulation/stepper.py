@@ -19,12 +19,14 @@ from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.scenario import LONGEST_HORIZON_MIN, Meal, Scenario
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import default_integrator, start_of
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import Fixed, apart
 from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
 from glucoloop.snapshot import fingerprint, pack, unpack
+from glucoloop.units import MIN_PER_DAY
 
 _FIRST_ROOM: Final = 8
 """Meals for which there is room at first; it is doubled when it is full."""
@@ -36,7 +38,13 @@ class _Asked:
     """The controller of a loop whose doses come from outside."""
 
     insulin_mU_min: jax.Array
+    bolus_mU: jax.Array | None
     sample_time_min: float
+
+    @property
+    def gives_boluses(self) -> bool:
+        """Whether the pump can give them."""
+        return self.bolus_mU is not None
 
     def init(self, observation: Observation) -> tuple[()]:
         """Nothing is remembered."""
@@ -46,7 +54,8 @@ class _Asked:
     def step(self, state: tuple[()], observation: Observation) -> tuple[tuple[()], Decision]:
         """The dose that was asked for."""
         del observation
-        return state, Decision(insulin_mU_min=self.insulin_mU_min, status=jnp.asarray(int(Status.OK)))
+        status = jnp.asarray(int(Status.OK))
+        return state, Decision(insulin_mU_min=self.insulin_mU_min, status=status, bolus_mU=self.bolus_mU)
 
 
 @pytree
@@ -69,8 +78,10 @@ def _begin(numbers: list[Any], fixed: Fixed, x: jax.Array, insulin: jax.Array, k
 
 
 @functools.partial(jax.jit, static_argnums=1)
-def _look(numbers: list[Any], fixed: Fixed, now: _Now, announced_g: float) -> Observation:
-    return look(fixed.joined(numbers), now.loop, jnp.asarray(announced_g), now.key, now.sample)[2]
+def _look(numbers: list[Any], fixed: Fixed, now: _Now, announced_g: float, start_min: float | None) -> Observation:
+    loop: Loop = fixed.joined(numbers)
+    time = None if start_min is None else (start_min + now.sample * loop.controller.sample_time_min) % MIN_PER_DAY
+    return look(loop, now.loop, jnp.asarray(announced_g), now.key, now.sample, time)[2]
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2, 3))
@@ -82,10 +93,16 @@ def _step(
     now: _Now,
     absorption: Absorption,
     insulin_mU_min: float,
+    bolus_mU: float | None,
 ) -> tuple[_Now, Sampled]:
     loop: Loop = fixed.joined(numbers)
     plant, outside = integrator.at_sample(loop.plant, absorption, grid, now.sample)
-    asked = dataclasses.replace(loop.controller, insulin_mU_min=jnp.asarray(insulin_mU_min))  # type: ignore[type-var]
+    bolus = None if bolus_mU is None else jnp.asarray(bolus_mU, float)
+    asked = dataclasses.replace(
+        loop.controller,  # type: ignore[type-var]
+        insulin_mU_min=jnp.asarray(insulin_mU_min),
+        bolus_mU=bolus,
+    )
     loop = dataclasses.replace(loop, plant=plant, controller=asked)
     after, happened = sample(loop, now.loop, outside, jnp.zeros(()), now.key, now.sample)
     return dataclasses.replace(now, loop=after, sample=now.sample + 1), happened
@@ -115,6 +132,8 @@ class Stepper:
         As for `simulate`.
     meal_model : MealModel, optional
         How meals are absorbed; the patient's own meal model by default.
+    start_min : float, optional
+        Time of day at the start, in minutes after midnight, of which the observations tell; by default they do not.
 
     Raises
     ------
@@ -149,6 +168,7 @@ class Stepper:
         key: jax.Array | int = 0,
         integrator: SteppingIntegrator | None = None,
         meal_model: MealModel | None = None,
+        start_min: float | None = None,
     ) -> None:
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
         self._integrator = default_integrator(patient) if integrator is None else integrator
@@ -157,22 +177,30 @@ class Stepper:
             setpoint_mg_dl=setpoint_mg_dl,
             initial_glucose_mg_dl=initial_glucose_mg_dl,
             allow_unusual=allow_unusual,
+            start_min=start_min,
         )
+        self._start_min = start_min
         self._start = start_of(patient, fasting)
         self._meal_model = meal_model_of(patient, meal_model)
         plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
+        pump = LimitedPump() if pump is None else pump
+        self._no_bolus = 0.0 if gives_bolus(pump) else None
         loop = Loop(
             plant=plant,
-            controller=_Asked(insulin_mU_min=self._start.insulin_mU_min, sample_time_min=sample_time_min),
+            controller=_Asked(
+                insulin_mU_min=self._start.insulin_mU_min,
+                bolus_mU=None if self._no_bolus is None else jnp.asarray(self._no_bolus),
+                sample_time_min=sample_time_min,
+            ),
             sensor=IdealSensor() if sensor is None else sensor,
-            pump=LimitedPump() if pump is None else pump,
+            pump=pump,
             setpoint_mg_dl=self._start.setpoint_mg_dl,
         )
         self._numbers, self._fixed = apart(loop)
         self._of = fingerprint(
             (patient, self._meal_model, loop.sensor, loop.pump, loop.controller, loop.setpoint_mg_dl)
         )
-        self._of += f" {self._integrator}"
+        self._of += f" {self._integrator} {start_min}"
         self._key = random_key(key)
         self.last: Sampled | None = None
         self.reset()
@@ -228,7 +256,7 @@ class Stepper:
         announced_carbs_g : float
             Carbohydrate of a meal during that sample of which the controller is told [g].
         """
-        seen: Observation = _look(self._numbers, self._fixed, self._now, announced_carbs_g)
+        seen: Observation = _look(self._numbers, self._fixed, self._now, announced_carbs_g, self._start_min)
         return seen
 
     @checked
@@ -263,7 +291,7 @@ class Stepper:
         self._absorption = absorb(self._meal_model, with_meal)
 
     @checked
-    def step(self, insulin_mU_min: float, carbs_g: float = 0.0) -> Observation:
+    def step(self, insulin_mU_min: float, carbs_g: float = 0.0, bolus_mU: float | None = None) -> Observation:
         """Deliver a dose until the next sample, and return what is observed then.
 
         Parameters
@@ -272,6 +300,8 @@ class Stepper:
             What the controller asks of the pump [mU/min]; the pump keeps its limits. Anything, also NaN.
         carbs_g : float
             Carbohydrate of a meal that begins with this sample [g]; 0 for none. `eat` is for one that begins within it.
+        bolus_mU : float, optional
+            Bolus that is asked of the pump beside that rate [mU]; none by default. Anything, also NaN.
 
         Returns
         -------
@@ -281,14 +311,23 @@ class Stepper:
         Raises
         ------
         ValueError
-            For a meal that is not possible, or after a year.
+            For a meal that is not possible, a bolus where the pump can give none, or after a year.
         """
+        if bolus_mU is not None and self._no_bolus is None:
+            raise ValueError("the pump of this stepper cannot give a bolus; leave it out, or take another pump")
         if self.t_min >= LONGEST_HORIZON_MIN:
             raise ValueError(f"a run of more than {LONGEST_HORIZON_MIN:g} min is not possible; reset the stepper")
         if carbs_g != 0.0:
             self.eat(carbs_g)
         self._now, self.last = _step(
-            self._numbers, self._fixed, self._integrator, self._grid, self._now, self._absorption, insulin_mU_min
+            self._numbers,
+            self._fixed,
+            self._integrator,
+            self._grid,
+            self._now,
+            self._absorption,
+            insulin_mU_min,
+            self._no_bolus if bolus_mU is None else bolus_mU,
         )
         return self.observation()
 

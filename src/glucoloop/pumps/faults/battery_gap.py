@@ -14,7 +14,7 @@ from glucoloop.pumps.protocol import Delivery, Pump
 
 @pytree
 class BatteryGap:
-    """Delivers nothing and reports nothing; when it is over, the pump inside starts from rest at no insulin.
+    """Delivers neither rate nor bolus and reports nothing; then the pump inside starts from rest at no insulin.
 
     All that is inside starts anew, faults and their planned times included: put other faults around this one.
     """
@@ -26,15 +26,22 @@ class BatteryGap:
         """See `Pump`."""
         return begin(self, insulin_mU_min, key)
 
-    def deliver(self, state: Within, command_mU_min: jax.Array, key: jax.Array) -> tuple[Within, Delivery]:
+    def deliver(
+        self, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[Within, Delivery]:
         """Deliver what is inside, or nothing while the fault is there."""
-        state, age, delivery = deliver_within(self, state, command_mU_min, key)
+        state, age, delivery = deliver_within(self, state, command_mU_min, key, bolus_mU)
         off = age >= 0.0
         at_rest = self.inner.init(jnp.zeros_like(delivery.insulin_mU_min), key)
         inner = jax.tree.map(lambda rest, running: jnp.where(off, rest, running), at_rest, state.inner)
+        given, reported = (
+            (delivery.insulin_mU_min, delivery.bolus_mU),
+            (delivery.reported_mU_min, delivery.reported_bolus_mU),
+        )
+        insulin, bolus = jax.tree.map(lambda dose: jnp.where(off, 0.0, dose), given)
+        told, told_bolus = jax.tree.map(lambda dose: jnp.where(off, jnp.nan, dose), reported)
         return Within(inner=inner, episode=state.episode), Delivery(
-            insulin_mU_min=jnp.where(off, 0.0, delivery.insulin_mU_min),
-            reported_mU_min=jnp.where(off, jnp.nan, delivery.reported_mU_min),
+            insulin_mU_min=insulin, reported_mU_min=told, bolus_mU=bolus, reported_bolus_mU=told_bolus
         )
 
 

@@ -14,7 +14,7 @@ from glucoloop.pumps.protocol import Delivery, Pump
 
 @pytree
 class Occlusion:
-    """Lets a fraction through of what the pump inside delivers."""
+    """Lets a fraction through of what the pump inside delivers, of the basal rate and of a bolus alike."""
 
     inner: Pump
     episodes: Episodes
@@ -26,22 +26,33 @@ class Occlusion:
         """See `Pump`."""
         return begin(self, insulin_mU_min, key)
 
-    def deliver(self, state: Within, command_mU_min: jax.Array, key: jax.Array) -> tuple[Within, Delivery]:
+    def deliver(
+        self, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[Within, Delivery]:
         """Deliver what is inside, or its fraction while the fault is there."""
-        state, age, delivery = deliver_within(self, state, command_mU_min, key)
-        there, pushed = age >= 0.0, delivery.insulin_mU_min
-        through = jnp.where(there, self.open_fraction * pushed, pushed)
-        reported = delivery.reported_mU_min
+        state, age, delivery = deliver_within(self, state, command_mU_min, key, bolus_mU)
+        there = age >= 0.0
+        through = jax.tree.map(
+            lambda pushed: jnp.where(there, self.open_fraction * pushed, pushed),
+            (delivery.insulin_mU_min, delivery.bolus_mU),
+        )
+        reported = delivery.reported_mU_min, delivery.reported_bolus_mU
         if self.noticed:
-            reported = jnp.where(there, through, reported)
-        return state, Delivery(insulin_mU_min=through, reported_mU_min=reported)
+            reported = jax.tree.map(lambda passed, told: jnp.where(there, passed, told), through, reported)
+        insulin, bolus = through
+        told, told_bolus = reported
+        return state, Delivery(
+            insulin_mU_min=insulin, reported_mU_min=told, bolus_mU=bolus, reported_bolus_mU=told_bolus
+        )
 
 
 @checked
 def occlusion(
     episodes: Episodes, inner: Pump | None = None, *, open_fraction: float = 0.0, noticed: bool = False
 ) -> Occlusion:
-    """Pump whose line is blocked during the episodes. What did not go through is lost, not delivered later.
+    """Pump whose line is blocked during the episodes.
+
+    What did not go through is lost, not delivered later: of the basal rate, and of a bolus that is given meanwhile.
 
     Parameters
     ----------
@@ -65,7 +76,7 @@ def occlusion(
 
 @checked
 def missed_pulses(probability: float, inner: Pump | None = None, *, noticed: bool = False, key: int = 0) -> Occlusion:
-    """Pump that delivers nothing for a sample now and then.
+    """Pump that delivers nothing for a sample now and then, neither its basal rate nor a bolus.
 
     Parameters
     ----------

@@ -9,12 +9,12 @@ from glucoloop._pytree import pytree
 from glucoloop.episodes import Episodes
 from glucoloop.pumps.expiring import expiring
 from glucoloop.pumps.faults.wrapping import Within, begin
-from glucoloop.pumps.protocol import Delivery, Pump
+from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 
 @pytree
 class Unheard:
-    """Hands the pump inside a command that is not a number during the episodes."""
+    """Hands the pump inside a rate and a bolus that are not numbers during the episodes: it gives no such bolus."""
 
     inner: Pump
     episodes: Episodes
@@ -23,11 +23,15 @@ class Unheard:
         """See `Pump`."""
         return begin(self, insulin_mU_min, key)
 
-    def deliver(self, state: Within, command_mU_min: jax.Array, key: jax.Array) -> tuple[Within, Delivery]:
+    def deliver(
+        self, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[Within, Delivery]:
         """Deliver what is inside, which hears the command or nothing."""
         episode, age = self.episodes.step(state.episode, key)
-        heard = jnp.where(age >= 0.0, jnp.nan, command_mU_min)
-        inner, delivery = self.inner.deliver(state.inner, heard, key)
+        there = age >= 0.0
+        heard = jnp.where(there, jnp.nan, command_mU_min)
+        bolus = None if bolus_mU is None else jnp.where(there, jnp.nan, bolus_mU)
+        inner, delivery = deliver(self.inner, state.inner, heard, key, bolus)
         return Within(inner=inner, episode=episode), delivery
 
 

@@ -9,7 +9,7 @@ import jax
 from glucoloop._pytree import pytree
 from glucoloop.episodes import Episode, Episodes
 from glucoloop.pumps.limited import LimitedPump
-from glucoloop.pumps.protocol import Delivery, Pump
+from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 
 class Faulty(Protocol):
@@ -40,10 +40,10 @@ def begin(fault: Faulty, insulin_mU_min: jax.Array, key: jax.Array) -> Within:
 
 
 def deliver_within(
-    fault: Faulty, state: Within, command_mU_min: jax.Array, key: jax.Array
+    fault: Faulty, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None
 ) -> tuple[Within, jax.Array, Delivery]:
     """Let the pump inside deliver; the age of the fault comes with it, -1 if there is none."""
-    inner, delivery = fault.inner.deliver(state.inner, command_mU_min, key)
+    inner, delivery = deliver(fault.inner, state.inner, command_mU_min, key, bolus_mU)
     episode, age = fault.episodes.step(state.episode, key)
     return Within(inner=inner, episode=episode), age, delivery
 

@@ -12,13 +12,14 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.protocol import Status
 from glucoloop.patients.model import Sound
+from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.verification.caps import Caps, Counted
 from glucoloop.studies.verification.watched import WatchedDecision, WatchedDelivery, WatchedReading
 
-DOSE: Final = "dose delivered: finite, and within the pump's range"
-COMMAND: Final = "dose asked for: finite, and within the pump's range"
+DOSE: Final = "dose delivered, rate and bolus: finite, and within the pump's range"
+COMMAND: Final = "dose asked for, rate and bolus: finite, and within the pump's range"
 RATE: Final = "dose asked for: within the rate limit of what the pump reported"
 CAPS: Final = "dose asked for by a guard: within its caps on board and per hour"
 STATUS: Final = "status: a known one"
@@ -64,6 +65,7 @@ class Promises:
     limits: DoseLimits = PARKER_1999_LIMITS
     sound: Sound = static()
     """What the patient promises of its states; see `PatientModel`."""
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS
     caps: Caps | None = None
     """Of the guard; None without one, for which that promise is kept."""
 
@@ -118,8 +120,8 @@ class Promises:
         slow = jnp.abs(command - word) <= limits.max_change_mU_min + _ROUNDING_MU_MIN
         insulin_there, glucose_there = self.sound(x, lowest_mg_dl)
         return {
-            DOSE: self._in_range(delivery.insulin_mU_min),
-            COMMAND: self._in_range(command),
+            DOSE: self._in_range(delivery.insulin_mU_min, delivery.bolus_mU),
+            COMMAND: self._in_range(command, decision.bolus_mU),
             RATE: slow | ~meant,
             CAPS: jnp.asarray(within_caps),
             STATUS: functools.reduce(operator.or_, [decision.status == int(known) for known in Status]),
@@ -131,5 +133,6 @@ class Promises:
             GLUCOSE_THERE: glucose_there,
         }
 
-    def _in_range(self, rate: jax.Array) -> jax.Array:
-        return jnp.isfinite(rate) & (rate >= self.limits.min_mU_min) & (rate <= self.limits.max_mU_min)
+    def _in_range(self, rate: jax.Array, bolus_mU: jax.Array | None) -> jax.Array:
+        there = jnp.isfinite(rate) & (rate >= self.limits.min_mU_min) & (rate <= self.limits.max_mU_min)
+        return there if bolus_mU is None else there & (bolus_mU >= 0.0) & (bolus_mU <= self.bolus.max_mU)

@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.control.protocol import Controller, Decision, Observation
+from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
 from glucoloop.episodes import Episode
 from glucoloop.pumps import Delivery, Pump
+from glucoloop.pumps.protocol import deliver
 from glucoloop.sensors import Reading, Sensor
 
 
@@ -25,6 +26,8 @@ class WatchedDecision(Decision):
     """What the pump reported."""
     sound: jax.Array
     """Whether the whole state of the controller is finite."""
+    told_bolus_mU: jax.Array | None = None
+    """Bolus that the pump reported; None for a controller that gives none."""
 
 
 @pytree
@@ -55,6 +58,11 @@ class WatchedController:
         """That of the controller inside."""
         return self.inner.sample_time_min
 
+    @property
+    def gives_boluses(self) -> bool:
+        """Whether the controller inside does."""
+        return gives_boluses(self.inner)
+
     def init(self, observation: Observation) -> Any:
         """The state is that of the controller inside."""
         return self.inner.init(observation)
@@ -65,8 +73,10 @@ class WatchedController:
         return state, WatchedDecision(
             insulin_mU_min=decision.insulin_mU_min,
             status=decision.status,
+            bolus_mU=decision.bolus_mU,
             told_mU_min=observation.delivered_mU_min,
             sound=all_finite(state),
+            told_bolus_mU=observation.delivered_bolus_mU,
         )
 
 
@@ -99,13 +109,17 @@ class WatchedPump:
         """The state is that of the pump inside."""
         return self.inner.init(insulin_mU_min, key)
 
-    def deliver(self, state: Any, command_mU_min: jax.Array, key: jax.Array) -> tuple[Any, WatchedDelivery]:
+    def deliver(
+        self, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[Any, WatchedDelivery]:
         """Deliver as the one inside does."""
-        state, delivery = self.inner.deliver(state, command_mU_min, key)
+        state, delivery = deliver(self.inner, state, command_mU_min, key, bolus_mU)
         clocks, others = _clocks_and_others(state)
         return state, WatchedDelivery(
             insulin_mU_min=delivery.insulin_mU_min,
             reported_mU_min=delivery.reported_mU_min,
+            bolus_mU=delivery.bolus_mU,
+            reported_bolus_mU=delivery.reported_bolus_mU,
             sound=all_finite(others),
             clocks=_all(map(_tells_time, clocks)),
         )
