@@ -3,7 +3,8 @@
     glucoloop adversary --out worst
     python docs/adversary.py worst/adversary.json
 
-It rewrites ``guide/adversary_figures.md``; several folders are joined.
+It rewrites ``guide/adversary_figures.md``; several folders are joined. Of two searches about the same, the table has
+the worst errors of the one with more sequences, and the errors by chance of the one with more people.
 """
 
 import json
@@ -13,7 +14,7 @@ from pathlib import Path
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}
 HEADS = (
     *("Controller", "Errors, ±%", "Sequences tried", "Worst: min below 54", "lowest, mg/dl", "peak"),
-    *("Random: people below 54, %", "lowest", "No errors: lowest", "peak"),
+    *("By chance: people below 54", "lowest", "No errors: lowest", "peak"),
 )
 
 
@@ -27,15 +28,25 @@ def line(row):
         str(row["sequences_tried"]),
         f"{row['below_54_min']:.0f}",
         *(f"{number:.0f}" for number in numbers),
-        f"{row['random_ever_below_54_pct']:.1f}",
+        f"{round(row['random_ever_below_54_pct'] / 100.0 * row['random_people'])} of {row['random_people']}",
         *(f"{number:.0f}" for number in others),
     ]
     return f"| {' | '.join(cells)} |"
 
 
+def joined(rows):
+    """One row of those about the same."""
+    by_chance = max(rows, key=lambda row: row["random_people"])
+    told = {key: value for key, value in by_chance.items() if key.startswith("random_")}
+    return {**max(rows, key=lambda row: row["sequences_tried"]), **told}
+
+
 def main(places):
     summaries = [json.loads(Path(place).read_text(encoding="utf-8")) for place in places]
-    rows = [row for summary in summaries for row in summary["searches"]]
+    same = {}
+    for row in (row for summary in summaries for row in summary["searches"]):
+        same.setdefault((row["controller"], row["guarded"], row["error_pct"]), []).append(row)
+    rows = [joined(of) for of in same.values()]
     order = list(NAMES)
     rows.sort(key=lambda row: (order.index(row["controller"]), row["guarded"], row["error_pct"]))
     page = Path(__file__).parent / "guide" / "adversary_figures.md"
