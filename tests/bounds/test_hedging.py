@@ -114,7 +114,7 @@ def test_what_noise_hides_is_never_told():
 @pytest.mark.parametrize(
     ("scenario", "noise_variance", "settings", "told"),
     [
-        (gl.Scenario(()), 1.45, {}, "worked out for one meal, and the scenario has 0"),
+        (gl.Scenario(()), 1.45, {}, "is for one meal, and the scenario has 0"),
         (gl.Scenario([gl.Meal(1, 1), gl.Meal(2, 2)]), 1.45, {}, "the scenario has 2"),
         (gl.Scenario(setpoint_mg_dl=100.0), 1.45, {}, "does not rest at the setpoint"),
         (gl.Scenario(), 0.0, {}, "a noise variance of 0 tell a meal at once, or never"),

@@ -158,7 +158,7 @@ def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[fl
     """
     if len(scenario.meals) != 1:
         raise ValueError(
-            f"what noise lets one know is worked out for one meal, and the scenario has {len(scenario.meals)}; give one"
+            f"the bound under sensor noise is for one meal, and the scenario has {len(scenario.meals)}; give one"
         )
     if not 0.0 < noise_variance < math.inf:
         raise ValueError(

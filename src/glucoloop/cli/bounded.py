@@ -69,13 +69,15 @@ class Bounded:
             if not_valid is not None:
                 yield f"{label}: {not_valid}"
         if self.config.dead_time_min and self.plans:
-            yield f"Readings are {self.config.dead_time_min:g} min late: what is known is known so much later."
+            yield f"Readings are {self.config.dead_time_min:g} min late, so each meal is known later by that time."
         if len(self.config.meals) > 1:
-            yield "Each meal is known only after it begins; who bets on a meal to come could do better."
+            yield (
+                "Each meal is known only after it begins; a controller that prepares for a likely meal could do better."
+            )
         if self.hedged:
             yield (
                 "Told from noise: two worlds, this meal and none, or this meal and one a fifth larger, with the same "
-                "doses until they can be told apart with the error that stands there. The largest deviation is that of "
+                "doses until they can be told apart with the stated error. The largest deviation is that of "
                 "the worse world; undershoot and peak are those of this meal."
             )
         elif self.config.noise_variance > 0.0:

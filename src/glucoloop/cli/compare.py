@@ -162,7 +162,7 @@ def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: O
             f"The bound is that of a controller that knows each meal {_known(bound.known_after_min)}, the patient "
             f"and the "
             f"pump's limits{'' if bound.converged else '; it did not converge, so it is not a bound'}.",
-            *(["Who bets on a meal to come could do better."] if len(_meals(outcomes)) > 1 else []),
+            *(["A controller that prepares for a likely meal could do better."] if len(_meals(outcomes)) > 1 else []),
         )
     if output.json:
         print_json(_report(outcomes, bound), files, notes)

@@ -28,7 +28,7 @@ def tell_what_plots_lack() -> None:
     """Print the reason why a page is written without its plots."""
     lacking = plots_lack()
     if lacking:
-        note([f"The page is written without its plots. {lacking}"])
+        note([f"The page was written without its plots. {lacking}"])
 
 
 def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from glucoloop.storage.trials.query import Answer, TrialTables
 
 HELP: Final = (
-    "Ask the folder of a trial a question in SQL, in the dialect of DuckDB.\n\n"
-    "Its tables are people (a row a person and controller), counts and bands (glucose and insulin over time), summary, "
-    "and traces if they were kept; without a question their columns are listed. A trial that is not finished answers "
-    "about the shards that are done. Nothing is written. Ctrl-C ends a question at once, --timeout after a while.\n\n"
+    "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
+    "Its tables are people (one row per person and controller), counts and bands (glucose and insulin over time), "
+    "summary, and traces if they were kept; without a query their columns are listed. A trial that is not finished "
+    "answers about the shards that are done. Nothing is written. Ctrl-C ends a question at once, --timeout after a "
+    "while.\n\n"
     "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"

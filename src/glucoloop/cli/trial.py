@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 HELP: Final = (
     "Try controllers on a population of virtual people: tables, bands, and a page with a picture of all.\n\n"
-    "The folder holds a row a person and controller. It grows shard by shard; after Ctrl-C, a kill or a full disk the "
-    "same command goes on where it was, to the same bits. Without options it is linear MPC on 1000 people whose "
+    "The folder holds one row per person and controller. It grows shard by shard; after Ctrl-C, a kill or a full disk "
+    "the same command goes on where it was, to the same bits. Without options it is linear MPC on 1000 people whose "
     "metabolism varies as in Parker et al. (2000), for a day with three meals.\n\n"
     "A case is written as in `glucoloop compare`; settings given beside the cases hold for every case that has them "
     "and does not say otherwise.\n\n"
