@@ -1,4 +1,4 @@
-"""A controller of one's own on virtual people, from Python."""
+"""Simulation of a controller of your own on virtual people, from Python."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class PeopleRun:
-    """What became of people; people trail."""
+    """Results of people; people trail."""
 
     metrics: Metrics
-    """NumPy arrays ``(people,)``; not a number for a person without a basal rate."""
+    """Metrics as NumPy arrays ``(people,)``; NaN for a person without a basal rate."""
     t_min: Array
-    """(samples + 1,)"""
+    """(samples + 1,) times of the samples and of the horizon."""
     glucose_mg_dl: Array
-    """(samples + 1, people) free of noise, at each sample and at the horizon."""
+    """(samples + 1, people) noise-free glucose at each sample and at the horizon."""
     insulin_mU_min: Array
     """(samples, people) all insulin delivered from each sample to the next, as a rate: a bolus counts evenly."""
     engine: str
-    """``"native"`` or ``"xla"``."""
+    """Engine that computed the run, ``"native"`` or ``"xla"``."""
     scenario: Scenario
     setpoint_mg_dl: float
 
@@ -63,27 +63,27 @@ def simulate_people(
     engine: str | None = None,
     threads: int | None = None,
 ) -> PeopleRun:
-    """Close the loop of many people with one controller, in one scenario.
+    """Simulate the loop of many people with one controller, in one scenario.
 
     Parameters
     ----------
     people : VirtualPeople
-        As `virtual_people` draws them; each starts at rest at his basal rate.
+        People as `virtual_people` draws them; each starts at rest at an individual basal rate.
     controller : Controller
-        Any: one of `glucoloop.control`, or one of your own, which must be made of JAX operations.
+        A controller of `glucoloop.control`, or one of your own, which must be made of JAX operations.
     sensor, pump : Sensor, Pump, optional
         As for `simulate`.
     scenario : Scenario, optional
-        The 50 g oral glucose test at 50 min over 600 min by default. Everybody eats the same.
+        The 50 g oral glucose test at 50 min over 600 min by default. All people eat the same.
     seed : int
-        Of the sensors; each person has a key of his own.
+        Seed of the sensors; each person has an individual key.
     limits : DoseLimits
-        Against which the constraints are checked.
+        Limits against which the constraints are checked.
     precision : {"float64", "float32"}
     engine : {"native", "xla"}, optional
         Native code where the controller allows it, by default.
     threads : int, optional
-        One for each core by default.
+        Number of threads; one for each core by default.
 
     Returns
     -------

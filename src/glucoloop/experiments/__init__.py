@@ -1,1 +1,1 @@
-"""Experiments: what a situation is, and one place that makes a loop of it."""
+"""Experiments: the description of a situation, and its assembly into a loop."""

@@ -31,11 +31,11 @@ Array = npt.NDArray[Any]
 
 
 class AtRest(Protocol):
-    """People at the start of a run, as `patients.population.VirtualPeople` are; people trail."""
+    """People at the start of a run, such as `patients.population.VirtualPeople`; people trail."""
 
     @property
     def patient(self) -> SemilinearPatient:
-        """Their constants."""
+        """Constants of the people."""
         ...
 
     @property
@@ -50,7 +50,7 @@ class AtRest(Protocol):
 
 
 Own = Callable[[Any], Controller]
-"""Controllers of people `AtRest`, whose numbers trail."""
+"""Function that makes the controllers of people `AtRest`, whose numbers trail."""
 
 
 def close_loop(
@@ -72,9 +72,9 @@ def close_loop(
     around : Surroundings, optional
         Sensor and pump; those of the situation by default.
     key : jax.Array or int, optional
-        From which the sensor draws; the seed of the situation by default.
+        Key of the sensor; the seed of the situation by default.
     integrator : Integrator, optional
-        The exponential one by default.
+        Integrator; the exponential one by default.
 
     Raises
     ------
@@ -96,23 +96,23 @@ def close_loop(
 def own_controllers(
     situation: Situation, case: Case, controller: Controller, example: VirtualPeople, *, individual: bool
 ) -> Own | None:
-    """Controllers of a case for people: designed for each of them, or the nominal one with each one's basal rate.
+    """Function that makes controllers of a case for people, individually designed or with individual basal rates.
 
     Parameters
     ----------
     situation : Situation
     case : Case
     controller : Controller
-        Of the case, designed for the nominal patient.
+        Controller of the case, designed for the nominal patient.
     example : VirtualPeople
-        Some of the people, to show what varies.
+        Some of the people, which show the values that vary.
     individual : bool
         Whether the controller is designed for each person.
 
     Returns
     -------
     callable or None
-        None for a controller that has nothing to design for a person.
+        Function, or None for a controller with nothing to adapt to a person.
 
     Raises
     ------
@@ -134,41 +134,41 @@ def own_controllers(
 
 
 def with_basal_of_each(controller: Controller) -> Own:
-    """One controller for all people, which is given each one's basal rate."""
+    """Function that gives one controller the basal rate of each person."""
     return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
 
 
 class PeopleLoop:
-    """The loop of one controller in a situation, compiled once for whoever goes through it.
+    """The loop of one controller in a situation, compiled once for any people.
 
     Parameters
     ----------
     situation : Situation
-        Of which patient, target, meal model and announcement are taken, and sensor and pump unless they are given.
+        Situation with the patient, target, meal model and announcement, and sensor and pump unless they are given.
     controller : Controller
         Designed for the nominal patient.
     example : VirtualPeople or another `AtRest`
         Some people, to show which constants vary.
     grid : SampleGrid
     fold : Fold
-        What is made of the loop as it goes.
+        Reduction of the loop as it runs.
     meals : Eaten or None
-        Meals of all, ``(meals,)``; None: each person brings meals of their own.
+        Meals of all people, ``(meals,)``, or None if each person has individual meals.
     own_announcements : bool
         Whether people bring what is announced to each of them, as where carbohydrate is counted with an error.
     own : callable, optional
-        Controllers of people, see `own_controllers`; None: all have the same.
+        Function for the controllers of people, see `own_controllers`, or None if all have the same.
     around : Surroundings, optional
         Sensor and pump of one person; by default those of the situation.
     varied : Surroundings, optional
-        Those of some people, where numbers that differ trail; by default all have the same.
+        Sensors and pumps of some people, with differing numbers trailing; by default all have the same.
     engine, precision, tell_decisions : optional
-        As for `simulation.cohort.Cohort`.
+        Arguments as for `simulation.cohort.Cohort`.
 
     Raises
     ------
     ValueError
-        For a situation or an engine that is not possible.
+        If the situation or the engine is not possible.
     """
 
     def __init__(
@@ -214,7 +214,7 @@ class PeopleLoop:
 
     @property
     def engine(self) -> str:
-        """Which carries the loop out: native or xla."""
+        """Engine of the loop, native or xla."""
         return self.cohort.engine
 
     def people(
@@ -227,21 +227,21 @@ class PeopleLoop:
         meals: Eaten | None = None,
         announced_g: Array | None = None,
     ) -> People:
-        """People made ready for a run of the cohort.
+        """People prepared for a run of the cohort.
 
         Parameters
         ----------
         people : VirtualPeople or another `AtRest`
         key : jax.Array
-            ``(people,)`` from which each one's sensor draws.
+            ``(people,)`` keys of the sensors.
         controller : Controller, optional
             Controllers of people, in place of those that `own` makes.
         around : Surroundings, optional
             Sensors and pumps of people.
         meals : Eaten, optional
-            ``(meals, people)``
+            ``(meals, people)`` individual meals of people.
         announced_g : array, optional
-            ``(meals, people)`` what is announced of the meals; by default what is eaten.
+            ``(meals, people)`` individual meals of people. what is announced of the meals; by default what is eaten.
         """
         number = people.basal_insulin_mU_min.shape[0]
 
@@ -264,7 +264,7 @@ class PeopleLoop:
         )
 
     def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:
-        """Carry people through the run; what they bring is told as for `people`."""
+        """Run the loop of people, with the arguments of `people`."""
         with one_at_a_time:
             ready = self.people(people, key, **brought)
         return self.cohort.run(ready, threads=threads)

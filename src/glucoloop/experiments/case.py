@@ -1,4 +1,4 @@
-"""A controller with its tuning, and how its model is identified."""
+"""A controller with its tuning, and the identification of its model."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glucoloop.registry.settings import Value
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A controller with its tuning, and how its model is identified."""
+    """A controller with its tuning, and the identification of its model."""
 
     label: str
     controller: str
@@ -20,14 +20,16 @@ class Case:
     """Every setting of the controller."""
     known_dead_time: bool = False
     model_noise_variance: float | None = None
-    """Of the record that the model is identified from; None, like the next three, for a controller without a model."""
+    """Noise variance of the record from which the model is identified; None, like the next three, for a controller
+    without a model.
+    """
     memory: int | None = None
     laguerre_pole: float | None = None
     laguerre_functions: int | None = None
     guard: Mapping[str, Value] | None = None
-    """Every limit of its guard; None: it has none."""
+    """All limits of the guard, or None for a controller without a guard."""
     faults: tuple[str, ...] = ()
-    """Of its own, around those of the situation; see `registry.fault_text`."""
+    """Faults of the case, around those of the situation; see `registry.fault_text`."""
 
 
 def usual_case(controller: str, situation: Situation) -> Case:

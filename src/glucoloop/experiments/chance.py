@@ -1,4 +1,4 @@
-"""Keys of random numbers: each record, and each person's loop, has its own."""
+"""Random keys: each record, and each person's loop, has its own."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ _PEOPLE: Final = 0x50454F50
 
 
 def record_key(seed: int | jax.Array) -> jax.Array:
-    """Key of the record that a model is identified from; the loop's own is the seed's."""
+    """Key of the record from which a model is identified; the loop's own key is that of the seed."""
     key: jax.Array = jax.random.fold_in(jax.random.key(seed), _RECORD)
     return key
 
 
 @jax.jit
 def keys_of_records(seed: jax.Array, person: jax.Array) -> jax.Array:
-    """Key of the record that each person's own model is identified from, ``(people,)``."""
+    """Key of the record from which each person's own model is identified, ``(people,)``."""
     keys: jax.Array = jax.vmap(lambda number: jax.random.fold_in(record_key(seed), number))(person)
     return keys
 
 
 @jax.jit
 def keys_of_people(seed: jax.Array, person: jax.Array) -> jax.Array:
-    """Key of each person's loop, ``(people,)``: of a seed and his number alone."""
+    """Key of each person's loop, ``(people,)``, from the seed and the person's number alone."""
     root = jax.random.fold_in(jax.random.key(seed), _PEOPLE)
     keys: jax.Array = jax.vmap(lambda number: jax.random.fold_in(root, number))(person)
     return keys

@@ -1,4 +1,4 @@
-"""Sensors and pumps with the faults that were asked for."""
+"""Sensors and pumps with the requested faults."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _HAIR: Final = 1e-9
 
 
 def faulty_sensor(sensor: Sensor, faults: Iterable[Fault], sample_time_min: float) -> Sensor:
-    """A sensor with faults around it, the first one innermost; those of a pump are passed over.
+    """A sensor wrapped in faults, the first one innermost; faults of a pump are skipped.
 
     Raises
     ------
     ValueError
-        For a fault that is not possible.
+        If a fault is not possible.
     """
     for fault in faults:
         if fault.entry.part == "sensor":
@@ -32,7 +32,7 @@ def faulty_sensor(sensor: Sensor, faults: Iterable[Fault], sample_time_min: floa
 
 
 def faulty_pump(pump: Pump, faults: Iterable[Fault], sample_time_min: float, limits: DoseLimits) -> Pump:
-    """A pump with faults around it, likewise."""
+    """A pump wrapped in faults, the first one innermost; faults of a sensor are skipped."""
     for fault in faults:
         if fault.entry.part == "pump":
             pump = _PUMP[fault.entry.make](pump, fault, sample_time_min, limits)
@@ -40,7 +40,7 @@ def faulty_pump(pump: Pump, faults: Iterable[Fault], sample_time_min: float, lim
 
 
 def episodes_of(fault: Fault, sample_time_min: float) -> Episodes:
-    """When a fault is there."""
+    """Episodes in which a fault is present."""
     when, key = fault.settings, int(fault.settings.get(KEY, 0))
 
     def samples(name: str) -> int:

@@ -1,7 +1,7 @@
-"""The meal-aware controller for each person of a trial: the model has his basal rate, and his gain and lag of insulin.
+"""Meal-aware controller for each person of a trial: its model has the person's basal rate, and gain and lag of insulin.
 
-What a trial may know of a person is a record: some hours of fasting in which two pulses of a quarter of his basal rate
-were given and taken away, each for half an hour, and glucose was read as noisily as in the loop.
+The information that a trial may have of a person is a record: some hours of fasting with two pulses of a quarter of the
+basal rate, up and down, each for half an hour, and readings as noisy as in the loop.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from glucoloop.simulation.pulse_experiment import PulseExperiment
 
 Floats = npt.NDArray[np.float64]
 Known = Callable[[VirtualPeople], tuple[Floats, Floats]]
-"""Gain and lag ``(people,)`` that are believed of people."""
+"""Estimated gain and lag ``(people,)``."""
 
 SHARE_OF_BASAL: Final = 0.25
-"""Amplitude of the pulses. Larger ones leave the range in which the nominal answer may be scaled."""
+"""Amplitude of the pulses in basal rates. Larger ones leave the range in which the nominal response may be scaled."""
 PACE_MIN: Final = 180.0
-"""From one pulse to the next: the paper's memory."""
+"""Time from one pulse to the next, the paper's memory."""
 HELD_MIN: Final = 30.0
-"""Length of a pulse. In pulses of a single sample, as the paper's are, the answer to so little drowns in noise."""
+"""Length of a pulse. With pulses of a single sample, as in the paper, the small response would be lost in noise."""
 _LEAST_VARIANCE: Final = 0.01
 
 
 def individual_meal_mpc(
     situation: Situation, case: Case, example: VirtualPeople
 ) -> Callable[[VirtualPeople], Controller]:
-    """How people get controllers of their own; see `individual.individual_design`.
+    """Function that designs controllers of people's own; see `individual.individual_design`.
 
-    The setting ``individual_by`` tells what gain and lag rest on. ``"record"``: the person's own record.
-    ``"basal"``: his basal rate, see `MealMPC.with_basal`. ``"none"``: both are nominal, whatever his basal rate.
+    The setting ``individual_by`` is the source of gain and lag. ``"record"``: the person's own record. ``"basal"``: the
+    person's basal rate, see `MealMPC.with_basal`. ``"none"``: both are nominal, whatever the basal rate.
     """
     controller = controller_of(situation, case)
     if not isinstance(controller, MealMPC):
@@ -71,7 +71,7 @@ def pulses(sample_time_min: float) -> Floats:
 
 
 def by_record(situation: Situation, example: VirtualPeople) -> Known:
-    """What is believed of people after their records."""
+    """Gain and lag of people from their records."""
     shape = pulses(situation.sample_time_min)
     experiment = PulseExperiment(
         situation.nominal,
@@ -104,7 +104,7 @@ def _by_none(people: VirtualPeople) -> tuple[Floats, Floats]:
 
 
 def impulse_response(model: LinearModel, memory: int) -> Floats:
-    """Answer of glucose ``(memory,)`` to a rate of 1 mU/min that is held for one sample."""
+    """Response of glucose ``(memory,)`` to a rate of 1 mU/min that is held for one sample."""
 
     def sample(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
         return model.Phi @ x, model.C @ x

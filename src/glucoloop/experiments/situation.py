@@ -1,4 +1,4 @@
-"""The situation that a controller is put in: the patient, what the sensor and the pump are like, and what fails."""
+"""Situation of a controller: the patient, the sensor and the pump with their faults."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def _nominal(name: str, operating_point: str | None) -> SemilinearPatient:
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """Everything about a loop but its meals and its controller."""
+    """Complete description of a loop apart from its meals and its controller."""
 
     patient: str = USUAL_PATIENT.name
     """Name of the nominal patient, for whom controllers are designed."""
     operating_point: str | None = None
-    """Of the nominal patient; None: the usual one."""
+    """Operating point of the nominal patient, or None for the usual one."""
     setpoint_mg_dl: float | None = None
-    """The target; None: glucose at the operating point."""
+    """Target of the controller, or None for glucose at the operating point."""
     meal_model: str | MealModel | None = None
     """How meals are digested and absorbed, by a name of `meals.MEAL_MODELS` or a model; None: as the patient does."""
     announced: bool = False
@@ -37,19 +37,19 @@ class Situation:
     noise_bound_mg_dl: float = 5.0
     dead_time_samples: int = 0
     site: str | None = None
-    """Where the sensor sits; None: where the glucose is that is controlled."""
+    """Site of the sensor, or None for the site at which glucose is controlled."""
     max_change_mU_min: float = USUAL_PATIENT.max_change_mU_min
     min_insulin_mU_min: float = USUAL_PATIENT.min_insulin_mU_min
     max_insulin_mU_min: float = USUAL_PATIENT.max_insulin_mU_min
     pump_resolution_mU_min: float | None = None
     faults: tuple[str, ...] = ()
-    """Of sensor and pump, the first innermost; see `registry.fault_text`."""
+    """Faults of sensor and pump, the first innermost; see `registry.fault_text`."""
     sample_time_min: float = 5.0
     seed: int = 0
 
     @property
     def whom(self) -> tuple[PatientEntry, str]:
-        """The patient's entry, and the name of the operating point."""
+        """Entry of the patient, and name of the operating point."""
         entry = patient_entry(self.patient)
         return entry, entry.usual_point if self.operating_point is None else self.operating_point
 
@@ -66,7 +66,7 @@ class Situation:
 
     @property
     def gut(self) -> MealModel | None:
-        """What digests meals in place of the patient's own gut; None: that.
+        """Meal model that replaces the patient's own; None if the patient's own is used.
 
         Raises
         ------
@@ -82,12 +82,12 @@ class Situation:
 
     @property
     def limits(self) -> DoseLimits:
-        """What the pump may do.
+        """Limits of the pump.
 
         Raises
         ------
         ValueError
-            For bounds that are not possible.
+            If the bounds are not possible.
         """
         return dose_limits(
             max_change_mU_min=self.max_change_mU_min,
@@ -97,7 +97,7 @@ class Situation:
 
 
 def usual_situation(patient: str = USUAL_PATIENT.name) -> Situation:
-    """A patient at the usual operating point with the usual pump; readings are free of noise.
+    """A patient at the usual operating point with the usual pump and noise-free readings.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Sensors and pumps of a situation and of the cases in it, shared as far as they can be.
+"""Sensors and pumps of a situation and of its cases, shared as far as possible.
 
-Compiling a loop costs seconds, so cases that differ in nothing but one fault each share a loop: the faults of all of
-them are around its sensor and pump, and each case has numbers of its own, by which only its own fault ever begins.
+Compiling a loop takes seconds, so cases that differ only in one fault each share a loop: the faults of all of them wrap
+its sensor and pump, and each case has numbers by which only its own fault ever begins.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is around a controller and its patient."""
+    """Sensor and pump around a controller and its patient."""
 
     sensor: Sensor
     pump: Pump
 
     def of_people(self, others: Iterable[Surroundings], people: int) -> Surroundings:
-        """The same for so many people, who trail where this differs from any of the others."""
+        """The same for a number of people, with a trailing axis on the values that differ from any of the others."""
         alike = [jax.tree.leaves((other.sensor, other.pump)) for other in others]
         leaves, tree = jax.tree.flatten((self.sensor, self.pump))
         differs = [any(not np.array_equal(leaf, of[i]) for of in alike) for i, leaf in enumerate(leaves)]
@@ -42,7 +42,7 @@ class Surroundings:
 
 
 def sensor_of(noise_variance: float, bound_mg_dl: float, dead_time_samples: int, site: str | None = None) -> Sensor:
-    """Sensor at a site with noise, dead time, both or neither; None: where the glucose is that is controlled."""
+    """Sensor at a site with noise, dead time, both or neither; None is the site of the controlled glucose."""
     inner: Sensor = IdealSensor(site=site)
     if noise_variance > 0.0:
         inner = white_noise(noise_variance, bound_mg_dl, inner)
@@ -56,12 +56,12 @@ def pump_of(limits: DoseLimits, resolution_mU_min: float | None) -> Pump:
 
 
 def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroundings:
-    """Sensor and pump of a situation, and around them faults of a case's own.
+    """Sensor and pump of a situation, wrapped in the faults of a case.
 
     Raises
     ------
     ValueError
-        For a fault that is not possible.
+        If a fault is not possible.
     """
     limits, every = situation.limits, [parse_fault(text) for text in (*situation.faults, *faults)]
     sensor = sensor_of(
@@ -75,12 +75,12 @@ def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroun
 
 
 def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Mapping[str, Surroundings]]:
-    """Cases by label, those together that can share a loop; these are of one structure.
+    """Groups of cases that can share a loop, by label; the parts in a group have the same structure.
 
     Raises
     ------
     ValueError
-        For a fault that is not possible.
+        If a fault is not possible.
     """
     alike: dict[str, list[Case]] = {}
     for case in cases:
@@ -102,7 +102,7 @@ def _together(situation: Situation, cases: list[Case]) -> dict[str, Surroundings
 
 
 def _around(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
-    """Every case's part with the faults of all, of which only its own ever begins."""
+    """Part of each case wrapped in the faults of all cases, of which only its own ever begins."""
     nothing, kind_of = _kind(bare), {label: _kind(part) for label, part in each.items()}
     kinds = {kind_of[label]: part for label, part in each.items() if kind_of[label] != nothing}
     told = {}
@@ -115,7 +115,7 @@ def _around(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _kind(part: Any) -> tuple[type, Any]:
-    """What cannot differ within a loop; JAX takes the structures of two classes with as many numbers for the same."""
+    """Type and structure of a part, which cannot differ within a loop; JAX ignores the class where numbers agree."""
     return type(part), jax.tree.structure(part)
 
 

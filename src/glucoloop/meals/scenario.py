@@ -36,7 +36,7 @@ class Meal:
     eating_min : float
         Duration of eating; 0 for a meal that is eaten at once.
     announced_g : float, optional
-        What the controller is told of it, where the scenario announces meals; its carbohydrate by default.
+        Carbohydrate that is announced to the controller, if the scenario announces meals; the true one by default.
 
     Raises
     ------
@@ -91,7 +91,7 @@ class Scenario:
     meal_model : MealModel or str, optional
         Model of absorption, or its name; the patient's own meal model by default.
     allow_unusual : bool
-        Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
+        Whether an implausible glucose, such as 5.5 mg/dl, is accepted.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the controller is told; by default it is not.
 
@@ -99,7 +99,7 @@ class Scenario:
     ------
     ValueError
         For a horizon that is not positive or longer than a year, a meal that begins after it, a glucose that is not
-        positive, or one that is hardly meant, a meal model that is unknown or not possible, or a time of day that is
+        positive or that is implausible, a meal model that is unknown or not possible, or a time of day that is
         none.
     """
 
@@ -170,7 +170,7 @@ class Scenario:
 
 
 def check_time_of_day(start_min: float) -> None:
-    """Refuse what is no time of day.
+    """Refuse a number that is not a time of day.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def check_time_of_day(start_min: float) -> None:
 
 
 def announced_g(meals: Sequence[Meal]) -> Any:
-    """What is announced of meals, ``(meals,)``."""
+    """Announced carbohydrate of meals, ``(meals,)``."""
     told = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
     return jnp.asarray(told, float) if is_traced(told) else np.array(told, float)
 

@@ -1,4 +1,4 @@
-"""Metrics folded into the loop: what `summarise` makes of a whole trace, sample by sample and without keeping one."""
+"""Metrics computed during the loop: those of `summarise`, sample by sample and without a trace."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _ROUNDING_MU_MIN: Final = {"float64": constraints.ROUNDING_MU_MIN, "float32": 1e
 
 @pytree
 class Tally:
-    """What has been counted so far, of one person or of many."""
+    """Counts and sums so far, of one person or of many."""
 
     minimum_mg_dl: jax.Array
     minimum_t_min: jax.Array
     peak_mg_dl: jax.Array
     peak_t_min: jax.Array
     outside_2pct_t_min: jax.Array
-    """When glucose was last farther than 2 % from the setpoint; negative: never."""
+    """Last time at which glucose was farther than 2 % from the setpoint; negative for never."""
     outside_5pct_t_min: jax.Array
     sse: jax.Array
     below_54: jax.Array
-    """Points of the grid."""
+    """Number of points of the grid below 54 mg/dl."""
     below_60: jax.Array
     below_70: jax.Array
     below_validity: jax.Array
@@ -49,7 +49,7 @@ class Tally:
     low_risk: jax.Array
     high_risk: jax.Array
     insulin: jax.Array
-    """Sum over the samples, boluses included; what follows is of the basal rate alone."""
+    """Sum of the delivered insulin over the samples, boluses included; the fields below are of the basal rate alone."""
     variation: jax.Array
     largest_change: jax.Array
     previous_mU_min: jax.Array
@@ -69,7 +69,7 @@ class Tally:
 
 @pytree
 class RunningMetrics:
-    """Counts as the loop goes; implements `simulation.cohort.Fold`."""
+    """Fold of the loop that counts metrics; implements `simulation.cohort.Fold`."""
 
     setpoint_mg_dl: jax.Array | float
     limits: DoseLimits = PARKER_1999_LIMITS
@@ -78,7 +78,7 @@ class RunningMetrics:
     """Moments of the fine grid between samples; see `SampleGrid.inside_min`."""
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Tally:
-        """At the start, which is the first point of the grid."""
+        """Counts at the start, which is the first point of the grid."""
         zero = jnp.zeros_like(glucose_mg_dl)
         start = Tally(
             minimum_mg_dl=glucose_mg_dl,
@@ -96,7 +96,7 @@ class RunningMetrics:
         return self._point(start, glucose_mg_dl, zero)
 
     def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
-        """Take in a sample and the grid until the next."""
+        """Include a sample and the grid until the next."""
         error = happened.glucose_mg_dl - self.setpoint_mg_dl
         insulin, status = happened.delivery.insulin_mU_min, happened.decision.status
         known = happened.reading.valid & jnp.isfinite(happened.reading.glucose_mg_dl)
@@ -183,13 +183,13 @@ class RunningMetrics:
         Parameters
         ----------
         tally : Tally
-            ``(people,)`` each, float64.
+            Counts ``(people,)`` each, float64.
         samples : int
         sample_time_min : float
         meal_t_min : () or (people,) array
             Time of the sample in which the first meal begins; 0 if nothing is eaten.
         precision : {"float64", "float32"}
-            In which the tally was kept: a dose at its limit may seem to exceed it by rounding.
+            Precision of the tally: a dose at its limit may seem to exceed it by rounding.
 
         Returns
         -------

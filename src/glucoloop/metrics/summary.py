@@ -22,7 +22,7 @@ from glucoloop.simulation.closed_loop import Trace
 
 @pytree
 class Metrics:
-    """What a run comes to; every field has the shape of the people, `()` for one.
+    """Metrics of a run; every field has the shape of the people, `()` for one.
 
     Glucose is the patient's own, free of noise, on the trace's grid of one minute. A time in a range is the percentage
     of the points of that grid, both ends included. Insulin is what the pump delivered.
@@ -31,22 +31,22 @@ class Metrics:
     undershoot_mg_dl: jax.Array
     """Setpoint minus the least glucose."""
     minimum_mg_dl: jax.Array
-    """Least glucose."""
+    """Least glucose of the run."""
     minimum_t_min: jax.Array
-    """When the minimum is first reached, from the start of the run."""
+    """Time from the start of the run at which the minimum is first reached."""
     overshoot_mg_dl: jax.Array
     """Greatest glucose minus the setpoint."""
     peak_mg_dl: jax.Array
-    """Greatest glucose."""
+    """Greatest glucose of the run."""
     peak_t_min: jax.Array
-    """When the peak is first reached, from the start of the run."""
+    """Time from the start of the run at which the peak is first reached."""
     settling_2pct_min: jax.Array
     """Last minute farther than 2 % of the setpoint from it, plus 1, minus the time of the first meal, or of the start
     if nothing is eaten; 0 if never so far. Where not settled, the horizon plus 1 takes the place of that minute."""
     settled_2pct: jax.Array
     """Whether glucose is within 2 % of the setpoint at the end."""
     settling_5pct_min: jax.Array
-    """The same for 5 % of the setpoint."""
+    """Settling time for a band of 5 % of the setpoint."""
     settled_5pct: jax.Array
     """Whether glucose is within 5 % of the setpoint at the end."""
     sse: jax.Array
@@ -54,23 +54,25 @@ class Metrics:
     time_below_54_pct: jax.Array
     """Percentage of time with glucose below 54 mg/dl."""
     time_below_60_pct: jax.Array
-    """The same below 60 mg/dl."""
+    """Percentage of time with glucose below 60 mg/dl."""
     time_below_70_pct: jax.Array
-    """The same below 70 mg/dl."""
+    """Percentage of time with glucose below 70 mg/dl."""
     time_below_validity_pct: jax.Array
-    """The same below what the patient's model is valid for; a value there means severe hypoglycemia, whatever it is."""
+    """Percentage of time with glucose below the valid range of the patient's model; a value above 0 means severe
+    hypoglycemia.
+    """
     low_events: jax.Array
-    """Times that glucose fell below 70 mg/dl for 15 min or longer, on the controller's samples."""
+    """Number of times that glucose fell below 70 mg/dl for 15 min or longer, on the controller's samples."""
     very_low_events: jax.Array
-    """The same below 54 mg/dl."""
+    """Number of times that glucose fell below 54 mg/dl for 15 min or longer, on the controller's samples."""
     time_70_180_pct: jax.Array
-    """From 70 to 180 mg/dl, both included; with the times below 70 and above 180 it makes 100."""
+    """Percentage of time from 70 to 180 mg/dl, both included; with those below 70 and above 180 it makes 100."""
     time_above_180_pct: jax.Array
     """Percentage of time with glucose above 180 mg/dl."""
     time_above_250_pct: jax.Array
-    """The same above 250 mg/dl."""
+    """Percentage of time with glucose above 250 mg/dl."""
     mean_mg_dl: jax.Array
-    """Mean glucose."""
+    """Mean glucose over the grid."""
     cv_pct: jax.Array
     """Coefficient of variation: standard deviation (n - 1) in percent of the mean."""
     gmi_pct: jax.Array
@@ -94,7 +96,7 @@ class Metrics:
     glucose_satisfied: jax.Array
     """Constraint (19): glucose never below 60 mg/dl."""
     constraints_satisfied: jax.Array
-    """All three."""
+    """Whether all three constraints hold."""
     samples_saturated: jax.Array
     """Samples at which the controller wanted a dose beyond its limits."""
     samples_missing: jax.Array
@@ -104,13 +106,13 @@ class Metrics:
     samples_non_finite: jax.Array
     """Samples at which the controller computed no finite dose, or was restarted by its guard because of that."""
     samples_rejected: jax.Array
-    """Samples at which the guard did not believe a reading; 0, like the next three, without a guard."""
+    """Samples at which the guard rejected a reading; 0, like the next three, without a guard."""
     samples_fallback: jax.Array
-    """Samples at which the guard gave the basal rate, or a part of it, for want of readings."""
+    """Samples at which the guard gave the basal rate, or a part of it, because readings were missing."""
     samples_suspended: jax.Array
-    """Samples at which it suspended insulin."""
+    """Samples at which the guard suspended insulin."""
     samples_dose_limited: jax.Array
-    """Samples at which it cut the dose to its limit per hour or of insulin on board."""
+    """Samples at which the guard cut the dose to its limit per hour or of insulin on board."""
 
     def __str__(self) -> str:
         return short_table({field.name: getattr(self, field.name) for field in dataclasses.fields(self)})
@@ -167,7 +169,7 @@ def summarise(
     Returns
     -------
     Metrics
-        Where glucose or insulin is not finite, what rests on it is NaN, not settled and not satisfied.
+        Metrics; one that rests on glucose or insulin that is not finite is NaN, not settled and not satisfied.
 
     References
     ----------

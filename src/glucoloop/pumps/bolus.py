@@ -1,4 +1,4 @@
-"""What a pump may give as a bolus: a largest dose, a least dose, and a step."""
+"""Limits of a bolus: a largest dose, a least dose, and a step."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class BolusLimits:
     step_mU: jax.Array | float = 50.0
 
     def allowed(self, bolus_mU: jax.Array) -> jax.Array:
-        """The bolus that a pump gives when it is asked for one.
+        """Bolus that a pump gives for a requested one.
 
-        It is rounded down to whole steps, and what is left over is not given later. A bolus above the largest one is
-        cut to it. One that is below the least, below zero or not finite is not given at all.
+        It is rounded down to whole steps, and the remainder is not given later. A bolus above the largest one is cut to
+        it. One that is below the least, below zero or not finite is not given at all.
 
         Parameters
         ----------
         bolus_mU : (...) array
-            Any number.
+            Requested bolus; any number or NaN.
         """
         wanted = jnp.where(jnp.isfinite(bolus_mU) & (bolus_mU > 0.0), bolus_mU, 0.0)
         whole = jnp.floor(jnp.minimum(wanted, self.max_mU) / self.step_mU + _HAIR) * self.step_mU
@@ -40,13 +40,14 @@ class BolusLimits:
 
 
 USUAL_BOLUS_LIMITS: Final = BolusLimits()
-"""At most 25 U, the largest bolus of the t:slim X2 (Tandem), in steps of 0.05 U, the pulse of the Omnipod (Insulet):
-what these limits let pass, the usual pumps can give."""
+"""Largest bolus of 25 U, as of the t:slim X2 (Tandem), in steps of 0.05 U, the pulse of the Omnipod (Insulet); the
+usual pumps can give every bolus within these limits.
+"""
 
 
 @checked
 def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.05) -> BolusLimits:
-    """Limits of boluses of one's own, in units of insulin.
+    """Limits of boluses in units of insulin.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.
     min_U : float
         Least bolus that is given at all [U].
     step_U : float
-        Boluses are multiples of it [U].
+        Step of which boluses are multiples [U].
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A pump that goes back to the basal rate by itself when it hears nothing: a dose expires."""
+"""Pump that returns to the basal rate by itself when no command arrives: a command expires."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from glucoloop.pumps.protocol import Delivery, Pump, deliver
 def rate_in_force(
     command_mU_min: jax.Array, holds_until_min: jax.Array, now_min: jax.Array, basal_mU_min: jax.Array
 ) -> jax.Array:
-    """The rate that was last asked for while that holds, and the basal rate after it.
+    """Last commanded rate while it holds, and the basal rate after it.
 
     Parameters
     ----------
     command_mU_min : (...) array
-        The rate of the last decision; one that is not a number never holds.
+        Rate of the last decision; NaN never holds.
     holds_until_min : (...) array
-        `control.Decision.holds_until_min`; what is not a number is over.
+        Value of `control.Decision.holds_until_min`; NaN counts as expired.
     now_min : (...) array
-        Time now, on the pump's clock.
+        Present time on the pump's clock.
     basal_mU_min : (...) array
     """
     return jnp.where(jnp.isfinite(command_mU_min) & (now_min < holds_until_min), command_mU_min, basal_mU_min)
@@ -34,9 +34,9 @@ def rate_in_force(
 class _State:
     inner: Any
     command_mU_min: jax.Array
-    """The last that was heard."""
+    """Last command that arrived."""
     unheard: jax.Array
-    """Samples since then."""
+    """Number of samples since then."""
     basal_mU_min: jax.Array
 
 
@@ -44,17 +44,17 @@ class _State:
 class Expiring:
     """Keeps the last command for some samples and then gives the basal rate; make it with `expiring`.
 
-    A command that is not a number is one that was not heard. The pump inside keeps its limits on the way back to the
-    basal rate, and the report tells what it delivers. A bolus is given only at the sample in which it is heard, and
-    never again while its command holds.
+    NaN means that no command arrived. The inner pump keeps its limits on the way back to the basal rate, and the report
+    is what it delivers. A bolus is given only at the sample in which it arrives, and never again while its command
+    holds.
     """
 
     inner: Pump
     samples: jax.Array | float
-    """For which a command holds, that in which it came included."""
+    """Number of samples for which a command holds, the one in which it came included."""
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _State:
-        """The rate that has long been delivered is the basal rate."""
+        """State in which the rate that has been delivered for long is the basal rate."""
         return _State(
             inner=self.inner.init(insulin_mU_min, key),
             command_mU_min=insulin_mU_min,
@@ -81,9 +81,10 @@ def expiring(samples: int = 2, inner: Pump | None = None) -> Expiring:
     Parameters
     ----------
     samples : int
-        For which a command holds, that in which it came included; with 2, one lost command changes nothing.
+        Number of samples for which a command holds, the one in which it came included; with 2, one lost command changes
+        nothing.
     inner : Pump, optional
-        What delivers; a pump with the limits of the paper by default.
+        Inner pump; one with the limits of the paper by default.
 
     Raises
     ------

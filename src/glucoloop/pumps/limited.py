@@ -1,4 +1,4 @@
-"""A pump that keeps its dose limits, whatever it is told."""
+"""Pump that keeps its dose limits for any command."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LimitedPump:
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> jax.Array:
-        """The last delivered rate."""
+        """State of the pump: the last delivered rate."""
         del key
         return jnp.clip(insulin_mU_min, self.limits.min_mU_min, self.limits.max_mU_min)
 

@@ -1,4 +1,4 @@
-"""What a pump may do: the constraints (17) and (18) of Parker, Doyle and Peppas (1999)."""
+"""Limits of a pump: the constraints (17) and (18) of Parker, Doyle and Peppas (1999)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class DoseLimits:
         return jnp.clip(previous_mU_min + change, self.min_mU_min, self.max_mU_min)
 
     def allow(self, insulin_mU_min: jax.Array, previous_mU_min: jax.Array, slack_mU_min: float = 0.0) -> jax.Array:
-        """Whether a rate keeps both limits. The limits are compared with, not the clipped rate: that is rounded."""
+        """Whether a rate keeps both limits, compared with the limits themselves, since a clipped rate is rounded."""
         change = jnp.abs(insulin_mU_min - previous_mU_min)
         return (
             (change <= self.max_change_mU_min + slack_mU_min)
@@ -36,12 +36,14 @@ class DoseLimits:
 
 
 PARKER_1999_LIMITS: Final = DoseLimits()
-"""The full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin below 100 mU/l."""
+"""Limits of the paper: the full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin
+below 100 mU/l.
+"""
 
 
 @checked
 def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max_mU_min: float = 66.9) -> DoseLimits:
-    """Limits of one's own.
+    """Limits with the given bounds.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the loop asks of a pump."""
+"""Protocol of a pump in the loop."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from glucoloop.arguments import ArgumentTypeError
 
 @pytree
 class Delivery:
-    """What a pump did with a command."""
+    """Result of a command to a pump."""
 
     insulin_mU_min: jax.Array
     """Basal rate that reaches the patient until the next command."""
     reported_mU_min: jax.Array
-    """Basal rate that the pump says it delivered, which is all that a controller learns; not a number if it says
-    nothing."""
+    """Basal rate that the pump reports, which is all that a controller learns; NaN if it reports nothing."""
     bolus_mU: jax.Array | None = None
-    """Bolus that reaches the patient before the next command, beside the basal rate; None: none was asked for."""
+    """Bolus that reaches the patient before the next command, beside the basal rate, or None without a request."""
     reported_bolus_mU: jax.Array | None = None
-    """Bolus that the pump says it delivered; not a number if it says nothing."""
+    """Bolus that the pump reports; NaN if it reports nothing."""
 
 
 class Pump(Protocol):
@@ -34,16 +33,16 @@ class Pump(Protocol):
     """
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
-        """State of a pump that has long been delivering the given rate."""
+        """State of a pump that has delivered the given rate for a long time."""
         ...
 
     def deliver(
         self, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[Any, Delivery]:
-        """What is delivered until the next command, with a key of its own; never raises, whatever the command.
+        """Delivery until the next command, with a key of its own; never raises, for any command.
 
-        The basal rate and the bolus are apart: limits of the rate do not bind the bolus. None stands for a controller
-        that never gives a bolus; the delivery then has none either.
+        The basal rate and the bolus are separate: limits of the rate do not bind the bolus. None stands for a
+        controller that never gives a bolus; the delivery then has none either.
         """
         ...
 
@@ -51,7 +50,7 @@ class Pump(Protocol):
 def deliver(
     pump: Pump, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None
 ) -> tuple[Any, Delivery]:
-    """Hand a pump a basal rate, and a bolus unless that is None.
+    """Pass a basal rate to a pump, and a bolus unless that is None.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A pump that can only deliver multiples of a smallest rate, from a least rate on."""
+"""Pump that delivers only multiples of a smallest step, from a least rate on."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ class _Carry:
 
 @pytree
 class Resolution:
-    """Rounds what the pump inside delivers down to whole steps, and owes the rest to the next sample.
+    """Rounds the rate of the inner pump down to whole steps, and carries the remainder to the next sample.
 
-    A rate below the least one is not delivered but owed as well. What is owed, at most one step or the least rate, is
-    carried over, so that the mean dose is right to that much unless the upper limit is in the way. The dose stays at or
-    below that limit, while a change may exceed the rate limit by less than two steps, or two least rates.
+    A rate below the least one is not delivered but carried over as well. The carried insulin, at most one step or the
+    least rate, keeps the mean dose right to that much unless the upper limit is in the way. The dose stays at or below
+    that limit, while a change may exceed the rate limit by less than two steps, or two least rates.
 
-    It reports what it delivers, unless the pump inside reports other than it delivers: that report is passed on. A
-    bolus has a step of its own, see `BolusLimits`, and passes as the pump inside delivers it.
+    It reports what it delivers, unless the inner pump reports something else, which is passed on. A bolus has a step of
+    its own, see `BolusLimits`, and passes as the inner pump delivers it.
     """
 
     inner: Pump
     limits: DoseLimits
     step_mU_min: jax.Array | float
     least_mU_min: jax.Array | float
-    """A multiple of the step."""
+    """Least delivered rate, a multiple of the step."""
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _Carry:
-        """Nothing is owed at the start."""
+        """State without carried insulin."""
         return _Carry(inner=self.inner.init(insulin_mU_min, key), owed_mU_min=jnp.zeros_like(insulin_mU_min))
 
     def deliver(
         self, state: _Carry, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[_Carry, Delivery]:
-        """Deliver whole steps."""
+        """Deliver a whole number of steps."""
         inner, wanted = deliver(self.inner, state.inner, command_mU_min, key, bolus_mU)
         due = wanted.insulin_mU_min + state.owed_mU_min
         most = jnp.minimum(due, self.limits.max_mU_min)
@@ -74,14 +74,14 @@ def with_resolution(
     Parameters
     ----------
     step_mU_min : float
-        Doses are multiples of it.
+        Step of which doses are multiples.
     inner : Pump, optional
-        What is rounded; a pump with the limits of the paper by default.
+        Inner pump; one with the limits of the paper by default.
     least_mU_min : float
         Smallest dose that is delivered at all, rounded up to whole steps.
     limits : DoseLimits, optional
-        Whose maximum is kept when what is owed is delivered; by default those of the pump inside if it has any, else
-        those of the paper.
+        Limits whose maximum is kept when carried insulin is delivered; by default those of the inner pump if it has
+        any, else those of the paper.
 
     Raises
     ------

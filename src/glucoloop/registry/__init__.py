@@ -1,1 +1,1 @@
-"""Names of what can be chosen: patients, controllers, faults, and what can be set about each."""
+"""Catalogue of patients, controllers and faults by name, with their settings."""

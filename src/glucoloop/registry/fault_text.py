@@ -1,4 +1,4 @@
-"""Faults as people write them: ``missing, start_min=120, duration_min=30``."""
+"""Text of a fault: ``missing, start_min=120, duration_min=30``."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from glucoloop.registry.keyed_values import keyed_values
 
 
 def parse_fault(text: str) -> Fault:
-    """Fault from its text.
+    """Read a fault from its text.
 
     Raises
     ------
     ValueError
-        For a text that is not a fault, an unknown one, or settings that it does not have.
+        For a text that is not a fault, an unknown fault, or settings that the fault does not have.
     """
     name, _, rest = text.partition(",")
     if not name.strip() or "=" in name:

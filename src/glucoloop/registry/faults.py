@@ -1,4 +1,4 @@
-"""Faults by name: what each is, what can be set, and where it is made.
+"""Catalogue of faults: description, settings, and place of the implementation.
 
 A fault joins the command line, the configuration files and the stress test by one entry in `FAULTS`. Nothing here
 imports a numerical library, so that help is shown at once.
@@ -27,7 +27,7 @@ TIMING: Final = (
     ),
     Setting(PER_DAY, float, "How often it comes in a day by chance, in place of a start.", Default(0.0)),
 )
-"""When a fault is there. None of these has a value unless it is given one."""
+"""Settings of the times of a fault, which have no value unless one is given."""
 OWN_KEY: Final = Setting(KEY, int, "Sets its chance apart from that of a second fault of the same kind.", Default(0))
 
 
@@ -42,30 +42,30 @@ class FaultEntry:
     """Name of the function in `faulty`."""
     settings: tuple[Setting, ...] = ()
     timed: bool = True
-    """Whether it comes and goes; if not, it is always there."""
+    """Whether the fault comes and goes; otherwise it is always present."""
 
     @property
     def comes_and_goes(self) -> bool:
-        """Whether there are times at which it is not there."""
+        """Whether there are times without the fault."""
         return self.name != "resolution"
 
     @property
     def all_settings(self) -> dict[str, Setting]:
-        """Its own, and when it is there."""
+        """Settings of the fault itself, and those of its times."""
         every = (*(TIMING if self.timed else ()), *self.settings, OWN_KEY)
         return {setting.name: setting for setting in every}
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault with its settings: those that were given, and defaults for its own."""
+    """A fault with its settings: the given ones, and defaults for the fault's own."""
 
     name: str
     settings: Mapping[str, Value]
 
     @property
     def entry(self) -> FaultEntry:
-        """What it is."""
+        """Entry of the fault in the catalogue."""
         return FAULTS[self.name]
 
 

@@ -1,4 +1,4 @@
-"""What can be set about the guard of a controller; nothing here imports a numerical library."""
+"""Settings of the guard of a controller; nothing here imports a numerical library."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ GUARD: Final[dict[str, Setting]] = {
         _setting("doubt_tau_min", "Time constant with which a jump of the reading is forgotten.", 480.0),
     )
 }
-"""Key -> setting; the keys are the fields of `control.GuardSettings`."""
+"""Settings by key; the keys are the fields of `control.GuardSettings`."""
 
 
 def complete_guard(given: Mapping[str, object]) -> dict[str, Value]:

@@ -1,4 +1,4 @@
-"""Keys and values as people write them in one line: ``move_weight=1, constraints=qp``."""
+"""Text of keys and values in one line: ``move_weight=1, constraints=qp``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def keyed_values(parts: Iterable[str], of: str, example: str) -> dict[str, objec
     Raises
     ------
     ValueError
-        For a part that is none, or a key that is given twice; `of` and `example` are for the message.
+        For a part of another form, or a repeated key; `of` and `example` are for the message.
     """
     keys: dict[str, object] = {}
     for part in parts:
@@ -29,7 +29,7 @@ def keyed_values(parts: Iterable[str], of: str, example: str) -> dict[str, objec
 
 
 def value_of(text: str) -> object:
-    """A number or a truth value if the text is one, the text within quotes, and else the text itself."""
+    """A number or a truth value if the text is one, the text within quotes, and otherwise the text itself."""
     if text in _TRUTHS:
         return _TRUTHS[text]
     for kind in (int, float):

@@ -1,4 +1,4 @@
-"""Patients by name: what each is, where it is made, and what is usual for it.
+"""Catalogue of patients: description, place of the model, and usual settings.
 
 A patient joins the command line, the configuration files and the trials by one entry in `PATIENTS`, or by the entry
 point of another package in the group ``glucoloop.patients``.
@@ -16,42 +16,42 @@ from glucoloop.registry.settings import Default, Tunings, known_names
 
 _PRINTED_SAMPLE_TIME_MIN: Final = 5.0
 NOMINAL: Final = "nominal"
-"""The population of which everybody is the nominal patient; every patient has it."""
+"""Name of the population of nominal patients, which every patient model has."""
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Where a patient rests."""
+    """State of rest of a patient."""
 
     name: str
     summary: str
-    """Which rate holds which glucose, for help."""
+    """Rate and glucose at rest, for help."""
     tunings: Tunings = field(default_factory=dict)
-    """Settings of controllers that are usual at this point alone."""
+    """Settings of controllers that are usual at this point only."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PatientEntry:
-    """A patient, as far as it can be told without its equations."""
+    """Description of a patient that is available without its equations."""
 
     name: str
     summary: str
     model: str
-    """``module:attribute`` of its `patients.model.PatientModel`."""
+    """Place ``module:attribute`` of its `patients.model.PatientModel`."""
     operating_points: tuple[OperatingPoint, ...]
-    """The first is the usual one."""
+    """Operating points, the usual one first."""
     populations: Mapping[str, str] = field(default_factory=dict)
-    """Name -> summary of each population besides the nominal one; the first is the usual one."""
+    """Summary of each population by name besides the nominal one; the first is the usual one."""
     max_change_mU_min: float = 16.7
-    """Of a usual pump, from one sample to the next."""
+    """Largest change of the rate of a usual pump, from one sample to the next."""
     min_insulin_mU_min: float = 0.0
     max_insulin_mU_min: float = 66.9
     pulse_mU_min: float
     """Height of the pulses from which a model is identified; at most the basal rate."""
     memory_min: float = 180.0
-    """After which a dose has died out."""
+    """Time after which the effect of a dose has died out."""
     laguerre_pole: float = 0.84
-    """At 5-min samples."""
+    """Usual pole of the Laguerre functions, at 5-min samples."""
     laguerre_functions: int = 2
     tunings: Tunings = field(default_factory=dict)
     """Settings of controllers that are usual for this patient."""
@@ -80,7 +80,7 @@ class PatientEntry:
         return next(iter(self.populations), NOMINAL)
 
     def usual_settings(self, controller: str, operating_point: str) -> Mapping[str, Default]:
-        """Settings of a controller that are usual here, where they are others than the controller's own.
+        """Usual settings of a controller for this patient, where they differ from the controller's own.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class PatientEntry:
         return {**self.tunings.get(controller, {}), **own}
 
     def identification(self, sample_time_min: float) -> dict[str, Any]:
-        """How a model is usually identified at a sample time: memory in samples, and the Laguerre functions."""
+        """Usual identification of a model at a sample time: memory in samples, and the Laguerre functions."""
         return {
             "memory": max(2, round(self.memory_min / sample_time_min)),
             "laguerre_pole": float(self.laguerre_pole ** (sample_time_min / _PRINTED_SAMPLE_TIME_MIN)),

@@ -1,4 +1,4 @@
-"""Parts that other packages add: by an entry point of theirs, or named as ``module:attribute``."""
+"""Parts from other packages: by an entry point, or named as ``module:attribute``."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from typing import Any
 
 
 def added_names(group: str) -> list[str]:
-    """Names that installed packages add to a group; nothing of them is imported."""
+    """Names that installed packages add to a group; the packages are not imported."""
     return sorted(point.name for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"))
 
 
 def added(group: str, name: str, kind: type) -> Any | None:
-    """What a package adds under a name, or what ``module:attribute`` names; None where there is no such thing.
+    """Object that a package adds under a name, or that ``module:attribute`` names; None if there is none.
 
     Parameters
     ----------
     group : str
         ``"controllers"`` or ``"patients"``; the entry points of a package are in ``glucoloop.controllers`` and so on.
     name : str
-        Of an entry point, or ``module:attribute`` of a module that Python finds or that lies in the current folder.
+        Name of an entry point, or ``module:attribute`` of a module that Python finds or that lies in the current
+        folder.
     kind : type
-        What it has to be.
+        Expected type of the object.
 
     Raises
     ------
     ValueError
-        For a module that cannot be imported, an attribute that it has not, or one of another kind.
+        For a module that cannot be imported, a missing attribute, or one of another type.
     """
     for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"):
         if point.name == name:
@@ -40,12 +41,12 @@ def added(group: str, name: str, kind: type) -> Any | None:
 
 
 def loaded(value: str) -> Any:
-    """What ``module:attribute`` names, of a module that Python finds or that lies in the current folder.
+    """Object that ``module:attribute`` names, in a module that Python finds or that lies in the current folder.
 
     Raises
     ------
     ValueError
-        For a module that cannot be imported, or an attribute that it has not.
+        For a module that cannot be imported, or a missing attribute.
     """
     module, _, attribute = value.partition(":")
     try:

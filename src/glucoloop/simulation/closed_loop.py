@@ -34,44 +34,44 @@ Values = jax.Array | npt.NDArray[np.float64]
 
 @pytree
 class Trace:
-    """What happened, sample by sample; time on the leading axis, people trailing."""
+    """Course of a run, sample by sample; time on the leading axis, people trailing."""
 
     t_min: jax.Array
-    """(samples,)"""
+    """(samples,) times of the samples."""
     glucose_mg_dl: jax.Array
     """(samples, ...) the patient's glucose, free of noise, at each sample."""
     reading_mg_dl: jax.Array
-    """(samples, ...) what the sensor said."""
+    """(samples, ...) readings of the sensor."""
     reading_valid: jax.Array
-    """(samples, ...)"""
+    """(samples, ...) whether each reading is valid."""
     command_mU_min: jax.Array
-    """(samples, ...) what the controller asked for."""
+    """(samples, ...) rates that the controller commands."""
     insulin_mU_min: jax.Array
-    """(samples, ...) what the pump delivered from this sample to the next."""
+    """(samples, ...) rates that the pump delivers from this sample to the next."""
     reported_mU_min: jax.Array
-    """(samples, ...) what the pump said it delivered; the same unless it errs."""
+    """(samples, ...) rates that the pump reports, equal to the delivered ones unless it errs."""
     status: jax.Array
     """(samples, ...) `control.protocol.Status` of each decision."""
     carbs_g: jax.Array
     """(samples,) carbohydrate of the meals that begin between this sample and the next."""
     states: jax.Array
-    """(samples + 1, states, ...) of the patient, from the start to the horizon."""
+    """(samples + 1, states, ...) states of the patient, from the start to the horizon."""
     fine_t_min: jax.Array
     """(points,) a grid of one minute, from 0 to the horizon."""
     fine_glucose_mg_dl: jax.Array
-    """(points, ...) glucose free of noise on it."""
+    """(points, ...) glucose free of noise on the fine grid."""
     setpoint_mg_dl: jax.Array
     basal_insulin_mU_min: jax.Array
     lowest_valid_mg_dl: jax.Array | float = 0.0
-    """Lower glucose means only that it is very low: the patient's model is not valid there."""
+    """Lower end of the valid range of the patient's model; lower glucose means only that it is very low."""
     command_bolus_mU: jax.Array | None = None
-    """(samples, ...) bolus that the controller asked for; None, like the next two, where it gives no boluses."""
+    """(samples, ...) bolus that the controller commands; None, like the next two, where it gives no boluses."""
     bolus_mU: jax.Array | None = None
     """(samples, ...) bolus that the pump delivered from this sample to the next, beside the basal rate."""
     reported_bolus_mU: jax.Array | None = None
-    """(samples, ...) bolus that the pump said it delivered."""
+    """(samples, ...) bolus that the pump reports."""
     announced_carbs_g: jax.Array | None = None
-    """(samples,) what the controller was told of the meals; None where meals were not announced."""
+    """(samples,) announced carbohydrate; None where meals were not announced."""
 
     def to_polars(self) -> pl.DataFrame:
         """One row per sample, as a data frame of Polars.
@@ -118,7 +118,7 @@ class Trace:
 
 @pytree
 class Start:
-    """Where the loop begins."""
+    """State and rate at which the loop begins."""
 
     x: jax.Array
     insulin_mU_min: jax.Array
@@ -134,7 +134,7 @@ class _OnGrid:
     carbs_g: Values
     announced_g: Values
     time_of_day_min: Values | None
-    """None: the controller is not told."""
+    """Time of day at each sample, or None if the controller does not get it."""
 
 
 def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
@@ -159,7 +159,7 @@ def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
 
 @functools.partial(jax.jit, static_argnums=1)
 def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: _OnGrid, key: jax.Array) -> Trace:
-    """The loop proper: one scan over samples."""
+    """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
     told, times = on_grid.announced_g, on_grid.time_of_day_min
@@ -214,12 +214,12 @@ def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
 
 
 def default_integrator(patient: Patient) -> Integrator:
-    """The fast integrator where the patient's structure allows it, and else the adaptive one."""
+    """The fast integrator if the patient's structure allows it, otherwise the adaptive one."""
     return Exponential() if isinstance(patient, SemilinearPatient) else Adaptive()
 
 
 def start_of(patient: Patient, scenario: Scenario) -> Start:
-    """The patient at rest, at the glucose that the scenario begins with."""
+    """The patient at rest, at the initial glucose of the scenario."""
     insulin = patient.basal_insulin_mU_min
     if scenario.initial_glucose_mg_dl is not None:
         insulin = patient.insulin_for(scenario.initial_glucose_mg_dl)
@@ -240,7 +240,7 @@ def simulate(
     *,
     integrator: Integrator | None = None,
 ) -> Trace:
-    """Close the loop.
+    """Simulate the closed loop of one patient or of several.
 
     At each sample the sensor reads, the controller decides, and the pump delivers until the next one. The patient
     starts at rest.
@@ -250,15 +250,15 @@ def simulate(
     patient : Patient
     controller : Controller
     sensor : Sensor, optional
-        Ideal by default.
+        Sensor; an ideal one by default.
     pump : Pump, optional
-        The limits of Parker et al. (1999) by default.
+        Pump; by default one with the limits of Parker et al. (1999).
     scenario : Scenario, optional
         The 50 g oral glucose test at 50 min over 600 min by default.
     key : JAX key or int
         Source of all randomness: the same key gives the same trace.
     integrator : Integrator, optional
-        `Exponential` where the patient allows it, else `Adaptive`.
+        Integrator; by default `Exponential` if the patient allows it, else `Adaptive`.
 
     Returns
     -------
@@ -267,7 +267,7 @@ def simulate(
     Raises
     ------
     ValueError
-        Where the horizon is not a whole number of the controller's samples, or the patient cannot rest at the
+        If the horizon is not a whole number of the controller's samples, or the patient cannot rest at the
         initial glucose.
     """
     sensor = IdealSensor() if sensor is None else sensor

@@ -1,7 +1,8 @@
-"""The closed loop of many people at once: the same loop, sample by sample, for all of them.
+"""Closed loop of many people at once: the same loop, sample by sample, for all of them.
 
-What differs between people (constants of the patient, meals, random keys, a controller of one's own) trails; what they
-share is part of the program. `people_plant` integrates, with two steps a sample, and `engines` carries the loop out.
+Values that differ between people (constants of the patient, meals, random keys, individual controllers) have a trailing
+axis; shared values are part of the program. `people_plant` integrates, with two steps per sample, and `engines` runs
+the loop.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ SUBSTEPS: Final = 2
 
 
 class Fold(Protocol):
-    """What is made of the loop as it goes, in place of a trace; a pytree."""
+    """Reduction of the loop as it runs, in place of a trace; a pytree."""
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
-        """At the start."""
+        """State at the start of the run."""
         ...
 
     def step(self, state: Any, happened: Sampled, t_min: jax.Array) -> Any:
-        """After a sample, which was taken at the time `t_min`."""
+        """State after a sample, which was taken at the time `t_min`."""
         ...
 
 
@@ -54,50 +55,51 @@ class People:
 
     patient: SemilinearPatient
     x: Array
-    """(states, people) at rest."""
+    """(states, people) states at rest."""
     insulin_mU_min: Array
-    """(people,) under which they rest."""
+    """(people,) rates under which they rest."""
     key: jax.Array
-    """(people,) from which each one's sensor draws."""
+    """(people,) random key of each sensor."""
     controller: Controller | None = None
-    """Controllers of their own, numbers trailing; None: the cohort's."""
+    """Controllers of people's own, numbers trailing, or None for the cohort's."""
     sensor: Sensor | None = None
-    """Sensors of their own, likewise."""
+    """Sensors of people's own, numbers trailing, or None for the cohort's."""
     pump: Pump | None = None
     meals: Eaten | None = None
-    """(meals, people) meals of their own; None: the cohort's."""
+    """(meals, people) meals of people's own, or None for the cohort's."""
     announced_g: Array | None = None
-    """(meals, people) what each controller is told of the meals, in a cohort that was made for announcements of
-    people's own; None: what is eaten."""
+    """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
+    None for the true carbohydrate.
+    """
 
 
 @dataclass(frozen=True)
 class CohortRun:
-    """What became of some people."""
+    """Results of people."""
 
     fold: Any
     """The fold's state at the end, ``(..., people)``, float64."""
     glucose_mg_dl: Array
-    """(samples + 1, people) free of noise, at each sample and at the horizon, in the engine's precision."""
+    """(samples + 1, people) noise-free glucose at each sample and at the horizon, in the engine's precision."""
     insulin_mU_min: Array
     """(samples, people) all insulin delivered from each sample to the next, as a rate: a bolus counts evenly."""
     reading_mg_dl: Array | None = None
-    """(samples, people) what the sensor said, if the cohort tells it."""
+    """(samples, people) readings of the sensor, if the cohort returns them."""
     status: Array | None = None
-    """(samples, people) `control.protocol.Status` of each decision, if the cohort tells it."""
+    """(samples, people) `control.protocol.Status` of each decision, if the cohort returns it."""
 
 
 @pytree
 class _Carry:
     loop: LoopState
     digestion: jax.Array | None
-    """State of the meal model; None where meals and guts are the same for all."""
+    """State of the meal model; None where meals and guts are the same for all people."""
     fold: Any
 
 
 @pytree
 class _Own:
-    """What differs between people, people trailing."""
+    """Values that differ between people, people trailing."""
 
     plant: list[jax.Array]
     digestion: list[jax.Array]
@@ -107,7 +109,7 @@ class _Own:
 
 
 class Cohort:
-    """A closed loop made ready for people of one kind.
+    """A closed loop compiled for people of one kind.
 
     Parameters
     ----------
@@ -116,31 +118,32 @@ class Cohort:
     varied : SemilinearPatient
         Some people, to show which constants vary: those that have one axis more than the nominal patient's.
     controller : Controller
-        For all of them.
+        Controller of all people.
     sensor, pump : Sensor, Pump
     grid : SampleGrid
     fold : Fold
     setpoint_mg_dl : float
     meals : Eaten or None
-        Meals of all, ``(meals,)``; None: each person brings meals of their own.
+        Meals of all people, ``(meals,)``, or None if each person has individual meals.
     announced : bool
         Whether the controller is told of meals when they begin.
     own_announcements : bool
-        Whether people bring what is announced to each of them, as where carbohydrate is counted with an error.
+        Whether announcements are individual, as for carbohydrate that is counted with an error.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which controllers are told; by default they are not.
     meal_model : MealModel, optional
-        How everybody absorbs meals; each person's own meal model by default.
+        Meal model of all people; by default each person's own.
     varied_controller, varied_sensor, varied_pump : optional
-        Those of some people, where each brings his own; what varies is told as for `varied`.
+        Controllers, sensors and pumps of some people, where each person has a different one; they show which values
+        vary, as for `varied`.
     engine : {"native", "xla"}, optional
-        By default native code where the controller allows it.
+        Engine; by default native code if the controller allows it.
     precision : {"float64", "float32"}
-        Of native code.
+        Precision of native code.
     substeps : int
         Steps of the integrator per sample.
     tell_decisions : bool
-        Whether a run hands back readings and statuses too.
+        Whether a run returns readings and statuses too.
 
     Raises
     ------
@@ -207,18 +210,18 @@ class Cohort:
 
     @property
     def precision(self) -> str:
-        """Of the engine."""
+        """Precision of the engine."""
         return self._engine.precision
 
     def run(self, people: People, *, threads: int = 1) -> CohortRun:
-        """Carry people through the run.
+        """Run the loop of people.
 
         Parameters
         ----------
         people : People
-            As many as is good for the caches: some hundred to a few thousand.
+            Some hundred to a few thousand people, so that they fit the caches.
         threads : int
-            Of native code. They make no difference to the result.
+            Number of threads of native code; the result does not depend on it.
         """
         with one_at_a_time:
             own = self._own(people)
@@ -247,7 +250,7 @@ class Cohort:
         return dataclasses.replace(self._single, plant=self._plants.of(own.plant), **parts)
 
     def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
-        """Before the first sample, and the key of his readings."""
+        """State before the first sample, and the key of the person's readings."""
         loop = self._loop(own)
         times = self._shared.get("time_of_day_min")
         state, reading_key = begin(loop, x, insulin, told, key, None if times is None else jnp.asarray(times[0]))
@@ -256,7 +259,7 @@ class Cohort:
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, chance: Any) -> tuple[_Carry, Any]:
-        """One sample: glucose and the delivered rate come out of it, and reading and status if they are told."""
+        """One sample: it outputs glucose and the delivered rate, and reading and status if they are asked for."""
         digestion, moments = carry.digestion, shared["moments"]
         if digestion is not None:
             matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, own.digestion), []
@@ -290,7 +293,7 @@ class Cohort:
     # many people
 
     def _own(self, people: People) -> _Own:
-        """What differs between people."""
+        """Values that differ between people."""
 
         def part(name: str) -> list[jax.Array]:
             brought = getattr(people, name)
@@ -311,11 +314,11 @@ class Cohort:
 
     @property
     def _entries(self) -> int:
-        """Numbers that a step is told of the jumps of meals within it."""
+        """Number of values that describe the jumps of meals within a step."""
         return MOMENTS + int(self._one_digestion.transition.shape[0])
 
     def _meals_of_all(self, meals: Eaten | None) -> tuple[Array, Array]:
-        """Moments ``(samples, substeps, 3)`` and what is announced ``(samples,)`` of meals that all eat."""
+        """Moments ``(samples, substeps, 3)`` and announced carbohydrate ``(samples,)`` of meals that all people eat."""
         samples = self._grid.samples
         if meals is None:
             return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
@@ -324,7 +327,7 @@ class Cohort:
         return moments, _at_samples(_for_people(meals, 1), self._grid)[:, 0]
 
     def _meals_of_people(self, people: People) -> tuple[Any, Array]:
-        """What reaches people of their own meals, and what is announced at the start."""
+        """Inputs of people from their own meals, and the announced carbohydrate at the start."""
         samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
         if not (self._own_meals or self._own_told):
             return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
@@ -346,7 +349,7 @@ class Cohort:
 
 
 def _for_people(meals: Eaten, people: int) -> Eaten:
-    """Meals of all ``(meals,)`` as those of each person ``(meals, people)``."""
+    """Meals of all ``(meals,)`` repeated for each person ``(meals, people)``."""
     repeated: Eaten = jax.tree.map(lambda part: np.repeat(np.asarray(part, float)[:, None], people, axis=1), meals)
     return repeated
 

@@ -1,6 +1,6 @@
-"""One sample of the closed loop: read, decide, deliver, and go on to the next.
+"""One sample of the closed loop: read, decide, deliver, and advance to the next.
 
-Whether one person is followed or a million, in real time or not, it is these two functions.
+One person or many, in real time or not: all loops use these two functions.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _PUMP: Final = 0x50554D50
 
 @pytree
 class Loop:
-    """What makes a loop, and where it is to hold glucose."""
+    """Parts of a loop, and its setpoint."""
 
     plant: Plant
     controller: Controller
@@ -39,36 +39,36 @@ class Loop:
 
 @pytree
 class LoopState:
-    """What is handed from sample to sample."""
+    """State that is passed from sample to sample."""
 
     x: jax.Array
     """State of the patient."""
     reported_mU_min: jax.Array
-    """Rate that the pump says it delivered."""
+    """Rate that the pump reports."""
     in_sensor: Any
     in_controller: Any
     in_pump: Any
     reported_bolus_mU: jax.Array | None = None
-    """Bolus that the pump says it delivered since the last sample; None under a controller that gives none."""
+    """Bolus that the pump reports since the last sample; None under a controller that gives none."""
 
 
 @pytree
 class Sampled:
-    """What happened at a sample and until the next."""
+    """Events of a sample, and of the time until the next."""
 
     x: jax.Array
-    """State of the patient when it was taken."""
+    """State of the patient at the sample."""
     glucose_mg_dl: jax.Array
-    """The patient's own then, free of noise."""
+    """Glucose of the patient at the sample, free of noise."""
     reading: Reading
     decision: Decision
     delivery: Delivery
     infused_mU_min: jax.Array
     """All insulin that reaches the patient until the next sample, as a rate: the basal rate, and the bolus evenly."""
     inside_mg_dl: jax.Array
-    """(points, ...) glucose on the fine grid from there to the next sample, its end included."""
+    """(points, ...) glucose on the fine grid from the sample to the next, its end included."""
     lowest_valid_mg_dl: jax.Array
-    """Glucose below which the patient's model says no more than that it is very low."""
+    """Lower end of the valid range of the patient's model."""
 
 
 def look(
@@ -79,7 +79,7 @@ def look(
     index: jax.Array,
     time_of_day_min: jax.Array | None = None,
 ) -> tuple[Any, Reading, Observation]:
-    """State of the sensor after it read at the sample with a number, its reading, and what the controller sees."""
+    """State of the sensor after it read at a sample, its reading, and the observation of the controller."""
     seen = _seen(loop, state.x)
     in_sensor, reading = loop.sensor.read(state.in_sensor, seen, jax.random.fold_in(reading_key, index))
     reported = state.reported_mU_min, state.reported_bolus_mU
@@ -106,7 +106,7 @@ def _observe(
 
 
 def _seen(loop: Loop, x: jax.Array) -> jax.Array:
-    """Glucose where the sensor sits."""
+    """Glucose at the site of the sensor."""
     return seen_mg_dl(loop.plant.patient, x, site_of(loop.sensor))
 
 
@@ -123,7 +123,7 @@ def begin(
     key: jax.Array,
     time_of_day_min: jax.Array | None = None,
 ) -> tuple[LoopState, jax.Array]:
-    """The loop before its first sample, with the patient in the state x under an infusion, and the key for `sample`."""
+    """Loop before its first sample, with the patient in the state x under an infusion, and the key for `sample`."""
     sensor_key, reading_key = jax.random.split(key)
     seen = _seen(loop, x)
     in_sensor = loop.sensor.init(seen, sensor_key)
@@ -151,14 +151,14 @@ def sample(
     index: jax.Array,
     time_of_day_min: jax.Array | None = None,
 ) -> tuple[LoopState, Sampled]:
-    """The sample with a number: what the integrator needs from outside and what is announced are its own.
+    """Advance the loop by the sample with the given number, with its exogenous inputs and announced carbohydrate.
 
     A bolus reaches the patient evenly until the next sample, beside the basal rate. Pumps give about 1.5 U a minute: of
     5 U the mean insulin comes 1.7 min after the beginning, and in 5-min samples it is 2.5 min here. If all of it came
     at once, glucose of the patient of Hovorka et al. (2004) after a meal would differ by up to 1.5 mg/dl for each unit.
 
-    The parts are compiled apart from one another. Across the borders XLA would round otherwise here than in a program
-    in which the controller runs by itself, and stepping in real time would no longer be the simulation to the bit.
+    The parts are compiled separately. Otherwise XLA would round differently here than in a program in which the
+    controller runs by itself, and stepping in real time would not equal the simulation to the bit.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def sample(
 
 
 def _check_boluses(controller: Controller, decision: Decision) -> None:
-    """Refuse a controller whose decisions are other than it says, which no loop could carry from sample to sample."""
+    """Refuse a controller whose decisions contradict its declaration of boluses, which no loop could carry."""
     name, says = type(controller).__name__, gives_boluses(controller)
     if decision.bolus_mU is not None and not says:
         raise ArgumentTypeError(

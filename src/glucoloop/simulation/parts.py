@@ -1,4 +1,4 @@
-"""The parts that people bring to a loop: made ready for JAX, or refused with a sentence."""
+"""Parts that users bring to a loop: prepared for JAX, or refused with a sentence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def sample_time_of(controller: Controller) -> float:
     Raises
     ------
     ArgumentTypeError
-        Where it is no number, or JAX traces it.
+        If it is not a number, or JAX traces it.
     ValueError
         Unless it is positive and finite.
     """
@@ -35,7 +35,7 @@ def sample_time_of(controller: Controller) -> float:
 
 @dataclass(frozen=True)
 class Fixed:
-    """What of a tree is no number and belongs to the program: its structure, and functions in it."""
+    """Part of a tree that belongs to the program and not to the numbers: its structure, and functions in it."""
 
     structure: Any
     places: tuple[int, ...]
@@ -45,7 +45,7 @@ class Fixed:
     one controller with the program of another."""
 
     def joined(self, numbers: list[Any]) -> Any:
-        """The tree with these numbers."""
+        """The tree with the given numbers."""
         leaves = list(numbers)
         for place, function in zip(self.places, self.functions, strict=True):
             leaves.insert(place, function)
@@ -53,7 +53,7 @@ class Fixed:
 
 
 def apart(tree: Any) -> tuple[list[Any], Fixed]:
-    """Numbers of a tree, and what is fixed in it.
+    """Split a tree into its numbers and its fixed part.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _kinds(structure: Any) -> Iterator[Any]:
 
 
 def wrong_with(controller: Controller, observation: Observation) -> str | None:
-    """What keeps a controller of one's own from being stepped in a loop, or None."""
+    """Reason why a user's controller cannot be stepped in a loop, or None."""
     state = jax.eval_shape(controller.init, observation)
     answer = jax.eval_shape(lambda state: controller.step(state, observation), state)
     name = type(controller).__name__

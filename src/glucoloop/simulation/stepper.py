@@ -1,4 +1,4 @@
-"""One patient, sample by sample, for whoever brings the doses: a loop in real time, a game, another program."""
+"""One patient, stepped sample by sample with doses from outside: for a real-time loop, a game, or another program."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 
 _FIRST_ROOM: Final = 8
-"""Meals for which there is room at first; it is doubled when it is full."""
+"""Initial number of meals that can be stored; it is doubled when it is reached."""
 _NO_MEALS: Final = Eaten(**{name: np.zeros(_FIRST_ROOM) for name in ("t_min", "carbs_g", "eating_min")})
 
 
 @pytree
 class _Asked:
-    """The controller of a loop whose doses come from outside."""
+    """Controller of a loop whose doses come from outside."""
 
     insulin_mU_min: jax.Array
     bolus_mU: jax.Array | None
@@ -47,12 +47,12 @@ class _Asked:
         return self.bolus_mU is not None
 
     def init(self, observation: Observation) -> tuple[()]:
-        """Nothing is remembered."""
+        """State without memory."""
         del observation
         return ()
 
     def step(self, state: tuple[()], observation: Observation) -> tuple[tuple[()], Decision]:
-        """The dose that was asked for."""
+        """Decision with the dose from outside."""
         del observation
         status = jnp.asarray(int(Status.OK))
         return state, Decision(insulin_mU_min=self.insulin_mU_min, status=status, bolus_mU=self.bolus_mU)
@@ -60,16 +60,16 @@ class _Asked:
 
 @pytree
 class _Now:
-    """Everything that a stepper remembers."""
+    """State of a stepper."""
 
     loop: LoopState
     sample: jax.Array
-    """Number of the sample to come."""
+    """Number of the coming sample."""
     key: jax.Array
     eaten: Eaten
-    """(room,) meals that began; 0 g where there is none yet."""
+    """(room,) meals that have begun; 0 g for free places."""
     meals: jax.Array
-    """How many there were."""
+    """Number of meals that have begun."""
 
 
 @functools.partial(jax.jit, static_argnums=1)
@@ -118,27 +118,27 @@ class Stepper:
     ----------
     patient : Patient
     sensor, pump : Sensor, Pump, optional
-        As for `simulate`.
+        Argument as for `simulate`.
     sample_time_min : float
     setpoint_mg_dl : float, optional
-        What the observations tell a controller to aim at; the patient's own by default.
+        Setpoint in the observations; the patient's own by default.
     initial_glucose_mg_dl : float, optional
         The patient starts at rest at this value; at the setpoint of the patient by default.
     allow_unusual : bool
-        Whether a glucose that is hardly meant, such as 5.5 mg/dl, is taken as it is.
+        Whether an implausible glucose, such as 5.5 mg/dl, is accepted.
     key : JAX key or int
         Source of all randomness.
     integrator : SteppingIntegrator, optional
-        As for `simulate`.
+        Argument as for `simulate`.
     meal_model : MealModel, optional
-        How meals are absorbed; the patient's own meal model by default.
+        Model of absorption; the patient's own by default.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the observations tell; by default they do not.
 
     Raises
     ------
     ValueError
-        For an argument that is not possible.
+        If an argument is not possible.
 
     Examples
     --------
@@ -212,7 +212,7 @@ class Stepper:
 
     @property
     def sample(self) -> int:
-        """Number of the sample to come; 0 at the start."""
+        """Number of the coming sample; 0 at the start."""
         return int(self._now.sample)
 
     @property
@@ -249,7 +249,7 @@ class Stepper:
 
     @checked
     def observation(self, announced_carbs_g: float = 0.0) -> Observation:
-        """What a controller sees at the sample to come; the same however often it is asked for.
+        """Observation of a controller at the coming sample; repeated calls give the same.
 
         Parameters
         ----------
@@ -261,16 +261,16 @@ class Stepper:
 
     @checked
     def eat(self, carbs_g: float, after_min: float = 0.0, eating_min: float = 0.0) -> None:
-        """A meal begins during the sample to come.
+        """Begin a meal during the coming sample.
 
         Parameters
         ----------
         carbs_g : float
-            Its carbohydrate [g].
+            Carbohydrate of the meal [g].
         after_min : float
             Minutes from the beginning of the sample; less than its length.
         eating_min : float
-            How long it is eaten; 0 for a meal that is eaten at once.
+            Duration of eating; 0 for a meal that is eaten at once.
 
         Raises
         ------
@@ -297,7 +297,7 @@ class Stepper:
         Parameters
         ----------
         insulin_mU_min : float
-            What the controller asks of the pump [mU/min]; the pump keeps its limits. Anything, also NaN.
+            Rate that is commanded [mU/min], any number or NaN; the pump keeps its limits.
         carbs_g : float
             Carbohydrate of a meal that begins with this sample [g]; 0 for none. `eat` is for one that begins within it.
         bolus_mU : float, optional
@@ -306,7 +306,8 @@ class Stepper:
         Returns
         -------
         Observation
-            `last` holds what happened until then: the reading, the decision, the delivery, and glucose by the minute.
+            Observation at the next sample. `last` holds the events until then: the reading, the decision, the delivery,
+            and glucose by the minute.
 
         Raises
         ------
@@ -332,22 +333,22 @@ class Stepper:
         return self.observation()
 
     def save(self) -> bytes:
-        """Everything that the stepper remembers, for `restore`."""
+        """State of the stepper as bytes, for `restore`."""
         return pack(self._now, self._of)
 
     def restore(self, saved: bytes) -> Observation:
-        """Go on from where a stepper of the same patient, sensor and pump was saved, to the same bits.
+        """Continue from the saved state of a stepper with the same patient, sensor and pump, to the same bits.
 
         Returns
         -------
         Observation
-            The one at the sample to come.
+            Observation at the coming sample.
 
         Raises
         ------
         ValueError
             For bytes that are damaged, of another version, or of a stepper that differs from this one. The stepper
-            then stays as it was.
+            is then unchanged.
         """
         now = unpack(saved, self._now, self._of)
         self._now, self._absorption, self.last = now, absorb(self._meal_model, now.eaten), None

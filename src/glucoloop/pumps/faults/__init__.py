@@ -1,4 +1,4 @@
-"""Faults of a pump: small objects around any pump, and around one another."""
+"""Faults of a pump: small objects that wrap any pump, and one another."""
 
 from glucoloop.pumps.faults.battery_gap import BatteryGap, battery_gap
 from glucoloop.pumps.faults.occlusion import Occlusion, missed_pulses, occlusion

@@ -1,4 +1,4 @@
-"""A pump without power."""
+"""Pump without power."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from glucoloop.pumps.protocol import Delivery, Pump
 
 @pytree
 class BatteryGap:
-    """Delivers neither rate nor bolus and reports nothing; then the pump inside starts from rest at no insulin.
+    """Delivers neither rate nor bolus and reports nothing; then the inner pump starts from rest at no insulin.
 
-    All that is inside starts anew, faults and their planned times included: put other faults around this one.
+    All inner parts start again, faults and their planned times included: put other faults around this one.
     """
 
     inner: Pump
     episodes: Episodes
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Within:
-        """See `Pump`."""
+        """State of the inner pump and of the fault before the first command."""
         return begin(self, insulin_mU_min, key)
 
     def deliver(
         self, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[Within, Delivery]:
-        """Deliver what is inside, or nothing while the fault is there."""
+        """Deliver as the inner pump does, or nothing while the fault is present."""
         state, age, delivery = deliver_within(self, state, command_mU_min, key, bolus_mU)
         off = age >= 0.0
         at_rest = self.inner.init(jnp.zeros_like(delivery.insulin_mU_min), key)

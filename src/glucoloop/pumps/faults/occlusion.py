@@ -1,4 +1,4 @@
-"""A line that lets through less than the pump pushes, or nothing."""
+"""Infusion line that is partly or fully blocked."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from glucoloop.pumps.protocol import Delivery, Pump
 
 @pytree
 class Occlusion:
-    """Lets a fraction through of what the pump inside delivers, of the basal rate and of a bolus alike."""
+    """Delivers a fraction of the basal rate and of the bolus of the inner pump."""
 
     inner: Pump
     episodes: Episodes
     open_fraction: jax.Array | float
     noticed: bool = static(default=False)
-    """Whether the pump reports what went through, or what it believes."""
+    """Whether the pump reports the rate that passes the line, rather than the intended one."""
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Within:
-        """See `Pump`."""
+        """State of the inner pump and of the fault before the first command."""
         return begin(self, insulin_mU_min, key)
 
     def deliver(
         self, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[Within, Delivery]:
-        """Deliver what is inside, or its fraction while the fault is there."""
+        """Deliver as the inner pump does, or a fraction of it while the fault is present."""
         state, age, delivery = deliver_within(self, state, command_mU_min, key, bolus_mU)
         there = age >= 0.0
         through = jax.tree.map(
@@ -52,17 +52,17 @@ def occlusion(
 ) -> Occlusion:
     """Pump whose line is blocked during the episodes.
 
-    What did not go through is lost, not delivered later: of the basal rate, and of a bolus that is given meanwhile.
+    Insulin that does not pass is lost, not delivered later: of the basal rate, and of a bolus given during an episode.
 
     Parameters
     ----------
     episodes : Episodes
     inner : Pump, optional
-        What delivers; a pump with the limits of the paper by default.
+        Inner pump; one with the limits of the paper by default.
     open_fraction : float
-        Of the insulin that still goes through.
+        Fraction of the insulin that still passes.
     noticed : bool
-        Whether the pump reports what went through; without it, it reports what it believes.
+        Whether the pump reports the rate that passes the line; otherwise it reports the intended rate.
 
     Raises
     ------
@@ -76,18 +76,18 @@ def occlusion(
 
 @checked
 def missed_pulses(probability: float, inner: Pump | None = None, *, noticed: bool = False, key: int = 0) -> Occlusion:
-    """Pump that delivers nothing for a sample now and then, neither its basal rate nor a bolus.
+    """Pump that delivers nothing in random single samples, neither its basal rate nor a bolus.
 
     Parameters
     ----------
     probability : float
-        That the insulin of a sample does not reach the person; samples are independent of one another.
+        Probability that the insulin of a sample does not reach the person; samples are independent.
     inner : Pump, optional
-        What delivers; a pump with the limits of the paper by default.
+        Inner pump; one with the limits of the paper by default.
     noticed : bool
-        Whether the pump reports that nothing went through.
+        Whether the pump reports that no insulin passed.
     key : int
-        Sets the chance of this fault apart from that of others about the same pump; 0 to 65535.
+        Number that makes the random draws of this fault differ from those of others around the same pump; 0 to 65535.
 
     Raises
     ------

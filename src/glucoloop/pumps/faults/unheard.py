@@ -1,4 +1,4 @@
-"""A pump that does not hear what it is asked for."""
+"""Pump that does not receive its commands."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 @pytree
 class Unheard:
-    """Hands the pump inside a rate and a bolus that are not numbers during the episodes: it gives no such bolus."""
+    """Gives the inner pump NaN as rate and bolus during the episodes, so that it gives no bolus."""
 
     inner: Pump
     episodes: Episodes
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Within:
-        """See `Pump`."""
+        """State of the inner pump and of the fault before the first command."""
         return begin(self, insulin_mU_min, key)
 
     def deliver(
         self, state: Within, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[Within, Delivery]:
-        """Deliver what is inside, which hears the command or nothing."""
+        """Deliver as the inner pump does, with the command or with none."""
         episode, age = self.episodes.step(state.episode, key)
         there = age >= 0.0
         heard = jnp.where(there, jnp.nan, command_mU_min)
@@ -36,12 +36,12 @@ class Unheard:
 
 
 def unheard(episodes: Episodes, inner: Pump | None = None) -> Unheard:
-    """Pump that hears nothing during the episodes.
+    """Pump that receives no commands during the episodes.
 
     Parameters
     ----------
     episodes : Episodes
     inner : Pump, optional
-        What delivers; by default a pump whose commands expire after two samples.
+        Inner pump; by default one whose commands expire after two samples.
     """
     return Unheard(inner=expiring() if inner is None else inner, episodes=episodes)
