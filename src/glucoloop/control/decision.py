@@ -1,4 +1,4 @@
-"""From a wanted rate to a decision: what every controller does last, whatever it was told."""
+"""Final step of every controller: from a wanted rate to a decision within the limits, for any input."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ _SATURATED_MU_MIN: Final = 1e-9
 
 
 def is_known(observation: Observation) -> jax.Array:
-    """Whether there is a reading to work with."""
+    """Whether there is a valid reading."""
     return observation.valid & jnp.isfinite(observation.glucose_mg_dl)
 
 
 def rate_at_start(observation: Observation, otherwise_mU_min: jax.Array | float) -> jax.Array:
-    """Rate in force when a controller starts, or another where the pump reports none."""
+    """Rate in force when a controller starts, or the given one if the pump reports none."""
     return delivered_since(observation, jnp.asarray(otherwise_mU_min))
 
 
 def delivered_since(observation: Observation, previous_mU_min: jax.Array) -> jax.Array:
-    """Rate that the pump delivered since the last sample, or the one before where the pump's word is no number."""
+    """Rate that the pump delivered since the last sample, or the previous one if the pump reports none."""
     return jnp.where(jnp.isfinite(observation.delivered_mU_min), observation.delivered_mU_min, previous_mU_min)
 
 
@@ -35,14 +35,14 @@ def decide(
     known: jax.Array,
     converged: jax.Array | bool = True,
 ) -> Decision:
-    """Clip a wanted rate to the limits and say how it came about.
+    """Clip a wanted rate to the limits and set the status of the decision.
 
     Parameters
     ----------
     wanted_mU_min : (...) array
-        Any number, or none.
+        Wanted rate; any number or NaN.
     delivered_mU_min : (...) array
-        Rate in force, which is kept if nothing finite is wanted.
+        Rate in force, which is kept if the wanted rate is not finite.
     limits : DoseLimits
     known : (...) array
         Whether there was a reading.

@@ -1,4 +1,4 @@
-"""A wrapper that keeps any controller within bounds, whatever it is told."""
+"""Guard: a wrapper that keeps any controller within bounds, for any input."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from glucoloop.control.protocol import Controller, Decision, Observation, Status
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 _ORDINARY_MG_DL: Final = 100.0
-"""Setpoint while none was told that could be one."""
+"""Setpoint that is assumed while no possible one was given."""
 _ABSURD: Final = 1e15
-"""No controller remembers a number as large."""
+"""Bound on the memory of controllers; larger numbers are treated as corrupted."""
 _MOST_CARBS_G: Final = 1000.0
-"""More than anybody eats at once."""
+"""Largest carbohydrate of a meal that is accepted."""
 
 
 @pytree
 class GuardState:
-    """What a guard remembers."""
+    """State of a guard."""
 
     inner: Any
-    """State of the controller inside."""
+    """State of the inner controller."""
     seen: Seen
     given: Given
     command_mU_min: jax.Array
-    """The last dose asked for."""
+    """Last dose that the guard asked for."""
     setpoint_mg_dl: jax.Array
     suspended: jax.Array
-    """1 while insulin is suspended, else 0."""
+    """Indicator, 1 while insulin is suspended, else 0."""
 
 
 @pytree
@@ -47,22 +47,22 @@ class Guard:
     inner: Controller
     limits: DoseLimits
     basal_mU_min: jax.Array | float
-    """Not a number: the rate at which it wakes."""
+    """Basal rate, or NaN for the rate at which the loop starts."""
     settings: GuardSettings = static()
 
     @property
     def sample_time_min(self) -> float:
-        """That of the controller inside."""
+        """Sample time of the inner controller."""
         return self.inner.sample_time_min
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
-        """The same for somebody whose basal rate is the one given; the controller inside is told too, if it asks."""
+        """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""
         tell = getattr(self.inner, "with_basal", None)
         inner = self.inner if tell is None else tell(insulin_mU_min)
         return dataclasses.replace(self, inner=inner, basal_mU_min=insulin_mU_min)
 
     def init(self, observation: Observation) -> GuardState:
-        """At rest under the basal rate; the controller inside wakes at what can be believed of the observation."""
+        """State at rest under the basal rate; the inner controller starts from the believed part of the observation."""
         told = observation.delivered_mU_min
         least, most_rate = self.limits.min_mU_min, self.limits.max_mU_min
         woken_at = jnp.where(self._is_rate(told), told, least)
@@ -85,7 +85,7 @@ class Guard:
         )
 
     def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
-        """Believe or reject what is told, let the controller inside decide, and bound its dose."""
+        """Accept or reject each input, let the inner controller decide, and bound its dose."""
         settings, every = self.settings, self.sample_time_min
         state = self._healed(state)
         # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
@@ -145,7 +145,7 @@ class Guard:
         return state, Decision(insulin_mU_min=dose, status=status)
 
     def _healed(self, state: GuardState) -> GuardState:
-        """The state with every number replaced that cannot be one of it."""
+        """The state with every impossible number replaced."""
         told, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(told), told, _ORDINARY_MG_DL)
         basal = jnp.asarray(self.basal_mU_min, told.dtype)
@@ -162,11 +162,11 @@ class Guard:
 
     @property
     def _highest_rate(self) -> jax.Array | float:
-        """A pump may deliver some way above limits that are not its own."""
+        """Highest rate that a pump may report, some way above limits that may not be its own."""
         return 2.0 * self.limits.max_mU_min
 
     def _is_rate(self, insulin_mU_min: jax.Array) -> jax.Array:
-        """Whether a pump can mean what it says."""
+        """Whether a reported rate is possible."""
         return (insulin_mU_min >= 0.0) & (insulin_mU_min <= self._highest_rate)
 
     def _is_setpoint(self, told_mg_dl: jax.Array) -> jax.Array:
@@ -178,7 +178,7 @@ class Guard:
         return jnp.where(self._is_setpoint(told), told, otherwise)
 
     def _keeps(self, dose: jax.Array, delivered: jax.Array) -> jax.Array:
-        """Whether a dose keeps the limits, but for the rounding of who clipped it to the rate limit before."""
+        """Whether a dose keeps the limits, up to the rounding of an earlier clip to the rate limit."""
         limits = self.limits
         rounding = 4.0 * jnp.finfo(dose.dtype).eps * limits.max_mU_min
         change = jnp.abs(dose - delivered)
@@ -194,7 +194,7 @@ def _told(observation: Observation) -> jax.Array:
 def _clean(
     observation: Observation, seen: Seen, believed: jax.Array, setpoint: jax.Array, delivered: jax.Array
 ) -> Observation:
-    """An observation in which every field is what it claims to be."""
+    """An observation whose fields are all possible values."""
     carbs = observation.announced_carbs_g
     return Observation(
         glucose_mg_dl=seen.glucose_mg_dl,
@@ -211,12 +211,12 @@ def _floats(tree: Any) -> list[jax.Array]:
 
 
 def _of_people(leaf: jax.Array, people: tuple[int, ...]) -> bool:
-    """Whether the last axes of an array are people's."""
+    """Whether the last axes of an array are those of people."""
     return leaf.shape[leaf.ndim - len(people) :] == people
 
 
 def _all_sound(tree: Any, people: tuple[int, ...]) -> jax.Array:
-    """Whether all numbers are finite and none is absurdly large, for each person: whether their sum is."""
+    """Whether, for each person, all numbers are finite and none is absurdly large, by their sum."""
     rows = [
         leaf.reshape(-1, *people) if _of_people(leaf, people) else jnp.broadcast_to(jnp.sum(leaf), (1, *people))
         for leaf in _floats(tree)
@@ -233,7 +233,7 @@ def _pairwise_sum(rows: jax.Array) -> jax.Array:
 
 
 def _where_sound(sound: jax.Array, tree: Any, otherwise: Any) -> Any:
-    """A state, or another for those for whom it is not sound."""
+    """A state, replaced by another for people for whom it is not sound."""
 
     def choose(leaf: jax.Array, fresh: jax.Array) -> jax.Array:
         return jnp.where(sound if _of_people(jnp.asarray(leaf), sound.shape) else jnp.all(sound), leaf, fresh)
@@ -282,7 +282,7 @@ def guarded(
     controller : Controller
     settings : GuardSettings, optional
     limits : DoseLimits
-        Of the pump.
+        Limits of the pump.
     basal_mU_min : float, optional
         Rate that holds glucose at the setpoint; by default that at which the loop starts.
 

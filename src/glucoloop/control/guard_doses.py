@@ -1,4 +1,4 @@
-"""How much insulin a guard allows: in an hour, on board, and for what is read.
+"""Largest dose that a guard allows: in an hour, on board, and for the present reading.
 
 Insulin on board is counted in basal rates beyond the basal rate: it is 1 after long at twice the basal rate.
 
@@ -32,23 +32,23 @@ from glucoloop.units import MIN_PER_H
 
 @pytree
 class Given:
-    """The insulin of the past, and how far the readings that asked for it are doubted."""
+    """Past insulin, and the doubt about the readings that led to it."""
 
     basal_mU_min: jax.Array
     per_basal: jax.Array
-    """One over the basal rate; 0 where that is 0."""
+    """Inverse of the basal rate; 0 where that is 0."""
     on_board: jax.Array
-    """Insulin on board, below 0 after less than the basal rate."""
+    """Insulin on board, below 0 after a time below the basal rate."""
     counted: jax.Array
-    """Insulin on board as the cap counts it: it never falls below 0."""
+    """Insulin on board as the cap counts it, which never falls below 0."""
     hour_mU_min: jax.Array
     """(samples, ...) rates of the last hour but one sample, the oldest first, each at least the basal rate."""
     doubted_mg_dl: jax.Array
-    """Part of the reading that is put down to the sensor; below 0 the sensor jumped down and may jump back."""
+    """Part of the reading that is attributed to the sensor; below 0 after a jump down, which may be reversed."""
 
 
 def samples_per_hour(sample_time_min: float) -> int:
-    """Samples in an hour, at least 1."""
+    """Number of samples in an hour, at least 1."""
     return max(round(MIN_PER_H / sample_time_min), 1)
 
 
@@ -67,16 +67,16 @@ def first_given(basal_mU_min: jax.Array, sample_time_min: float) -> Given:
 
 
 def heal_given(given: Given, basal_mU_min: jax.Array, settings: GuardSettings, most_mU_min: jax.Array | float) -> Given:
-    """Replace every number that cannot be one of this state; where a number is unknown, take what allows the least.
+    """Replace every impossible number of this state by the one that allows the least insulin.
 
     Parameters
     ----------
     given : Given
     basal_mU_min : (...) array
-        The basal rate the guard was built with; not a number where it was built with none.
+        Basal rate of the guard's construction, or NaN if it was built without one.
     settings : GuardSettings
     most_mU_min : float
-        No rate is higher.
+        Highest possible rate.
     """
 
     def rate(value: jax.Array) -> jax.Array:
@@ -108,7 +108,7 @@ def take_in(
     settings: GuardSettings,
     sample_time_min: float,
 ) -> Given:
-    """Take in the rate of the last sample, and what may be put down to the sensor.
+    """Include the rate of the last sample, and the jump that is attributed to the sensor.
 
     Parameters
     ----------
@@ -117,8 +117,8 @@ def take_in(
     above_setpoint_mg_dl : (...) array
         Glucose less the setpoint.
     jump_mg_dl : (...) array
-        By how much the reading jumped, if it did. Glucose does not jump: the jump is put down to the sensor, as far as
-        more insulin seems to be needed, and forgotten little by little.
+        Jump of the reading, 0 without one. Glucose does not jump: the jump is attributed to the sensor, as far as it
+        would call for more insulin, and forgotten gradually.
     settings : GuardSettings
     sample_time_min : float
     """
@@ -148,8 +148,9 @@ def most(
 ) -> jax.Array:
     """Largest rate that is allowed for the coming sample, never less than the basal rate.
 
-    Insulin on board may reach what takes glucose down to the setpoint if the sensor reads too high by its error and by
-    what is doubted. A little more than the basal rate is always allowed, as long as no more is on board.
+    Insulin on board may reach the amount that lowers glucose to the setpoint if the sensor reads too high by its error
+    and by the doubted part. A little more than the basal rate is always allowed, as long as insulin on board is no more
+    than that.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ def most(
         Glucose less the setpoint.
     settings : GuardSettings
     max_change_mU_min : float
-        By which the pump can lower its rate from one sample to the next.
+        Largest change of the pump's rate from one sample to the next.
     sample_time_min : float
     """
     kept = _kept(settings, sample_time_min)
@@ -206,17 +207,17 @@ def _most_of_hour(given: Given, settings: GuardSettings, max_change_mU_min: jax.
 
 
 def _kept(settings: GuardSettings, sample_time_min: float) -> float:
-    """Part of the insulin on board that is left after a sample."""
+    """Share of the insulin on board that is left after a sample."""
     return math.exp(-sample_time_min / settings.on_board_tau_min)
 
 
 def _inverse(value: jax.Array) -> jax.Array:
-    """One over a value; 0 where it is not above 0."""
+    """Inverse of a value; 0 where it is not above 0."""
     some = value > 0.0
     return jnp.where(some, 1.0 / jnp.where(some, value, 1.0), 0.0)
 
 
 _ABSURD: Final = 1e4
-"""No number that these states hold is as large."""
+"""Bound on the numbers of these states; larger ones are corrupted."""
 _AGREE: Final = 1e-3
-"""By how much the basal rate times its inverse may differ from 1."""
+"""Largest deviation from 1 of the basal rate times its inverse."""

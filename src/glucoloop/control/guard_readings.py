@@ -1,4 +1,4 @@
-"""Which readings a guard believes, and what it makes of glucose where there are none."""
+"""Readings that a guard believes, and its estimate of glucose without them."""
 
 from __future__ import annotations
 
@@ -12,43 +12,46 @@ from glucoloop._pytree import pytree
 from glucoloop.control.guard_settings import GuardSettings
 
 _TREND: Final = 0.5
-"""Part of each change of the reading that is taken for a trend: half of the noise of one reading is left."""
+"""Share of each change of the reading that counts as a trend; half of the noise of one reading is left."""
 _FALLS: Final = 2.0
-"""A fall is believed up to so many times the rate of a rise: to doubt it costs more than to believe it."""
+"""Factor on the believed rate of a fall relative to that of a rise, since doubting a fall is more dangerous."""
 _FIRST_MG_DL: Final = 20.0
 """Distance from the setpoint up to which a first reading is believed at once. Of the readings below 70 mg/dl of an
-integrated sensor more than 85 % must be right to 15 mg/dl (21 CFR 862.1355)."""
+integrated sensor more than 85 % must be right to 15 mg/dl (21 CFR 862.1355).
+"""
 _FORGET_MIN: Final = 60.0
-"""Time constant with which glucose unseen is thought to go back to the setpoint, as it does under the basal rate."""
+"""Time constant with which the estimate of unseen glucose returns to the setpoint, as glucose does under the basal
+rate.
+"""
 _NEVER_MG_DL: Final = 1e4
-"""Below zero: farther from every reading than glucose can change."""
+"""Distance from any reading that glucose cannot reach; it stands for no earlier reading."""
 _TREND_MIN: Final = 15.0
-"""Time constant with which a trend is thought to end."""
+"""Time constant with which a trend is assumed to end."""
 
 
 @pytree
 class Seen:
-    """What a guard knows of glucose."""
+    """Knowledge of a guard about glucose."""
 
     glucose_mg_dl: jax.Array
-    """The last reading that was believed, carried on since."""
+    """Last believed reading, extrapolated since."""
     trend_mg_dl_min: jax.Array
     unseen_min: jax.Array
     """Time since a reading was believed."""
     told_mg_dl: jax.Array
-    """The last reading of all, believed or not."""
+    """Last reading of all, believed or not."""
     same_min: jax.Array
-    """How long it has been the same while insulin should have moved it."""
+    """Time for which the reading has been the same while insulin should have changed it."""
     held_min: jax.Array
-    """How long it has been the same."""
+    """Time for which the reading has been the same."""
     jumped: jax.Array
-    """1 if the last reading was too fast to be believed, else 0."""
+    """Indicator, 1 if the last reading changed too fast to be believed, else 0."""
     awake: jax.Array
-    """1 once a reading was believed, else 0."""
+    """Indicator, 1 once a reading was believed, else 0."""
 
 
 def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: jax.Array) -> Seen:
-    """Before the first reading is taken in; if it is not believed, glucose is thought to be where it should be."""
+    """State before the first reading is used; glucose is assumed at the setpoint if that is not believed."""
     zero = jnp.zeros_like(glucose_mg_dl)
     return Seen(
         glucose_mg_dl=jnp.where(believed, glucose_mg_dl, setpoint_mg_dl),
@@ -63,7 +66,7 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
 
 
 def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) -> Seen:
-    """Begin anew, with no reading believed yet, where any number cannot be one of this state."""
+    """Start again, with no reading believed yet, where any number of the state is impossible."""
     glucose, trend, told = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
     sound = (glucose >= settings.lowest_reading_mg_dl) & (glucose <= settings.highest_reading_mg_dl)
     sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(told) <= _NEVER_MG_DL)
@@ -79,13 +82,13 @@ def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) ->
 def near(
     glucose_mg_dl: jax.Array, setpoint_mg_dl: jax.Array, settings: GuardSettings, sample_time_min: float
 ) -> jax.Array:
-    """Whether a first reading needs no second one: it is where glucose should be, but for what may be an error."""
+    """Whether a first reading needs no second one, being as near to the setpoint as the error allows."""
     most = max(_FIRST_MG_DL, settings.fastest_mg_dl_min * sample_time_min)
     return jnp.abs(glucose_mg_dl - setpoint_mg_dl) <= most
 
 
 def possible(glucose_mg_dl: jax.Array, valid: jax.Array, settings: GuardSettings) -> jax.Array:
-    """Whether a reading is a number that glucose can have; what is no number compares as false."""
+    """Whether a reading is a possible glucose; NaN is not."""
     within = (glucose_mg_dl >= settings.lowest_reading_mg_dl) & (glucose_mg_dl <= settings.highest_reading_mg_dl)
     return valid & within
 
@@ -99,13 +102,13 @@ def see(
     settings: GuardSettings,
     sample_time_min: float,
 ) -> tuple[Seen, jax.Array, jax.Array]:
-    """Take in a reading or its absence.
+    """Include a reading or its absence.
 
     Parameters
     ----------
     seen : Seen
     glucose_mg_dl, valid : (...) array
-        As the sensor tells them.
+        Reading and validity as the sensor gives them.
     setpoint_mg_dl : (...) array
     pushed : (...) array
         Whether so much or so little insulin is on board that glucose must move.
@@ -115,8 +118,8 @@ def see(
     Returns
     -------
     Seen, (...) array, (...) array
-        What is known now, whether the reading is believed, and by how much it jumped if it is believed only because
-        it stayed where it jumped to.
+        Knowledge after the sample, whether the reading is believed, and its jump if it is believed only because it
+        stayed at the value that it jumped to.
     """
     told = possible(glucose_mg_dl, valid, settings)
     change = glucose_mg_dl - seen.glucose_mg_dl

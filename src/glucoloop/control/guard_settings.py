@@ -1,4 +1,4 @@
-"""What a guard believes, waits for and allows."""
+"""Settings of a guard: readings that it believes, times that it waits, and doses that it allows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 @checked
 @dataclass(frozen=True)
 class GuardSettings:
-    """Limits of a guard; see `guarded`. What has no source was chosen by the experiments of the guide's page.
+    """Limits of a guard; see `guarded`. Values without a source were chosen by the experiments of the guide's page.
 
     Raises
     ------
@@ -21,9 +21,9 @@ class GuardSettings:
     """
 
     lowest_reading_mg_dl: float = 20.0
-    """A lower reading is not believed. Sensors tell 40 to 400 mg/dl, meters 20 to 600."""
+    """Lowest reading that is believed. Sensors give 40 to 400 mg/dl, meters 20 to 600."""
     highest_reading_mg_dl: float = 600.0
-    """Nor a higher one."""
+    """Highest reading that is believed."""
     fastest_mg_dl_min: float = 3.0
     """Fastest rise that is believed, of a reading against the last that was; a fall may be twice as fast. Healthy
     people pass 2 mg/dl/min in about 1 % of the time (doi:10.1177/15209156251390822)."""
@@ -31,7 +31,7 @@ class GuardSettings:
     """Time after which a reading that stays the same to its last digit, though insulin on board is far from that of
     the basal rate, is not believed."""
     stuck_on_board: float = 0.25
-    """How far, as a part of the basal rate."""
+    """Difference of insulin on board from that of the basal rate from which it counts as far, in basal rates."""
     held_min: float = 10.0
     """Time for which a reading may stay the same to its last digit; after it, at most the basal rate is given until the
     reading moves. A search for the worst errors makes a reading high and stuck."""
@@ -41,12 +41,14 @@ class GuardSettings:
     """Time after which a part of the basal rate is given: as long as the MiniMed 670G (Medtronic) stays in its own
     fallback."""
     reduced_fraction: float = 0.5
-    """That part."""
+    """Part of the basal rate that is given after that time."""
     low_mg_dl: float = 65.0
     """Insulin is suspended if glucose is predicted to be lower. Basal-IQ (Tandem) takes 80 mg/dl, too near to a
     setpoint of 81, and 70 for glucose now."""
     ahead_min: float = 40.0
-    """How far ahead, along the trend. Basal-IQ looks 30 min ahead; with 40 fewer people went low after an occlusion."""
+    """Time of the prediction along the trend. Basal-IQ looks 30 min ahead; with 40 fewer people went low after an
+    occlusion.
+    """
     hysteresis_mg_dl: float = 5.0
     """Insulin is given again if glucose is predicted to be higher than the bound by this."""
     max_hour: float = 2.4
@@ -100,7 +102,7 @@ class GuardSettings:
 
 
 _MOST: Final = 10_000.0
-"""Of any setting, so that nothing that is computed of them overflows."""
+"""Largest value of any setting, so that no result of it overflows."""
 _LEAST: Final = (
     ("highest_reading_mg_dl", 0.0, True),
     ("long_gap_min", 0.0, False),
@@ -122,4 +124,4 @@ _LEAST: Final = (
     ("always_basal", 1.0, False),
     ("doubt_tau_min", 0.0, True),
 )
-"""Field, its least value, and whether that itself is out of bounds."""
+"""Least value of each field, and whether that value itself is out of bounds."""

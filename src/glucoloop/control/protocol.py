@@ -1,6 +1,6 @@
-"""What a controller sees, and what it answers.
+"""Protocol of a controller: its observations and its decisions.
 
-An observation is the controller's only door: it never sees the plant.
+A controller learns of the patient only by the observation; it never sees the plant.
 """
 
 from __future__ import annotations
@@ -15,30 +15,31 @@ from glucoloop._pytree import pytree
 
 @pytree
 class Observation:
-    """What is known at a sample."""
+    """Information at a sample."""
 
     glucose_mg_dl: jax.Array
-    """The sensor's reading; anything at all where it is not valid."""
+    """Reading of the sensor; any number where it is not valid."""
     valid: jax.Array
-    """Whether the sensor stands by its reading."""
+    """Whether the sensor declares its reading valid."""
     setpoint_mg_dl: jax.Array
     delivered_mU_min: jax.Array
-    """Basal rate that the pump says it delivered since the last sample."""
+    """Basal rate that the pump reports since the last sample."""
     announced_carbs_g: jax.Array
     """Carbohydrate of a meal that begins during the coming sample, if the scenario announces meals; else 0."""
     delivered_bolus_mU: jax.Array | None = None
-    """Bolus that the pump says it delivered since the last sample, apart from the basal rate; None: the controller
-    gives no boluses. All insulin since then is ``delivered_mU_min * sample_time_min + delivered_bolus_mU``."""
+    """Bolus that the pump reports since the last sample, apart from the basal rate, or None for a controller without
+    boluses. All insulin since then is ``delivered_mU_min * sample_time_min + delivered_bolus_mU``.
+    """
     time_of_day_min: jax.Array | None = None
-    """Minutes after midnight, from 0 to below 1440; None: the controller is not told."""
+    """Minutes after midnight, from 0 to below 1440, or None if the controller does not get them."""
     number: jax.Array | None = None
-    """Counts the readings, in a loop that runs in real time; None: not told, as in a simulation. See `timing`."""
+    """Number of the reading in a loop that runs in real time, or None in a simulation. See `timing`."""
     read_t_min: jax.Array | None = None
-    """When the reading was taken, likewise."""
+    """Time of the reading in a loop that runs in real time, or None in a simulation."""
 
 
 class Status(enum.IntEnum):
-    """How a decision came about."""
+    """Status of a decision."""
 
     OK = 0
     SATURATED = 1
@@ -55,7 +56,7 @@ class Status(enum.IntEnum):
 
     @property
     def text(self) -> str:
-        """A sentence that a person can act on."""
+        """Sentence that a person can act on."""
         return _STATUS_TEXTS[self]
 
 
@@ -97,29 +98,31 @@ _STATUS_TEXTS = {
 
 @pytree
 class Decision:
-    """A dose, which is a basal rate and perhaps a bolus, and how it came about."""
+    """A dose, which is a basal rate and perhaps a bolus, with its status."""
 
     insulin_mU_min: jax.Array
     """Basal rate until the next decision."""
     status: jax.Array
-    """A `Status`, as an integer."""
+    """Status of the decision, a `Status` as an integer."""
     holds_until_min: jax.Array | None = None
-    """Time after which a pump goes back to the basal rate by itself; None: until the next decision. See `timing`."""
+    """Time after which a pump returns to the basal rate by itself, or None for the next decision. See `timing`."""
     bolus_mU: jax.Array | None = None
-    """Insulin given at once, beside the basal rate; 0 for none at this sample. None: the controller never gives any.
-    A controller that does has ``gives_boluses = True``."""
+    """Insulin given at once, beside the basal rate; 0 for none at this sample, and None from a controller without
+    boluses. A controller with boluses has ``gives_boluses = True``.
+    """
 
 
 def gives_boluses(controller: object) -> bool:
     """Whether a controller decides on boluses beside its basal rate.
 
-    It says so by an attribute ``gives_boluses``, which a wrapper passes on. All its decisions then hold a bolus.
+    A controller declares it by an attribute ``gives_boluses``, which a wrapper passes on. All its decisions then hold a
+    bolus.
     """
     return bool(getattr(controller, "gives_boluses", False))
 
 
 class Controller(Protocol):
-    """Observations in, decisions out. Designed once; `step` never raises. The state is any pytree."""
+    """Controller from observations to decisions. It is designed once; `step` never raises. The state is any pytree."""
 
     @property
     def sample_time_min(self) -> float:
@@ -127,7 +130,7 @@ class Controller(Protocol):
         ...
 
     def init(self, observation: Observation) -> Any:
-        """State of a controller that wakes at this observation."""
+        """State of a controller that starts at this observation."""
         ...
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:

@@ -1,7 +1,7 @@
-"""Time in a loop that runs in real time: whether an observation is fresh, and until when a decision holds.
+"""Timing of a loop in real time: whether an observation is fresh, and until when a decision holds.
 
-A sensor numbers its readings and says when each was taken; a controller says until when its dose holds. In a simulation
-both are on time by definition, so neither is told there, and a controller need not know of either.
+A sensor numbers its readings and gives the time of each; a controller gives the time until which its dose holds. In a
+simulation both are on time by definition, so they are not given, and a controller need not use either.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_sample_time
 
 CLOCK_ERROR_MIN: Final = 0.5
-"""By how much the clocks of a sensor and a controller may differ."""
+"""Largest difference between the clocks of a sensor and a controller."""
 
 
 class Arrival(enum.IntEnum):
-    """How an observation arrived."""
+    """Classification of the arrival of an observation."""
 
     ON_TIME = 0
     MISSING = 1
@@ -34,7 +34,7 @@ class Arrival(enum.IntEnum):
 
     @property
     def text(self) -> str:
-        """A sentence that a person can act on."""
+        """Sentence that a person can act on."""
         return _TEXTS[self]
 
 
@@ -57,23 +57,25 @@ _TEXTS: Final = {
 
 @dataclass(frozen=True)
 class Stamp:
-    """Which reading it is."""
+    """Number and time of a reading."""
 
     number: float
-    """Counts the readings of a sensor, up by one each time."""
+    """Number of the reading, up by one for each reading of the sensor."""
     read_t_min: float
-    """When it was taken."""
+    """Time at which the reading was taken."""
 
 
 @dataclass(frozen=True)
 class Received:
-    """An observation as a controller may take it."""
+    """A received observation in a form that a controller may use."""
 
     observation: Observation
-    """Not valid unless it arrived on time; without its stamp, so that a compiled controller sees one structure."""
+    """Observation, valid only if it arrived on time; without its stamp, so that a compiled controller sees one
+    structure.
+    """
     arrival: Arrival
     last: Stamp | None
-    """The newest reading until now, to be handed to `receive` with the next observation."""
+    """Newest reading so far, to be passed to `receive` with the next observation."""
 
 
 def received(
@@ -84,25 +86,25 @@ def received(
     late_after_min: float = 5.0,
     clock_error_min: float = CLOCK_ERROR_MIN,
 ) -> Arrival:
-    """How an observation arrived; never raises, whatever its stamp is.
+    """Classify the arrival of an observation; never raises, for any stamp.
 
     Parameters
     ----------
     last : Stamp or None
-        The newest reading that was received before; None: there was none.
+        Newest reading that was received before, or None.
     observation : Observation
-        With its number and the time at which it was read.
+        Observation with its number and its time.
     now_min : float
         Time now, on the controller's clock.
     late_after_min : float
         Age beyond which a reading is late: one sample is usual.
     clock_error_min : float
-        By how much a reading may seem to be taken later than now.
+        Largest time by which a reading may seem to be from the future.
 
     Returns
     -------
     Arrival
-        The first that holds of: missing, untimed, from the future, repeated, out of order, late; else on time.
+        The first that applies of: missing, untimed, from the future, repeated, out of order, late; else on time.
     """
     stamp = _stamp(observation)
     if stamp is None:
@@ -125,7 +127,7 @@ def receive(
     late_after_min: float = 5.0,
     clock_error_min: float = CLOCK_ERROR_MIN,
 ) -> Received:
-    """An observation as a controller may take it: valid only if it arrived on time.
+    """Convert an observation for a controller: it is valid only if it arrived on time.
 
     Parameters are those of `received`. A late reading is not used, but it is remembered as the newest one; one from the
     future is not, so that a wrong clock does not make all that follow old.
@@ -152,21 +154,21 @@ def receive(
 
 
 def holding(decision: Decision, now_min: float, *, sample_time_min: float, samples: int = 2) -> Decision:
-    """A decision that says until when it holds.
+    """A decision with the time until which it holds.
 
     Parameters
     ----------
     decision : Decision
     now_min : float
-        Time at which it is made.
+        Time of the decision.
     sample_time_min : float
     samples : int
-        For so many samples; with 2, one lost decision changes nothing.
+        Number of samples for which it holds; with 2, one lost decision changes nothing.
 
     Raises
     ------
     ValueError
-        For a sample time or a number of samples that cannot be.
+        For an impossible sample time or number of samples.
     """
     check_sample_time(sample_time_min)
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:

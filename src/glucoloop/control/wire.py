@@ -1,4 +1,4 @@
-"""What comes over a wire, as an observation: a total reader for the door of a real-time loop."""
+"""Conversion of received values to an observation for a real-time loop, defined for any input."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def observation(
     number: object = None,
     read_t_min: object = None,
 ) -> Observation:
-    """Observation of one person from whatever was received; never raises.
+    """Observation of one person from received values of any kind; never raises.
 
     A number is an int, a float, or a scalar or array of shape () of NumPy or JAX, finite in the arithmetic in use. It
-    is taken as it is: whether it is plausible is for a guard to say. A truth value is no number, nor is a text of
-    digits, since whoever sends one has changed the format.
+    is accepted without a check of plausibility, which is the task of a guard. A truth value is not a number, nor is a
+    text of digits, since a sender of these has changed the format.
 
     Parameters
     ----------
@@ -40,21 +40,21 @@ def observation(
     setpoint_mg_dl : object
         The target [mg/dl].
     delivered_mU_min : object
-        Rate that the pump says it delivered since the last sample [mU/min].
+        Rate that the pump reports since the last sample [mU/min].
     announced_carbs_g : object
         Carbohydrate of a meal that begins during the coming sample [g].
     valid : object
-        Whether the sensor stands by its reading; what is neither true nor false counts as false.
+        Whether the sensor declares its reading valid; a value that is neither true nor false counts as false.
     number : object
-        Counts the readings of the sensor; see `timing.receive`.
+        Number of the reading; see `timing.receive`.
     read_t_min : object
-        When the reading was taken [min].
+        Time at which the reading was taken [min].
 
     Returns
     -------
     Observation
-        With scalars. A reading that is no number is NaN and not valid; a setpoint or a rate that is none is NaN, and
-        an announcement that is none, or below 0, is 0 g. A number or a time that is given but is none is NaN.
+        Observation of scalars. A reading that is not a number is NaN and not valid; such a setpoint or rate is NaN, and
+        such an announcement, or one below 0, is 0 g. Such a number or time, if given, is NaN.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Designs of which everything but the tuning is settled."""
+"""Designs of controllers in which only the tuning is left open."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from glucoloop.registry.controllers import TUNABLE, controller_entry
 from glucoloop.simulation import identify, linear_model, nonlinear_model
 
 Designer = Callable[[MPCTuning], Controller]
-"""A controller of a tuning."""
+"""Function from a tuning to a controller."""
 
 
 def uses_reference_filter(controller: str) -> bool:
-    """Whether phi_r is among what is tuned.
+    """Whether phi_r is among the tuned parameters.
 
     Raises
     ------
@@ -54,19 +54,19 @@ def designer(
     sample_time_min: float = 5.0,
     dead_time_samples: int = 0,
 ) -> Designer:
-    """Make a design of a tuning alone.
+    """Make a design that is a function of the tuning alone.
 
     Parameters
     ----------
     controller : {"mpc", "mpc-se", "nlqdmc-se"}
     patient : Patient
-        Whose linearised or nonlinear model the controllers with state estimation use.
+        Patient whose linearised or nonlinear model the controllers with state estimation use.
     model : StepResponseModel, optional
-        Of linear MPC, without the dead time; by default one is identified from a noise-free record.
+        Model of linear MPC, without the dead time; by default one is identified from a noise-free record.
     process_noise : (n,) or (n, n) array, optional
         Q of the controllers with state estimation; by default the reading of the paper at setpoint-81 without noise.
     measurement_variance : float
-        R of these, (mg/dl)^2.
+        R of the controllers with state estimation, (mg/dl)^2.
     limits : DoseLimits
     sample_time_min : float
     dead_time_samples : int

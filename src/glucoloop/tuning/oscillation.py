@@ -1,4 +1,4 @@
-"""Whether a loop oscillates: it turns round more often than its meals give reason for.
+"""Detection of oscillation: a loop oscillates if it changes direction more often than its meals explain.
 
 After a meal glucose rises above the setpoint, falls below it, and may come from above once more: it crosses the band
 about the setpoint twice. Insulin rises, falls, rises again where it fell too far, and falls back: it turns three times.
@@ -25,9 +25,9 @@ from glucoloop._pytree import pytree
 from glucoloop.simulation import Trace
 
 BAND: Final = 0.02
-"""Of the setpoint."""
+"""Half width of the band, as a share of the setpoint."""
 TURN: Final = 0.05
-"""Of the range of doses."""
+"""Smallest change of direction that counts, as a share of the range of doses."""
 SMALLEST_TURN_MU_MIN: Final = 0.5
 CROSSINGS_PER_MEAL: Final = 3
 TURNS_PER_MEAL: Final = 8
@@ -37,17 +37,17 @@ _Extremes = tuple[jax.Array, jax.Array, jax.Array]
 
 @pytree
 class Oscillation:
-    """How often glucose and insulin turn round; of one person."""
+    """Number of crossings of glucose and turns of insulin of one person."""
 
     crossings: jax.Array
-    """Of the band about the setpoint."""
+    """Number of crossings of the band around the setpoint."""
     turns: jax.Array
-    """Of insulin."""
+    """Number of turns of insulin."""
     oscillates: jax.Array
 
 
 def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float = BAND) -> jax.Array:
-    """How often glucose goes from beyond one side of a band to beyond the other.
+    """Number of times that glucose goes from beyond one side of a band to beyond the other.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float =
 
 
 def turns(values: ArrayLike, least: ArrayLike) -> jax.Array:
-    """How often a series changes its direction by more than `least`; smaller wiggles do not count.
+    """Number of times that a series changes its direction by more than `least`; smaller changes do not count.
 
     Parameters
     ----------
     values : (points,) array
     least : () array
-        Above 0.
+        Smallest change that counts, above 0.
     """
     values = jnp.asarray(values, float)
     first = values[0]

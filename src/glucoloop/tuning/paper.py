@@ -1,4 +1,4 @@
-"""Where the printed tunings stand among all others.
+"""Rank of the printed tunings among all others.
 
 The paper says that its tunings give the least sum of squared errors subject to the constraints and to no oscillation.
 In these loops the sum keeps falling with more moves and a faster reference, up to where the loop oscillates.
@@ -25,7 +25,9 @@ from glucoloop.tuning.surface import TuningRank, TuningSurface
 MOVE_HORIZONS: Final = range(1, 5)
 PREDICTION_HORIZONS: Final = range(1, 15)
 REFERENCE_FILTERS: Final = {"mpc-se": ".3:.8:.05", "nlqdmc-se": ".3:.5:.1,.57,.7,.8"}
-"""The printed ones among them; about half as many for NLQDMC/SE, whose loops take a hundred times as long."""
+"""Values of phi_r that are tried, the printed ones among them; about half as many for NLQDMC/SE, whose loops take a
+hundred times as long.
+"""
 
 
 def printed_tuning(operating_point: str, controller: str, *, noisy: bool = False) -> MPCTuning:
@@ -73,9 +75,9 @@ def paper_tuning_surface(
     operating_point : {"setpoint-81", "nominal-22", "fasting-81"}
     controller : {"mpc", "mpc-se", "nlqdmc-se"}
     model : StepResponseModel, optional
-        Of linear MPC; identified from a noise-free record by default.
+        Model of linear MPC; identified from a noise-free record by default.
     progress : callable, optional
-        As in `search`.
+        Callback as in `search`.
     """
     printed = printed_tuning(operating_point, controller)
     filters = parse_numbers(REFERENCE_FILTERS[controller]) if uses_reference_filter(controller) else None

@@ -1,4 +1,4 @@
-"""Try every tuning of a grid in the loop.
+"""Search over a grid: every tuning is tried in the loop.
 
 Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV to VI: the least sum of squared errors subject
 to the constraints (17) to (19) and to no oscillation.
@@ -31,19 +31,19 @@ from glucoloop.tuning.stacking import horizons, move_slots, padded, stack
 from glucoloop.tuning.surface import TuningSurface
 
 Progress = Callable[[int, int], None]
-"""Called with the runs that are done and all there are."""
+"""Callback with the number of finished runs and the number of all runs."""
 
 MOST_POINTS: Final = 20_000
 MOST_RUNS: Final = 200_000
 _BLOCK: Final = 128
-"""Runs at once: more do not go faster, and their traces take memory."""
+"""Number of runs at once: more are not faster, and their traces take memory."""
 _ROUND: Final = 8
-"""Blocks are a multiple of this, so that similar grids share a program."""
+"""Divisor of the size of blocks, so that similar grids share a program."""
 
 
 @pytree
 class _Scores:
-    """What is kept of a run."""
+    """Scores that are kept of a run."""
 
     sse: jax.Array
     undershoot_mg_dl: jax.Array
@@ -72,7 +72,7 @@ def search(
     name: str | None = None,
     progress: Progress | None = None,
 ) -> TuningSurface:
-    """Close the loop with every tuning of a grid, as one batch, and say what each comes to.
+    """Simulate the loop with every tuning of a grid, as one batch, and score each.
 
     Parameters
     ----------
@@ -80,26 +80,26 @@ def search(
     controller : {"mpc", "mpc-se", "nlqdmc-se"} or callable
         A controller by name, designed as `designer` does by default, or a design of one's own.
     grid : sequence of MPCTuning
-        See `tuning_grid`.
+        Tunings, see `tuning_grid`.
     scenario : Scenario, optional
-        As in `simulate`.
+        Argument of `simulate`.
     sensor : Sensor, optional
-        Ideal by default.
+        Sensor; an ideal one by default.
     quiet_sensor : Sensor, optional
         The sensor without its noise, in whose loop oscillation is judged; by default it is judged with `sensor` and the
         first seed.
     seeds : sequence of int
         Keys of the noise. Every tuning meets the same ones; results are medians over them.
     pump : Pump, optional
-        One with `limits` by default.
+        Pump; by default one with `limits`.
     limits : DoseLimits
-        Of the constraints (17) and (18), and of controllers by name.
+        Limits of the constraints (17) and (18), and of controllers by name.
     integrator : Integrator, optional
-        As in `simulate`.
+        Argument of `simulate`.
     name : str, optional
-        Of the controller on the surface.
+        Name of the controller on the surface.
     progress : callable, optional
-        Called after each block with the runs that are done and all there are.
+        Called after each block with the number of finished runs and of all runs.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def search(
     ------
     ValueError
         For a grid or seeds that are empty or too many, an unknown controller, or a grid of which the design refuses
-        every tuning; one that it refuses among others is left out and told in `TuningSurface.refused`.
+        every tuning; a single refused tuning is left out and listed in `TuningSurface.refused`.
     """
     if not grid:
         raise ValueError("the grid has no tuning; give at least one")
@@ -193,7 +193,7 @@ def _median(values: jax.Array) -> npt.NDArray[np.float64]:
 
 
 def _block(runs: int) -> int:
-    """Runs of a block: as few blocks as their limit allows, of equal size."""
+    """Number of runs in a block: as few blocks as the limit allows, of equal size."""
     even = -(-runs // -(-runs // _BLOCK))
     return _ROUND * -(-even // _ROUND)
 
@@ -208,7 +208,7 @@ def _in_blocks(
     done: int,
     total: int,
 ) -> _Scores:
-    """Scores `(points, seeds)`, a block of runs at a time, all blocks of one shape so that one program serves them."""
+    """Scores `(points, seeds)`, computed in blocks of one shape, so that one program serves them."""
     jobs = list(itertools.product(range(len(designed)), range(len(seeds))))
     slots = [move_slots(horizons(one)[0], most_moves) for one in designed]
     keys = [jax.random.key(seed) for seed in seeds]

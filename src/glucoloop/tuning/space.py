@@ -1,4 +1,4 @@
-"""What is tuned, and between which bounds."""
+"""Space of a tuning search: the tuned numbers and their bounds."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 DIGITS: Final = 4
-"""Significant digits of a tuning number: more make no difference to a loop, and nobody reads them."""
+"""Significant digits of a tuned number; more make no difference to a loop."""
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Tuned:
     Parameters
     ----------
     name : str
-        Of the setting.
+        Name of the setting.
     low, high : float
         Bounds, both included.
     log : bool
@@ -45,13 +45,13 @@ class Tuned:
             )
 
     def at(self, share: float) -> float:
-        """The number at a share of the way from the lower bound to the upper one, 0 to 1."""
+        """Number at a share of the way from the lower bound to the upper one, 0 to 1."""
         if self.log:
             return self.rounded(self.low * (self.high / self.low) ** share)
         return self.rounded(self.low + (self.high - self.low) * share)
 
     def rounded(self, value: float) -> float:
-        """A number with the digits that are kept, within the bounds."""
+        """A number rounded to the significant digits, within the bounds."""
         return min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
 
     def holds(self, value: float) -> bool:
@@ -60,7 +60,7 @@ class Tuned:
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """Text of the range, as it is written."""
         return f"{self.low:.12g}:{self.high:.12g}"
 
 
@@ -75,7 +75,7 @@ SPACE: Final[dict[str, Tuned]] = {
         Tuned("disturbance_variance", 0.1, 1000.0, log=True),
     )
 }
-"""What is searched for unless another range is given."""
+"""Ranges that are searched unless others are given."""
 FURTHER: Final[dict[str, Tuned]] = {
     tuned.name: tuned
     for tuned in (
@@ -85,24 +85,24 @@ FURTHER: Final[dict[str, Tuned]] = {
         Tuned("measurement_variance", 0.3, 30.0, log=True),
     )
 }
-"""What is searched for only if a range is given; the bounds are an example."""
+"""Numbers that are searched only if a range is given; the bounds are examples."""
 
 
 def parse_range(text: str, name: str, called: str | None = None) -> Tuned | float:
-    """A range as people write it: ``.1:2``, with both ends; or one number, which is fixed.
+    """Range from a text: ``.1:2``, with both ends; or one number, which is fixed.
 
     Parameters
     ----------
     text : str
     name : str
-        Of the setting.
+        Name of the setting.
     called : str, optional
-        What the user calls it.
+        Name of the setting for the user.
 
     Raises
     ------
     ValueError
-        For a text that is no range, or bounds that are not possible.
+        For a text that is not a range, or bounds that are not possible.
     """
     called = name if called is None else called
     try:

@@ -1,4 +1,4 @@
-"""Controllers of different horizons as one: padded to the longest, so that a batch of them is one program."""
+"""Padding of controllers with different horizons to the longest, so that a batch of them is one program."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SOLVED_EXACTLY: Final = 2
 
 
 def move_slots(moves: int, most: int) -> int:
-    """How many moves a controller is padded to.
+    """Number of moves to which a controller is padded.
 
     Programs of one and two moves are solved in closed form and longer ones by iteration, so they stay apart.
     """
@@ -25,7 +25,7 @@ def move_slots(moves: int, most: int) -> int:
 
 
 def horizons(controller: Controller) -> tuple[int, int]:
-    """Moves that are planned and samples that are looked ahead, as the controller's arrays have them.
+    """Number of planned moves and of predicted samples, as the controller's arrays have them.
 
     Raises
     ------
@@ -47,14 +47,14 @@ def padded(controller: C, moves: int, horizon: int) -> C:
     Parameters
     ----------
     controller : Controller
-        With `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
+        Controller with `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
     moves, horizon : int
-        At least the controller's own.
+        Numbers of moves and samples, at least the controller's own.
 
     Returns
     -------
     Controller
-        It decides as the given one does, up to rounding.
+        Controller whose decisions are those of the given one, up to rounding.
     """
     own_moves, own_horizon = horizons(controller)
     if moves < own_moves or horizon < own_horizon:
@@ -66,7 +66,7 @@ def padded(controller: C, moves: int, horizon: int) -> C:
 
 
 def stack(controllers: Sequence[C]) -> C:
-    """Controllers of one kind and shape as one whose arrays have a leading axis, for `jax.vmap`."""
+    """Controllers of one kind and shape stacked along a leading axis, for `jax.vmap`."""
     # on the host, since a hundred small arrays cost more to dispatch than to copy
     stacked: C = jax.tree.map(
         lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *controllers

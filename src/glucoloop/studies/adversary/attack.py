@@ -1,4 +1,4 @@
-"""A closed loop whose sensor errs as it is told: many sequences of errors, on one person or on many, in one program."""
+"""Closed loop with given sensor errors: many sequences of errors, on one person or on many, in one program."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Array = npt.NDArray[Any]
 VERY_LOW_MG_DL: Final = 54.0
 """Clinically significant hypoglycaemia (Battelino et al., Diabetes Care 42(8), 2019)."""
 _LOWEST_PER_MIN: Final = 0.1
-"""What 1 mg/dl less of the lowest glucose counts, in minutes below 54 mg/dl."""
+"""Weight of 1 mg/dl of the lowest glucose, in minutes below 54 mg/dl."""
 
 
 @pytree
@@ -49,13 +49,13 @@ class _Fold:
     point_min: float = static()
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Kept:
-        """At the start."""
+        """Values at the start of the run."""
         del insulin_mU_min
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Kept(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
 
     def step(self, kept: _Kept, happened: Sampled, t_min: jax.Array) -> _Kept:
-        """Take in the time until the next sample."""
+        """Include the time until the next sample."""
         del t_min
         inside = happened.inside_mg_dl
         below = jnp.sum(jnp.where(inside < VERY_LOW_MG_DL, self.point_min, 0.0), axis=0)
@@ -68,7 +68,7 @@ class _Fold:
 
 @dataclass(frozen=True)
 class Harm:
-    """What errors did, ``(n,)`` each."""
+    """Harm done by errors, ``(n,)`` each."""
 
     below_54_min: Array
     lowest_mg_dl: Array
@@ -78,8 +78,8 @@ class Harm:
     def score(self) -> Array:
         """Minutes below 54 mg/dl, and a tenth of a minute for each mg/dl of the lowest glucose below 54.
 
-        Above 54 mg/dl the second part is negative, so that a search has a slope before anything is low. What is not a
-        number is the least harm: a search is not to look for failures of the simulator.
+        Above 54 mg/dl the second part is negative, so that a search has a slope before glucose is low. NaN counts as
+        the least harm, so that a search does not look for failures of the simulator.
         """
         score = self.below_54_min + _LOWEST_PER_MIN * (VERY_LOW_MG_DL - self.lowest_mg_dl)
         return np.where(np.isfinite(score), score, -np.inf)
@@ -87,33 +87,33 @@ class Harm:
 
 @dataclass(frozen=True)
 class Lane:
-    """What happened in one loop, sample by sample."""
+    """Course of one loop, sample by sample."""
 
     t_min: Array
-    """(samples + 1,)"""
+    """(samples + 1,) times of the samples and of the horizon."""
     glucose_mg_dl: Array
-    """(samples + 1,) of the person."""
+    """(samples + 1,) glucose of the person."""
     reading_mg_dl: Array
-    """(samples,) of the sensor."""
+    """(samples,) readings of the sensor."""
     insulin_mU_min: Array
-    """(samples,) delivered from each sample to the next."""
+    """(samples,) rates delivered from each sample to the next."""
     status: Array
     """(samples,) `control.Status` of each decision."""
 
 
 class Attack:
-    """A controller of a trial in a loop whose sensor errs.
+    """A controller of a trial in a loop whose sensor has given errors.
 
     Parameters
     ----------
     trial : Trial
-        The situation: people, meals, pump, and what else happens to the sensor; errors are put around that.
+        The situation: people, meals, pump, and other faults of the sensor, around which the errors are put.
     controller : Controller
-        Any, guarded or not.
+        Controller, guarded or not.
     space : ErrorSpace
-        Of whose length and number of stuck stretches sequences are; the size of the errors is free.
+        Space that fixes the length and the number of stuck stretches of sequences; the size of the errors is free.
     lanes : int
-        Loops that are closed side by side.
+        Number of loops that are simulated side by side.
 
     Raises
     ------
@@ -150,7 +150,7 @@ class Attack:
 
     @property
     def engine(self) -> str:
-        """Which carries the loops out: native or xla."""
+        """Engine of the loops, native or xla."""
         return self._loop.engine
 
     def one(self, person: int | None) -> VirtualPeople:
@@ -173,18 +173,18 @@ class Attack:
         return drawn
 
     def able(self, number: int) -> Array:
-        """Of so many people of the population, from the trial's first on, the numbers of those with a basal rate."""
+        """Numbers of the people with a basal rate among the first people of the trial."""
         person = self._trial.first_person + np.arange(number)
         with one_at_a_time:
             return person[self._drawn(person).able]
 
     def on_one(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> Harm:
-        """What sequences of errors do to one person.
+        """Harm of sequences of errors to one person.
 
         Parameters
         ----------
         who : VirtualPeople
-            One.
+            One person.
         errors : (samples, n) array
         stuck_from : (stretches, n) array
         """
@@ -194,7 +194,7 @@ class Attack:
         )
 
     def on_people(self, person: Array, errors: Array, stuck_from: Array) -> Harm:
-        """What happens to people of the population, each with a sequence of errors of the person's own."""
+        """Harm to people of the population, each with an individual sequence of errors."""
         with one_at_a_time:
             who = self._drawn(person)
         return self._in_parts(person.size, lambda place: self._harm(self._run(who, place, errors, stuck_from, place)))
@@ -219,7 +219,7 @@ class Attack:
         return virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=self._setpoint)
 
     def _in_parts(self, n: int, run: Any) -> Harm:
-        """Results of n loops, as many at a time as are closed side by side; the last part is filled up."""
+        """Results of n loops, in parts as large as the number of lanes; the last part is filled up."""
         parts = []
         for start in range(0, n, self.lanes):
             place = np.arange(start, min(start + self.lanes, n))
@@ -227,7 +227,7 @@ class Attack:
         return Harm(**{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in _FIELDS})
 
     def _run(self, who: VirtualPeople, place: Array, errors: Array, stuck_from: Array, sequence: Array) -> CohortRun:
-        """One full set of lanes: whose loop each is, and which sequence of errors is met in it."""
+        """Run one full set of lanes, with the person and the sequence of errors of each."""
         with one_at_a_time:
             people, around = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
             key = keys_of_people(self._trial.seed, people.draw.person)

@@ -1,4 +1,4 @@
-"""Errors of the same kind as the adversary's, but by chance, on many people: the measure of what a search finds."""
+"""Random errors of the same kind as the adversary's, on many people, as a comparison for the result of a search."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from glucoloop.threefry import uniforms
 
 @dataclass(frozen=True)
 class RandomErrors:
-    """What came of people whose sensors err by chance."""
+    """Results of people whose sensors have random errors."""
 
     person: npt.NDArray[np.int64]
-    """(n,)"""
+    """(n,) numbers of the people."""
     harm: Harm
 
     @property
     def ever_below_54_pct(self) -> float:
-        """Of the people."""
+        """Percentage of the people who were ever below 54 mg/dl."""
         return 100.0 * float((self.harm.below_54_min > 0.0).mean()) if self.person.size else float("nan")
 
 
 def random_points(space: ErrorSpace, seed: int, person: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Each person's own point of a space, ``(n, dimension)``, evenly drawn: of a seed and the person's number alone."""
+    """Each person's own point of a space, ``(n, dimension)``, drawn uniformly from a seed and the person's number."""
     return np.stack([2.0 * uniforms(seed, "sensor error", person, i) - 1.0 for i in range(space.dimension)], axis=1)
 
 
 def random_errors(attack: Attack, space: ErrorSpace, people: int, seed: int) -> RandomErrors:
-    """Let the sensors of people err by chance.
+    """Simulate people whose sensors have random errors.
 
     Parameters
     ----------
     attack : Attack
     space : ErrorSpace
-        From which each person's errors are drawn evenly.
+        Space from which each person's errors are drawn uniformly.
     people : int
-        Of the population; those without a basal rate are left out.
+        Number of people of the population; those without a basal rate are left out.
     seed : int
     """
     person = attack.able(people)

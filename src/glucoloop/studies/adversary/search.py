@@ -1,8 +1,8 @@
 """The search for the worst errors, by the covariance matrix adaptation evolution strategy from many starts.
 
-Each start is a search of its own with a small population; those of all starts are closed side by side. One that finds
-nothing worse for long begins anew elsewhere. A search rests on its seed and on the harm that it was told, so one that
-was cut short goes on by being told again.
+Each start is a search of its own with a small population; those of all starts are simulated side by side. One without
+progress for many generations begins again elsewhere. A search depends only on its seed and on the harm that it was
+given, so an interrupted one resumes by passing the harm again.
 
 References
 ----------
@@ -32,15 +32,15 @@ Judge = Callable[[Array, Array], Array]
 _FIRST_STEP: Final = 0.5
 """Standard deviation of the first generation, of a range from -1 to 1."""
 _STEP_FROM_KNOWN: Final = 0.1
-"""The same of the start that goes on from a known sequence."""
+"""Standard deviation of the first generation of the start that continues from a known sequence."""
 _PATIENCE: Final = 60
-"""Generations without more harm, by `_MORE`, after which a start begins anew."""
+"""Number of generations without more harm, by `_MORE`, after which a start begins again."""
 _MORE: Final = 1e-3
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard is searched.
+    """Effort of a search.
 
     Raises
     ------
@@ -50,9 +50,9 @@ class Effort:
 
     generations: int = 300
     starts: int = 8
-    """Searches side by side."""
+    """Number of searches side by side."""
     population: int = 32
-    """Sequences of a generation, of each start."""
+    """Number of sequences in a generation of each start."""
     seed: int = 1
 
     def __post_init__(self) -> None:
@@ -68,36 +68,36 @@ class Effort:
 
     @property
     def lanes(self) -> int:
-        """Loops of a generation."""
+        """Number of loops in a generation."""
         return self.starts * self.population
 
 
 @dataclass(frozen=True)
 class Generation:
-    """What came of one generation of all starts."""
+    """Results of one generation of all starts."""
 
     number: int
     score: Array
     """(lanes,) harm of each sequence."""
     best_score: float
-    """Of all generations until now."""
+    """Largest score of all generations so far."""
     best: Array
-    """(dimension,) the sequence that did it."""
+    """(dimension,) sequence with that score."""
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst errors that were found, and what they do."""
+    """The worst errors that were found, and their effect."""
 
     errors: Array
-    """(samples,) relative to the true glucose."""
+    """(samples,) errors relative to the true glucose."""
     stuck_from: Array
-    """(stretches,) number of the sample at which each begins, in order."""
+    """(stretches,) number of the sample at which each stretch begins, in order."""
     below_54_min: float
     lowest_mg_dl: float
     peak_mg_dl: float
     tried: int
-    """Sequences."""
+    """Number of sequences that were tried."""
     lane: Lane
 
 
@@ -117,7 +117,7 @@ class _Start:
         return points
 
     def tell(self, points: Array, score: Array) -> None:
-        """What harm they did, and whether it is time to begin anew."""
+        """Take the harm of the sequences, and begin again if there was no progress for long."""
         # what is not a number is told as the least harm: the library orders numbers alone
         told = np.where(np.isfinite(score), score, np.finfo(float).min)
         self._search.tell([(point, -float(of)) for point, of in zip(points, told, strict=True)])
@@ -130,7 +130,7 @@ class _Start:
             self._search = self._anew()
 
     def _anew(self) -> Any:
-        """A search about no error at all, with the stuck stretches anywhere, or first about a known sequence."""
+        """A search around zero error with the stuck stretches anywhere, or at first around a known sequence."""
         entropy = np.random.SeedSequence([self._effort.seed, self._number, self._begun])
         self._begun, self._most, self._waited = self._begun + 1, -np.inf, 0
         stream, of_search = entropy.spawn(2)
@@ -147,7 +147,7 @@ class _Start:
 def generations(
     judge: Judge, space: ErrorSpace, effort: Effort, before: Sequence[Array] = (), known: Array | None = None
 ) -> Iterator[Generation]:
-    """The generations of a search, each as soon as it is known.
+    """Yield the generations of a search, each as soon as it is known.
 
     Parameters
     ----------
@@ -157,8 +157,8 @@ def generations(
     before : sequence of (lanes,) array
         Scores of the generations that were found before, in order; they are not simulated again.
     known : (dimension,) array, optional
-        A sequence that is tried first, and from which one of the starts goes on: the worst of smaller errors, so that
-        larger ones are never found to do less.
+        A sequence that is tried first, and from which one of the starts continues: the worst of smaller errors, so that
+        the harm found for larger ones is never less.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def generations(
 
 
 def worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Effort) -> Worst:
-    """The worst errors of a space that a search finds for one person.
+    """Search for the worst errors of a space for one person.
 
     Parameters
     ----------
@@ -203,12 +203,12 @@ def worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: 
 
 
 def judge_of(attack: Attack, who: VirtualPeople) -> Judge:
-    """Harm done to one person."""
+    """Function that gives the harm done to one person."""
     return lambda errors, stuck_from: attack.on_one(who, errors, stuck_from).score
 
 
 def worst_of(attack: Attack, who: VirtualPeople, space: ErrorSpace, last: Generation) -> Worst:
-    """The worst sequence of a search whose last generation is given, and what it does."""
+    """The worst sequence of a search whose last generation is given, with its effect."""
     point = last.best[None]
     errors, stuck_from = space.errors(point)[:, 0], np.sort(space.stuck_from(point)[:, 0])
     lane, harm = attack.trace(who, errors, stuck_from)

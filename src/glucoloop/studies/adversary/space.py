@@ -1,4 +1,4 @@
-"""Which sensor errors are plausible: bounded in size, and a few stretches in which the reading is stuck."""
+"""Space of plausible sensor errors: bounded in size, with a few stretches in which the reading is stuck."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class ErrorSpace:
     error: float
     """Largest relative error: 0.1 is 10 % of the true glucose."""
     hold_samples: int = 3
-    """Samples for which an error stays the same."""
+    """Number of samples for which an error stays the same."""
     stretches: int = 3
-    """Stretches in which the reading is stuck."""
+    """Number of stretches in which the reading is stuck."""
     stretch_samples: int = 6
-    """Readings that are the same in each stretch."""
+    """Number of equal readings in each stretch."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.error) and 0.0 <= self.error < 1.0):
@@ -45,12 +45,12 @@ class ErrorSpace:
 
     @property
     def pieces(self) -> int:
-        """Errors of a sequence, each of which holds for some samples."""
+        """Number of errors of a sequence, each of which holds for some samples."""
         return -(-self.samples // self.hold_samples)
 
     @property
     def dimension(self) -> int:
-        """Coordinates of a point."""
+        """Number of coordinates of a point."""
         return self.pieces + self.stretches
 
     def points_of(self, smaller: ErrorSpace, points: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The worst sensor errors of every controller, in a table."""
+"""Table of the worst sensor errors of every controller."""
 
 from __future__ import annotations
 
@@ -62,6 +62,6 @@ _OTHERS: Final = ("random_lowest", "lowest_without_errors", "peak_without_errors
 
 
 def hours_told(t_min: float) -> str:
-    """A moment of the run: ``"2 h 05"``."""
+    """Text of a time of the run: ``"2 h 05"``."""
     whole = round(t_min)
     return f"{whole // round(MIN_PER_H)} h {whole % round(MIN_PER_H):02d}"

@@ -1,1 +1,1 @@
-"""How well meals that nobody announced are detected and sized, estimator by estimator."""
+"""Detection and sizing of meals that are not announced, estimator by estimator."""

@@ -1,4 +1,4 @@
-"""What is said about a test of estimators of meals: files and plain values."""
+"""Output of a test of estimators of meals: files and plain values."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def files_of(detection: Detection, result: DetectionResult) -> dict[str, bytes]:
 
 
 def title(detection: Detection) -> str:
-    """Of the picture."""
+    """Title of the figure."""
     trial = detection.trial
     people = f"{trial.people} people of {trial.population.name}" if trial.people > 1 else "one person"
     days = "A day" if detection.days == 1 else f"{detection.days} days"
@@ -55,7 +55,7 @@ def title(detection: Detection) -> str:
 
 
 def notes(detection: Detection, result: DetectionResult) -> Iterator[str]:
-    """What else is worth knowing, one sentence each."""
+    """Further notes, one sentence each."""
     days = "1 day" if result.days == 1 else f"{result.days} days"
     fed = f"{days} with meals and as many without" if detection.trial.plan.meals else f"{days} without a meal"
     yield (
@@ -82,7 +82,7 @@ def _tables(result: DetectionResult) -> dict[str, pl.DataFrame]:
 
 
 def _stacked(parts: Mapping[str, Mapping[str, Any]]) -> pl.DataFrame:
-    """Tables one below the other, their first column the estimator; what is no number is empty."""
+    """Tables stacked with the estimator as their first column; NaN becomes an empty cell."""
     tables = (
         pl.DataFrame(dict(columns)).select(pl.lit(name).alias("estimator"), pl.all()) for name, columns in parts.items()
     )

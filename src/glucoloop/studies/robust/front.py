@@ -1,4 +1,4 @@
-"""Which tunings keep the bounds, which of them no other one beats, and which one is chosen."""
+"""Selection of tunings: those that keep the bounds, the Pareto front among them, and the chosen one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 BOTH: Final = "both"
-"""Preferred: the tuning that is nearest to the best of both objectives."""
+"""Preference for the tuning that is nearest to the best of both objectives."""
 
 
 @dataclass(frozen=True)
@@ -20,21 +20,21 @@ class Bound:
     objective: str
     most: float
     of: str | None = None
-    """The controller whose value it is; None: a number that was given."""
+    """Controller whose value is the bound, or None for a given number."""
 
     def violation(self, scores: Mapping[str, float]) -> float:
-        """By how much scores exceed it, relative to it; 0 or less: they keep it."""
+        """Relative excess of scores over the bound; 0 or less if it is kept."""
         return (scores[self.objective] - self.most) / max(abs(self.most), 1.0)
 
 
 def keeps(scores: Mapping[str, float], bounds: Sequence[Bound], objectives: Sequence[str]) -> bool:
-    """Whether scores keep all bounds, with objectives that are numbers."""
+    """Whether scores keep all bounds, and the objectives are finite."""
     finite = all(np.isfinite(scores[name]) for name in objectives)
     return finite and all(bound.violation(scores) <= 0.0 for bound in bounds)
 
 
 def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which rows of ``(n, 2)`` no other row beats: none is as small in one column and smaller in the other."""
+    """Whether each row of ``(n, 2)`` is on the Pareto front: no row is better in one column and as good in both."""
     order = np.lexsort((values[:, 1], values[:, 0]))
     front = np.zeros(len(values), bool)
     least, at = np.inf, np.inf
@@ -47,7 +47,7 @@ def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
 
 
 def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: str) -> int:
-    """The row of a front ``(n, 2)`` that is chosen.
+    """Index of the row of a front ``(n, 2)`` that is chosen.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: s
     Raises
     ------
     ValueError
-        For what is neither.
+        For another text.
     """
     if prefer in objectives:
         first = list(objectives).index(prefer)

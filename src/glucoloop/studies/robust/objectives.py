@@ -1,4 +1,4 @@
-"""What a tuning is judged by: how the nominal patient fares in noise, and how people fare."""
+"""Objectives of a tuning: outcomes of the nominal patient under noise, and of people."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 
 LOW_MG_DL: Final = 60.0
 METRICS: Final = ("undershoot_mg_dl", "minimum_mg_dl", "peak_mg_dl", "insulin_total_variation_mU_min")
-"""What is kept of each subject's run."""
+"""Metrics that are kept of each subject's run."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Objective:
     """One number of a tuning; less is better."""
 
     name: str
-    """As people write it."""
+    """Name of the objective as the user writes it."""
     column: str
-    """In tables."""
+    """Name of the objective as a column of tables."""
     label: str
     unit: str
 
@@ -43,7 +43,7 @@ OBJECTIVES: Final[dict[str, Objective]] = {
         Objective("total-variation", "total_variation_mU_min", "Total variation of insulin, median", "mU/min"),
     )
 }
-"""Of the nominal patient over the noise, unless people are named."""
+"""Objectives by name; they are about the nominal patient under noise unless their name says people."""
 
 
 def objective(name: str) -> Objective:
@@ -65,9 +65,9 @@ def scores(metrics: Mapping[str, npt.NDArray[Any]], people: int) -> dict[str, fl
     Parameters
     ----------
     metrics : mapping
-        Those of `METRICS`, ``(subjects,)`` each.
+        Values ``(subjects,)`` of each of `METRICS`.
     people : int
-        How many of the subjects are people: the first ones. The others are the nominal patient in noise.
+        Number of subjects that are people, the first ones. The others are the nominal patient under noise.
 
     Returns
     -------

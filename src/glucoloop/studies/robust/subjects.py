@@ -1,4 +1,4 @@
-"""On whom a tuning is tried: people of a population, and the nominal patient in one noise after another."""
+"""Subjects on whom a tuning is tried: people of a population, and the nominal patient under several noises."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Subjects:
 
     patient: SemilinearPatient
     rest: npt.NDArray[np.float64]
-    """(states, subjects) at rest."""
+    """(states, subjects) states at rest."""
     basal_insulin_mU_min: npt.NDArray[np.float64]
-    """(subjects,) under which they rest."""
+    """(subjects,) rates under which they rest."""
     key: jax.Array
-    """(subjects,) from which each one's sensor draws."""
+    """(subjects,) random key of each sensor."""
     people: int
-    """How many of them are people."""
+    """Number of subjects that are people."""
     unable: int
     """People who were drawn but have no basal rate, and were left out."""
 
@@ -44,7 +44,7 @@ class Subjects:
 
     @property
     def number(self) -> int:
-        """All of them."""
+        """Number of all subjects."""
         return int(self.basal_insulin_mU_min.size)
 
 
@@ -58,7 +58,7 @@ def draw_subjects(
     first_seed: int,
     setpoint_mg_dl: float,
 ) -> Subjects:
-    """Draw subjects.
+    """Draw people and the noise of the nominal patient.
 
     Parameters
     ----------
@@ -66,11 +66,11 @@ def draw_subjects(
         One person.
     population : Population
     people, people_seed : int
-        Persons 0 to ``people - 1`` of a seed; each meets the noise that he meets in a trial of that seed.
+        Persons 0 to ``people - 1`` of a seed, each with the same noise as in a trial of that seed.
     seeds, first_seed : int
-        The nominal patient meets the noise of ``glucoloop run --seed`` from ``first_seed`` on.
+        Number of noises of the nominal patient, those of ``glucoloop run --seed`` from ``first_seed`` on.
     setpoint_mg_dl : float
-        At which people rest.
+        Glucose at which people rest.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Why somebody was worse off under a fault: his run again, sample by sample, and what stands out in it."""
+"""Reason why a person was worse off under a fault: the run is repeated, and its salient events described."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from glucoloop.studies.stress.stress import Reason, StressRow
 
 LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
-"""Insulin of so long before a low is what brought it about."""
+"""Time before a low for which the insulin is examined."""
 _BIAS_MG_DL: Final = 4.0
 _LESS: Final = 0.05
 _ACTS: Final = (
@@ -33,7 +33,7 @@ _ACTS: Final = (
 
 
 def reason_of(prepared: PreparedTrial, row: StressRow) -> Reason:
-    """What happened to the person of a cell who was the most worse off."""
+    """Description of the person of a cell who was worst off."""
     person = row.worse[0]
     trace = _again(prepared, row.tried.label, person)
     text = " ".join(_told(trace, prepared.grid.sample_time_min))
@@ -41,7 +41,7 @@ def reason_of(prepared: PreparedTrial, row: StressRow) -> Reason:
 
 
 def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
-    """The run of one person of a trial, with all that a trace keeps."""
+    """Repeated run of one person of a trial, as a full trace."""
     trial, of_case = prepared.trial, prepared.cases[label]
     number = np.array([person], np.int64)
     drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
@@ -71,7 +71,7 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
 
 
 def _first(many: Any, varies: list[bool]) -> Any:
-    """The first of many, who trail."""
+    """First element along the trailing axis."""
     leaves, tree = jax.tree.flatten(many)
     return jax.tree.unflatten(tree, [leaf[..., 0] if own else leaf for leaf, own in zip(leaves, varies, strict=True)])
 
@@ -80,7 +80,7 @@ def _told(trace: Trace, sample_time_min: float) -> Iterator[str]:
     glucose, fine_t = np.asarray(trace.fine_glucose_mg_dl), np.asarray(trace.fine_t_min)
     low = np.flatnonzero(glucose < LOW_MG_DL)
     if not low.size:
-        yield f"Simulated alone he stayed above {LOW_MG_DL:g} mg/dl, by {glucose.min() - LOW_MG_DL:.1f} mg/dl."
+        yield f"Simulated alone, the person stayed above {LOW_MG_DL:g} mg/dl, by {glucose.min() - LOW_MG_DL:.1f} mg/dl."
         return
     first_min, last_min = fine_t[low[0]], fine_t[low[-1]]
     yield f"Below {LOW_MG_DL:g} mg/dl from {first_min:.0f} to {last_min:.0f} min, least {glucose.min():.1f} mg/dl."
@@ -91,7 +91,7 @@ def _told(trace: Trace, sample_time_min: float) -> Iterator[str]:
     yield from _of_pump(trace, t <= first_min, before)
     basal = float(trace.basal_insulin_mU_min)
     rate = np.asarray(trace.insulin_mU_min)[before].mean() / basal if basal else np.nan
-    yield f"In the {before.sum() * sample_time_min:.0f} min before he got {rate:.2f} of his basal rate."
+    yield f"In the {before.sum() * sample_time_min:.0f} min before, the person got {rate:.2f} of the basal rate."
     status = np.asarray(trace.status)[t <= last_min]
     acts = [text.format(_counted(count, what)) for of, text, what in _ACTS if (count := int((status == of).sum()))]
     if acts:

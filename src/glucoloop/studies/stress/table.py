@@ -78,7 +78,7 @@ def stress_table(result: StressResult) -> FittingTable:
     Returns
     -------
     FittingTable
-        For rich to print. At most 110 characters wide for the standard faults; a narrower terminal shows as many
+        Table for rich to print, at most 110 characters wide for the standard faults; a narrower terminal shows as many
         columns as it has room for, and says so.
 
     Raises

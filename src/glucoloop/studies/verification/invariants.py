@@ -1,4 +1,4 @@
-"""What every loop promises at every sample, whatever fails in it, and the count of broken promises."""
+"""Promises that every loop keeps at every sample, whatever fails in it, and the count of broken ones."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ _ROUNDING_MU_MIN: Final = 1e-9
 
 @pytree
 class Kept:
-    """What has been seen of a loop so far."""
+    """Observations of a loop so far."""
 
     lowest_mg_dl: jax.Array
-    """Arterial glucose on the fine grid."""
+    """Least arterial glucose on the fine grid."""
     below_60: jax.Array
-    """Points of the fine grid."""
+    """Number of points of the fine grid below 60 mg/dl."""
     broken: jax.Array
-    """(promises, ...) samples at which each was broken."""
+    """(promises, ...) number of samples at which each was broken."""
     first_min: jax.Array
-    """(promises, ...) when it first was; infinite: never."""
+    """(promises, ...) time at which each was first broken; infinite for never."""
     counted: Counted | None
-    """For the caps of a guard; None without one."""
+    """State of the caps of a guard; None without one."""
 
 
 @pytree
@@ -64,13 +64,13 @@ class Promises:
 
     limits: DoseLimits = PARKER_1999_LIMITS
     sound: Sound = static()
-    """What the patient promises of its states; see `PatientModel`."""
+    """Promises of the patient about its states; see `PatientModel`."""
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
     caps: Caps | None = None
-    """Of the guard; None without one, for which that promise is kept."""
+    """Caps of the guard; None without one, for which that promise counts as kept."""
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Kept:
-        """Nothing has been broken."""
+        """State with no promise broken."""
         none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
         return Kept(
             lowest_mg_dl=glucose_mg_dl,
@@ -81,7 +81,7 @@ class Promises:
         )
 
     def step(self, kept: Kept, happened: Sampled, t_min: jax.Array) -> Kept:
-        """Check a sample, and take in the time until the next."""
+        """Check a sample, and include the time until the next."""
         counted, within_caps = self._within_caps(kept.counted, happened)
         held = self.held(happened, kept.lowest_mg_dl, within_caps)
         broken = jnp.where(jnp.stack([held[name] for name in PROMISES]), 0.0, 1.0)
@@ -103,15 +103,15 @@ class Promises:
     def held(
         self, happened: Sampled, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True
     ) -> dict[str, jax.Array]:
-        """Promise -> whether it is kept at a sample, ``(...)`` each; what is not a number keeps none.
+        """Whether each promise is kept at a sample, ``(...)`` each; NaN keeps none.
 
         Parameters
         ----------
         happened : Sampled
         lowest_mg_dl : (...) array
-            Arterial glucose has never been lower.
+            Least arterial glucose so far.
         within_caps : (...) array
-            Whether what is asked for is within the caps of the guard, if there is one.
+            Whether the rate asked for is within the caps of the guard, if there is one.
         """
         decision, reading = cast(WatchedDecision, happened.decision), cast(WatchedReading, happened.reading)
         delivery, limits, x = cast(WatchedDelivery, happened.delivery), self.limits, happened.x

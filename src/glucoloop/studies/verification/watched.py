@@ -1,6 +1,6 @@
-"""Controllers, sensors and pumps that tell with each answer whether what they remember is sound.
+"""Wrappers of controllers, sensors and pumps that report with each answer whether the inner state is sound.
 
-A loop hands on what they answer, and nothing of what they remember: a wrapper sees both. It changes no bit of either.
+A loop passes on their answers but not their states; a wrapper sees both. It does not change a bit of either.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from glucoloop.sensors import Reading, Sensor
 
 @pytree
 class WatchedDecision(Decision):
-    """A decision, and what it was made with."""
+    """A decision, with its inputs and the soundness of the controller."""
 
     told_mU_min: jax.Array
-    """What the pump reported."""
+    """Rate that the pump reported."""
     sound: jax.Array
     """Whether the whole state of the controller is finite."""
     told_bolus_mU: jax.Array | None = None
@@ -32,30 +32,30 @@ class WatchedDecision(Decision):
 
 @pytree
 class WatchedReading(Reading):
-    """A reading, and how the sensor is."""
+    """A reading, with the soundness of the sensor."""
 
     clocks: jax.Array
-    """Whether every fault has a time."""
+    """Whether the clock of every fault is valid."""
 
 
 @pytree
 class WatchedDelivery(Delivery):
-    """A delivery, and how the pump is."""
+    """A delivery, with the soundness of the pump."""
 
     sound: jax.Array
-    """Whether its state is finite, but for the time of a fault that is never to come."""
+    """Whether the pump's state is finite, apart from the time of a fault that never comes."""
     clocks: jax.Array
 
 
 @pytree
 class WatchedController:
-    """A controller of one person."""
+    """Wrapper of a controller of one person."""
 
     inner: Controller
 
     @property
     def sample_time_min(self) -> float:
-        """That of the controller inside."""
+        """Sample time of the inner controller."""
         return self.inner.sample_time_min
 
     @property
@@ -64,11 +64,11 @@ class WatchedController:
         return gives_boluses(self.inner)
 
     def init(self, observation: Observation) -> Any:
-        """The state is that of the controller inside."""
+        """State of the inner controller."""
         return self.inner.init(observation)
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, WatchedDecision]:
-        """Decide as the one inside does."""
+        """Decide as the inner controller does."""
         state, decision = self.inner.step(state, observation)
         return state, WatchedDecision(
             insulin_mU_min=decision.insulin_mU_min,
@@ -82,16 +82,19 @@ class WatchedController:
 
 @pytree
 class WatchedSensor:
-    """A sensor of one person. What it holds of readings may be any number: that is what some faults are."""
+    """Wrapper of a sensor of one person.
+
+    Its buffered readings may be any number, since some faults give such readings.
+    """
 
     inner: Sensor
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
-        """The state is that of the sensor inside."""
+        """State of the inner sensor."""
         return self.inner.init(glucose_mg_dl, key)
 
     def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, WatchedReading]:
-        """Read as the one inside does."""
+        """Read as the inner sensor does."""
         state, reading = self.inner.read(state, glucose_mg_dl, key)
         clocks, _ = _clocks_and_others(state)
         return state, WatchedReading(
@@ -101,18 +104,18 @@ class WatchedSensor:
 
 @pytree
 class WatchedPump:
-    """A pump of one person."""
+    """Wrapper of a pump of one person."""
 
     inner: Pump
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
-        """The state is that of the pump inside."""
+        """State of the inner pump."""
         return self.inner.init(insulin_mU_min, key)
 
     def deliver(
         self, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[Any, WatchedDelivery]:
-        """Deliver as the one inside does."""
+        """Deliver as the inner pump does."""
         state, delivery = deliver(self.inner, state, command_mU_min, key, bolus_mU)
         clocks, others = _clocks_and_others(state)
         return state, WatchedDelivery(
