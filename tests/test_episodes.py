@@ -87,21 +87,21 @@ def test_an_episode_that_recurs_for_ever_begins_once():
     assert np.all(np.diff(found, axis=1) >= 0)
 
 
-def test_an_episode_can_be_planned_and_others_left_to_chance():
-    found = many(dataclasses.replace(once(4, 2), probability=0.1, by_chance=True))
+def test_an_episode_can_be_planned_and_others_random():
+    found = many(dataclasses.replace(once(4, 2), probability=0.1, random=True))
     assert np.all(found[:, 4] >= 0)
     assert (found[:, 10:] == 0).sum() > 100
 
 
 def test_a_key_gives_one_course_and_another_gives_another():
-    chance = recurring(0.3)
-    np.testing.assert_array_equal(ages(chance, seed=5), ages(chance, seed=5))
-    assert np.any(ages(chance, seed=5) != ages(chance, seed=6))
+    drawn = recurring(0.3)
+    np.testing.assert_array_equal(ages(drawn, seed=5), ages(drawn, seed=5))
+    assert np.any(ages(drawn, seed=5) != ages(drawn, seed=6))
     one, other = (many(recurring(0.3, key=key)) >= 0 for key in (1, 2))
     assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 5.0 / np.sqrt(one.size)
 
 
-def test_the_chance_of_a_fault_is_not_that_of_anything_inside():
+def test_the_draws_of_a_fault_are_not_those_of_anything_inside():
     key = jax.random.key(3)
     data = {tuple(np.asarray(jax.random.key_data(k)).tolist()) for k in jax.random.split(key, 8)}
     data |= {tuple(np.asarray(jax.random.key_data(jax.random.fold_in(key, i))).tolist()) for i in range(8)}

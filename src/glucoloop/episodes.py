@@ -46,8 +46,8 @@ class Episodes:
     length: jax.Array | float
     """Number of samples of an episode, 1 or more; inf for an episode that lasts to the end."""
     probability: jax.Array | float = 0.0
-    """Probability that an episode begins at a sample without one; used if `by_chance` is set."""
-    by_chance: bool = static(default=False)
+    """Probability that an episode begins at a sample without one; used if `random` is set."""
+    random: bool = static(default=False)
     key: int = static(default=0)
     """Number that makes the random draws of this fault differ from those of others around the same sensor or pump."""
 
@@ -75,7 +75,7 @@ class Episodes:
         """Advance to the next sample, and give the age of the fault there: -1 if it is absent."""
         goes_on = (state.age >= 0.0) & (state.age + 1.0 < self.length)
         begins = state.until == 0.0
-        if self.by_chance:
+        if self.random:
             drawn = jax.random.uniform(self.own(key), state.age.shape, state.age.dtype)
             begins = begins | (drawn < self.probability)
         age = jnp.where(goes_on, state.age + 1.0, jnp.where(begins, 0.0, -1.0))
@@ -133,7 +133,7 @@ def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episod
         latest=math.inf,
         length=_length(samples),
         probability=float(probability),
-        by_chance=True,
+        random=True,
         key=_checked_key(key),
     )
 

@@ -47,11 +47,11 @@ def undisturbed():
 @pytest.mark.parametrize("seed", [1])
 def test_both_processes_survive_being_killed(tmp_path, seed):
     """Each is killed once with SIGKILL, at a sample that the seed says."""
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     example = EXAMPLES / ("two_processes" + ".py")
     arguments = [sys.executable, str(example), "--folder", str(tmp_path), "--samples", str(SAMPLES)]
     running = subprocess.Popen(arguments)
-    plan = {"patient": chance.randrange(1, SAMPLES - 1), "controller": chance.randrange(1, SAMPLES - 1)}
+    plan = {"patient": rng.randrange(1, SAMPLES - 1), "controller": rng.randrange(1, SAMPLES - 1)}
     decided = tmp_path / "controller.state"
     while running.poll() is None:
         done = len(json.loads(decided.read_bytes().partition(b"\n")[0])) if decided.exists() else 0

@@ -105,7 +105,7 @@ def test_minutes_become_samples(text, earliest, latest, length, probability):
     when = episodes_of(parse_fault(text), 5.0)
     assert (when.earliest, when.latest, when.length) == (earliest, latest, length)
     assert when.probability == pytest.approx(probability)
-    assert when.by_chance == ("per_day" in text)
+    assert when.random == ("per_day" in text)
 
 
 def test_the_first_fault_stands_next_to_the_sensor():

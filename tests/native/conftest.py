@@ -19,8 +19,8 @@ class Native:
     """A function of arrays, compiled; it is called with arrays in which people trail."""
 
     def __init__(self, function, *examples, precision="float64"):
-        def step(person, carry, own, shared, chance):
-            del person, shared, chance
+        def step(person, carry, own, shared, rng):
+            del person, shared, rng
             return carry, function(*own)
 
         own = [shape(x) for x in examples]

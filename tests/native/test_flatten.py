@@ -219,9 +219,9 @@ def test_random_functions_come_to_the_same_to_the_bit(native, by_jax, steps, see
 KEYS = jax.random.split(jax.random.key(7), 5)
 
 
-def noisy(carry, own, chance):
+def noisy(carry, own, rng):
     """Draws of several kinds, some of one key, mixed with what happens."""
-    key, index = chance
+    key, index = rng
     here = jax.random.fold_in(key, index)
     one, two = jax.random.split(here)
     noise = jnp.clip(1.7 * jax.random.normal(one), -2.0, 2.0)
@@ -232,9 +232,9 @@ def noisy(carry, own, chance):
 
 
 def test_random_numbers_are_those_that_jax_draws_for_one_person():
-    def step(person, carry, own, shared, chance):
+    def step(person, carry, own, shared, rng):
         del person, shared
-        return noisy(carry, own, chance)
+        return noisy(carry, own, rng)
 
     number = jnp.zeros(())
     lowered = lower(step, (), number, number, (), (KEYS[0], jnp.zeros((), int)))
@@ -249,18 +249,18 @@ def test_random_numbers_are_those_that_jax_draws_for_one_person():
 
 
 def test_random_numbers_may_be_made_numbers_of_another_kind():
-    def step(person, carry, own, shared, chance):
+    def step(person, carry, own, shared, rng):
         del person, shared
-        return carry, own + jax.random.randint(chance, (), 0, 9)
+        return carry, own + jax.random.randint(rng, (), 0, 9)
 
     drawing = lower(step, (), jnp.zeros(()), jnp.zeros(()), (), KEYS[0]).drawing
     assert float(drawing(KEYS[1])[0]) == int(jax.random.randint(KEYS[1], (), 0, 9))
 
 
 def test_drawing_many_at_once_draws_the_same():
-    def step(person, carry, own, shared, chance):
+    def step(person, carry, own, shared, rng):
         del person, own, shared
-        return carry, jax.random.normal(jax.random.fold_in(*chance), (2,))
+        return carry, jax.random.normal(jax.random.fold_in(*rng), (2,))
 
     drawing = lower(step, (), jnp.zeros(()), (), (), (KEYS[0], jnp.zeros((), int))).drawing
     index = jnp.arange(4)
@@ -283,10 +283,10 @@ def test_drawing_many_at_once_draws_the_same():
     ],
     ids=["whole", "keys"],
 )
-def test_chance_that_is_no_number_is_refused(told, function):
-    def step(person, carry, own, shared, chance):
+def test_a_random_value_that_is_no_number_is_refused(told, function):
+    def step(person, carry, own, shared, rng):
         del person, shared
-        return carry, function(chance, own)
+        return carry, function(rng, own)
 
     with pytest.raises(UnsupportedError, match=told):
         lower(step, (), jnp.zeros(()), jnp.zeros(()), (), KEYS[0])

@@ -17,11 +17,11 @@ PEOPLE = 13
 BITS = {"float64": (np.uint64, 52, 1023), "float32": (np.uint32, 23, 127)}
 
 
-def step(person, carry, own, shared, chance):
+def step(person, carry, own, shared, rng):
     """Something of every operation."""
     rate, matrix = person
     x, alarm, count = carry
-    noise = jax.random.normal(chance, (3,))
+    noise = jax.random.normal(rng, (3,))
     pushed = jnp.where(alarm, -0.5, 0.5) * shared["push"] + own + 0.1 * noise
     x = jnp.tanh(matrix @ x) / (1.0 + rate * rate) + jnp.maximum(pushed * jnp.exp(-rate / 3.0), -jnp.sqrt(rate))
     low = ~jnp.isfinite(jnp.log(x[0])) & (jnp.sign(x[1]) != 1.0) | (jnp.floor(x[2]) <= -1.0)
@@ -139,12 +139,12 @@ def test_the_shapes_are_those_of_the_function(lowered):
 
 def test_a_state_that_changes_its_shape_is_refused():
     with pytest.raises(TypeError, match=r"shapes \[\(3,\)\] before a sample, but \[\(\)\] after it"):
-        lower(lambda person, carry, own, shared, chance: (carry.sum(), ()), (), jnp.zeros(3), (), ())
+        lower(lambda person, carry, own, shared, rng: (carry.sum(), ()), (), jnp.zeros(3), (), ())
 
 
 def test_what_no_target_could_carry_out_is_refused_before_any():
     with pytest.raises(UnsupportedError, match="while"):
         lower(
-            lambda person, carry, own, shared, chance: (jax.lax.while_loop(lambda x: x < 3.0, jnp.exp, carry), ()),
+            lambda person, carry, own, shared, rng: (jax.lax.while_loop(lambda x: x < 3.0, jnp.exp, carry), ()),
             (), jnp.zeros(()), (), (),
         )  # fmt: skip

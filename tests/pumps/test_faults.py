@@ -32,7 +32,7 @@ SWING = 30.0 + 25.0 * np.sin(np.arange(SAMPLES) / 2.0)
 
 @pytree
 class ShakyPump:
-    """A pump whose dose is a matter of chance, to see whether a fault disturbs it."""
+    """A pump whose dose is random, to see whether a fault disturbs it."""
 
     def init(self, insulin_mU_min, key):
         return insulin_mU_min + jax.random.uniform(key, jnp.shape(insulin_mU_min))
@@ -170,9 +170,9 @@ WALK = 120.0 + 60.0 * np.sin(np.arange(48) / 4.0)
 def by_engine(name):
     """Readings, and what a pump makes of doses in proportion to them, of three people."""
 
-    def step(own, state, reaching, shared, chance):
+    def step(own, state, reaching, shared, rng):
         del own, reaching
-        key = jax.random.fold_in(*chance)
+        key = jax.random.fold_in(*rng)
         in_sensor, reading = SENSOR.read(state[0], shared["glucose"], key)
         in_pump, delivery = PUMP.deliver(state[1], 0.2 * reading.glucose_mg_dl, jax.random.fold_in(key, 7))
         return (in_sensor, in_pump), (reading, delivery)

@@ -38,7 +38,7 @@ STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
             ["missing from 10 min", "missing from 20 min"],
         ),
         (["spikes, per_day=12", "spikes, per_day=3"], ["spikes 12 a day", "spikes 3 a day"]),
-        # one at any time, one by chance: no single time tells all three apart
+        # one at any time, one at random: no single time tells all three apart
         (
             ["missing", "missing, per_day=3", "missing, start_min=20, latest_min=40"],
             ["missing", "missing 3 a day", "missing from 20 min, up to 40 min"],
@@ -65,15 +65,15 @@ def test_faults_that_differ_only_in_how_they_are_written_keep_their_texts():
     [
         ("stuck", "always"),
         ("resolution", "always"),
-        ("missed-pulses", "by chance, at any time"),
+        ("missed-pulses", "at random, at any time"),
         ("stuck, start_min=60", "from 60 min to the end"),
         ("stuck, duration_min=30", "from 0 min, for 30 min"),
         (
             "stuck, start_min=60, latest_min=300, duration_min=30",
             "from a moment between 60 and 300 min, for 30 min",
         ),
-        ("spikes, per_day=12", "by chance, 12 times a day, for one sample"),
-        ("spikes, per_day=0.5, duration_min=10", "by chance, 0.5 times a day, for 10 min"),
+        ("spikes, per_day=12", "at random, 12 times a day, for one sample"),
+        ("spikes, per_day=0.5, duration_min=10", "at random, 0.5 times a day, for 10 min"),
     ],
 )
 def test_when_a_fault_is_there_is_said(fault, when):

@@ -259,9 +259,9 @@ def test_faults_compose_from_the_inside_out(chain, times):
 def by_engine(name, sensor, precision="float64"):
     """Readings ``(samples, people)`` of three people."""
 
-    def step(own, state, reaching, shared, chance):
+    def step(own, state, reaching, shared, rng):
         del own, reaching
-        key, number = chance
+        key, number = rng
         return sensor.read(state, shared["glucose"], jax.random.fold_in(key, number))
 
     keys = jax.random.split(KEY, 3)
@@ -273,7 +273,7 @@ def by_engine(name, sensor, precision="float64"):
 
 
 def test_native_code_takes_every_fault_and_computes_the_same():
-    recurs = dataclasses.replace(once(2, 3, latest_sample=6), probability=0.2, by_chance=True)
+    recurs = dataclasses.replace(once(2, 3, latest_sample=6), probability=0.2, random=True)
     sensors = every_fault(recurs, NOISY)
     native, mapped, single = (
         by_engine("native", sensors),

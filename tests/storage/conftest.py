@@ -27,27 +27,27 @@ def pretend(trial):
         return np.stack([np.bincount(row, minlength=low.size - 1) for row in number]).astype(np.int64)
 
     def simulate(label, person, traces):
-        chance = uniforms(trial.seed, f"pretend {label}", person)
+        drawn = uniforms(trial.seed, f"pretend {label}", person)
         luck = uniforms(trial.seed, "luck", person)
         able = luck > 0.01
         missing = np.where(able, 0.0, np.nan)
         t_min = trial.sample_time_min * np.arange(trial.samples + 1)[:, None]
-        glucose = (81.1 + 60.0 * chance * np.sin(t_min / 90.0)).astype(np.float32)
-        insulin = np.maximum(20.0 + 30.0 * chance * np.cos(t_min[:-1] / 90.0), 0.0).astype(np.float32)
+        glucose = (81.1 + 60.0 * drawn * np.sin(t_min / 90.0)).astype(np.float32)
+        insulin = np.maximum(20.0 + 30.0 * drawn * np.cos(t_min[:-1] / 90.0), 0.0).astype(np.float32)
         metrics = {}
         for number, field in enumerate(dataclasses.fields(Metrics)):
             if field.name.startswith("settled") or field.name.endswith("satisfied"):
-                metrics[field.name] = chance > 0.3
+                metrics[field.name] = drawn > 0.3
             elif field.name.startswith("samples"):
                 metrics[field.name] = (10 * luck).astype(np.int64)
             else:
-                metrics[field.name] = (number + 1) * chance + missing
+                metrics[field.name] = (number + 1) * drawn + missing
         minimum = glucose.min(axis=0).astype(float) + missing
         metrics |= {
             "minimum_mg_dl": minimum,
             "peak_mg_dl": glucose.max(axis=0).astype(float) + missing,
             "undershoot_mg_dl": 81.1 - minimum,
-            "time_below_60_pct": np.where(minimum < 60.0, 5.0 * chance, 0.0) + missing,
+            "time_below_60_pct": np.where(minimum < 60.0, 5.0 * drawn, 0.0) + missing,
         }
         return SimpleNamespace(
             person=person,

@@ -185,7 +185,7 @@ def _warning(identified: Identified) -> tuple[str, ...]:
     doubts = identified.model.doubts()
     if not doubts:
         return ()
-    mend = "record for longer, or change insulin more, and more often, than meals and chance move glucose"
+    mend = "record for longer, or change insulin more, and more often, than meals and noise change glucose"
     if identified.config.data is None:
         mend = "lengthen the experiment with --samples, or give a lower --noise"
     return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")

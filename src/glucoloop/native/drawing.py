@@ -14,7 +14,7 @@ import jax
 from glucoloop.native.primitives import bind
 
 
-class Chance:
+class Drawn:
     """An array that depends only on random keys, so that it can be computed before the loop: its shape and type."""
 
     def __init__(self, aval: Any) -> None:
@@ -25,10 +25,10 @@ class Chance:
 class Drawing:
     """Computations from random keys before the loop, equation by equation."""
 
-    keys: Sequence[Chance]
-    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Chance]]]
-    """Equation, its inputs (`Chance` or numbers), and its outputs."""
-    wanted: Sequence[Chance]
+    keys: Sequence[Drawn]
+    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Drawn]]]
+    """Equation, its inputs (`Drawn` or numbers), and its outputs."""
+    wanted: Sequence[Drawn]
     """Arrays that the loop needs."""
 
     def __call__(self, *keys: Any) -> list[jax.Array]:
@@ -36,7 +36,7 @@ class Drawing:
         found: dict[int, Any] = {id(of): key for of, key in zip(self.keys, keys, strict=True)}
 
         def read(given: Any) -> Any:
-            return found[id(given)] if isinstance(given, Chance) else given
+            return found[id(given)] if isinstance(given, Drawn) else given
 
         for equation, inputs, outputs in self.equations:
             results = bind(equation, [read(given) for given in inputs])

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from jax.extend import core
 
 from glucoloop.native import primitives
-from glucoloop.native.drawing import Chance, Drawing
+from glucoloop.native.drawing import Drawing, Drawn
 from glucoloop.native.functions import Functions
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
@@ -86,9 +86,9 @@ class Flattener:
     def __init__(self, program: Program, precision: str) -> None:
         self.program = program
         self._functions = Functions(program, precision)
-        self._equations: list[tuple[Any, Sequence[Any], Sequence[Chance]]] = []
-        self._keys: list[Chance] = []
-        self._wanted: dict[int, tuple[Chance, Values]] = {}
+        self._equations: list[tuple[Any, Sequence[Any], Sequence[Drawn]]] = []
+        self._keys: list[Drawn] = []
+        self._wanted: dict[int, tuple[Drawn, Values]] = {}
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
         """An input of the program for each element of an array, named after the array and the element's place."""
@@ -96,12 +96,12 @@ class Flattener:
         flat = [self.program.input((*name, i), level, kind) for i in range(math.prod(aval.shape))]
         return np.array(flat, np.int64).reshape(aval.shape)
 
-    def chance(self, aval: Any) -> Chance:
+    def random_input(self, aval: Any) -> Drawn:
         """A random input, such as a random key or the number of the sample, to draw values from before the loop.
 
         It stays outside the program. Values that the program needs from it become inputs; `drawing` computes them.
         """
-        key = Chance(aval)
+        key = Drawn(aval)
         self._keys.append(key)
         return key
 
@@ -113,14 +113,14 @@ class Flattener:
 
     def _ask(self, given: Any) -> Values:
         """Values of an array; an array that depends on random keys becomes an input."""
-        if not isinstance(given, Chance):
+        if not isinstance(given, Drawn):
             values: Values = given
             return values
         if id(given) not in self._wanted:
             aval, position = given.aval, len(self._wanted)
             if not (jnp.issubdtype(aval.dtype, jnp.floating) or aval.dtype == bool):
                 raise UnsupportedError(f"random numbers of type {aval.dtype}")
-            self._wanted[id(given)] = (given, self.input(("chance", position), aval, SAMPLE))
+            self._wanted[id(given)] = (given, self.input(("drawn", position), aval, SAMPLE))
         return self._wanted[id(given)][1]
 
     def constants(self, array: Any) -> Values:
@@ -130,7 +130,7 @@ class Flattener:
         places = [self.program.constant(bool(n) if numbers.dtype == bool else float(n)) for n in flat]
         return np.array(places, np.int64).reshape(numbers.shape)
 
-    def run(self, closed: Any, arguments: Sequence[Values | Chance]) -> list[Values]:
+    def run(self, closed: Any, arguments: Sequence[Values | Drawn]) -> list[Values]:
         """Results of a function."""
         return [self._ask(result) for result in self._run(closed, arguments)]
 
@@ -145,24 +145,24 @@ class Flattener:
         values.update(zip(closed.jaxpr.invars, arguments, strict=True))
         for equation in closed.jaxpr.eqns:
             inputs = [read(atom) for atom in equation.invars]
-            results = self._by_chance(equation, inputs) or self._equation(equation, inputs)
+            results = self._postponed(equation, inputs) or self._equation(equation, inputs)
             values.update(zip(equation.outvars, results, strict=True))
         return [read(atom) for atom in closed.jaxpr.outvars]
 
-    def _by_chance(self, equation: Any, inputs: list[Any]) -> list[Chance] | None:
+    def _postponed(self, equation: Any, inputs: list[Any]) -> list[Drawn] | None:
         """Postpone an equation that depends only on random keys."""
-        if not any(isinstance(given, Chance) for given in inputs) or equation.primitive.name.startswith("custom_"):
+        if not any(isinstance(given, Drawn) for given in inputs) or equation.primitive.name.startswith("custom_"):
             return None  # a function with derivatives of its own is looked into
         numbers: list[Any] = []
         for given, atom in zip(inputs, equation.invars, strict=True):
-            if isinstance(given, Chance):
+            if isinstance(given, Drawn):
                 numbers.append(given)
             elif all(int(v) in self.program.constants for v in given.ravel()):
                 flat = [self.program.constants[int(v)] for v in given.ravel()]
                 numbers.append(jnp.asarray(np.array(flat).reshape(given.shape), atom.aval.dtype))
             else:
                 return None
-        results = [Chance(variable.aval) for variable in equation.outvars]
+        results = [Drawn(variable.aval) for variable in equation.outvars]
         self._equations.append((equation, numbers, results))
         return results
 

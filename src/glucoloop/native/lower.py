@@ -67,7 +67,7 @@ class Shapes:
 
 @dataclass(frozen=True, eq=False)
 class Lowered:
-    """``carry, outputs = step(person, carry, own, shared, chance)`` of one person and one sample, in scalars.
+    """``carry, outputs = step(person, carry, own, shared, rng)`` of one person and one sample, in scalars.
 
     The program and its layout are plain data and can be pickled. Levels of the program's values tell what can be
     computed once for each person (``PERSON``) and what changes at each sample (``SAMPLE``).
@@ -88,11 +88,11 @@ def lower(
     carry: Any,
     own: Any,
     shared: Any,
-    chance: Any = (),
+    rng: Any = (),
     *,
     precision: str = DOUBLE,
 ) -> Lowered:
-    """Lower ``carry, outputs = step(person, carry, own, shared, chance)`` to scalars.
+    """Lower ``carry, outputs = step(person, carry, own, shared, rng)`` to scalars.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def lower(
     person, carry, own, shared : pytrees of arrays or shapes, without a people axis
         Examples of the numbers of a person, of the state, and of the inputs of one person and of all people at a
         sample.
-    chance : pytree
+    rng : pytree
         Examples of random keys and of the number of the sample. What rests on these alone is left to the host.
     precision : {"float64", "float32"}
 
@@ -112,7 +112,7 @@ def lower(
     TypeError
         If the state after a sample has other shapes than the state before.
     """
-    given = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, chance)
+    given = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, rng)
     closed, (next_carry, outputs) = jax.make_jaxpr(step, return_shape=True)(*given)
     before, after = ([leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (given[1], next_carry))
     if before != after:
@@ -124,7 +124,7 @@ def lower(
         name: [flattener.input((name, i), leaf, level) for i, leaf in enumerate(jax.tree.leaves(tree))]
         for (name, level), tree in zip(levels.items(), given[:4], strict=True)
     }
-    keys = [flattener.chance(leaf) for leaf in jax.tree.leaves(given[4])]
+    keys = [flattener.random_input(leaf) for leaf in jax.tree.leaves(given[4])]
     results = flattener.run(closed, [*(leaf for group in inputs.values() for leaf in group), *keys])
     drawing, drawn = flattener.drawing()
     program, place = share_divisions(program, _flat(results))

@@ -20,15 +20,15 @@ PER_DAY: Final = "per_day"
 KEY: Final = "key"
 
 TIMING: Final = (
-    Setting(START, float, "When it begins, rounded up to a sample.", Default(0.0)),
-    Setting(LATEST, float, "With it the start is drawn between the two, for each person.", Default(0.0)),
-    Setting(
-        DURATION, float, "How long it lasts; by default to the end, or one sample if it comes by chance.", Default(0.0)
-    ),
-    Setting(PER_DAY, float, "How often it comes in a day by chance, in place of a start.", Default(0.0)),
+    Setting(START, float, "Time at which the fault begins, rounded up to a sample.", Default(0.0)),
+    Setting(LATEST, float, "Latest start; the start is drawn between start_min and it, for each person.", Default(0.0)),
+    Setting(DURATION, float, "Duration of the fault; by default to the end, or one sample with per_day.", Default(0.0)),
+    Setting(PER_DAY, float, "Mean number of random occurrences in a day, in place of a start.", Default(0.0)),
 )
 """Settings of the times of a fault, which have no value unless one is given."""
-OWN_KEY: Final = Setting(KEY, int, "Sets its chance apart from that of a second fault of the same kind.", Default(0))
+OWN_KEY: Final = Setting(
+    KEY, int, "Number that makes the random draws of two faults of the same kind differ.", Default(0)
+)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Fault:
         return FAULTS[self.name]
 
 
-_NOTICED: Final = Setting("noticed", bool, "Whether the pump tells of it: true or false.", Default(False))
+_NOTICED: Final = Setting("noticed", bool, "Whether the pump reports the fault: true or false.", Default(False))
 
 FAULTS: Final[dict[str, FaultEntry]] = {
     entry.name: entry
@@ -80,36 +80,36 @@ FAULTS: Final[dict[str, FaultEntry]] = {
             "sensor",
             "readings arrive late and do not say so",
             "late",
-            (Setting("delay_min", float, "By how much, rounded up to samples.", Default(15.0)),),
+            (Setting("delay_min", float, "Delay of the readings, rounded up to samples.", Default(15.0)),),
         ),
         FaultEntry(
             "repeated",
             "sensor",
-            "each reading is told several times",
+            "each reading is given several times",
             "repeated",
-            (Setting("times", int, "How often.", Default(3)),),
+            (Setting("times", int, "Number of times that each reading is given.", Default(3)),),
         ),
         FaultEntry(
             "out-of-order",
             "sensor",
-            "any one of the latest readings is told",
+            "a random one of the latest readings is given",
             "out_of_order",
-            (Setting("among", int, "Of how many.", Default(4)),),
+            (Setting("among", int, "Number of latest readings among which one is drawn.", Default(4)),),
         ),
         FaultEntry(
             "spikes",
             "sensor",
             "readings are off by a fixed amount",
             "spikes",
-            (Setting("size_mg_dl", float, "Of either sign.", Default(60.0)),),
+            (Setting("size_mg_dl", float, "Error of the readings, of either sign.", Default(60.0)),),
         ),
-        FaultEntry("stuck", "sensor", "the reading at which it begins is told on and on", "stuck"),
+        FaultEntry("stuck", "sensor", "the reading at the start of the fault is repeated", "stuck"),
         FaultEntry(
             "drift",
             "sensor",
-            "readings go off more and more",
+            "readings have an error that grows with time",
             "drift",
-            (Setting("mg_dl_h", float, "By how much in an hour, of either sign.", Default(5.0)),),
+            (Setting("mg_dl_h", float, "Growth of the error in an hour, of either sign.", Default(5.0)),),
         ),
         FaultEntry(
             "calibration",
@@ -117,8 +117,8 @@ FAULTS: Final[dict[str, FaultEntry]] = {
             "readings are wrong by a gain and an offset",
             "calibration",
             (
-                Setting("gain", float, "Of what is told over what is read.", Default(1.15)),
-                Setting("offset_mg_dl", float, "Added after that.", Default(0.0)),
+                Setting("gain", float, "Factor from the correct reading to the given one.", Default(1.15)),
+                Setting("offset_mg_dl", float, "Offset that is added after the gain.", Default(0.0)),
             ),
         ),
         FaultEntry(
@@ -127,51 +127,51 @@ FAULTS: Final[dict[str, FaultEntry]] = {
             "readings fall because someone lies on the sensor",
             "compression",
             (
-                Setting("depth", float, "Part of the reading that is lost in the end.", Default(0.3)),
+                Setting("depth", float, "Part of the reading that is finally lost.", Default(0.3)),
                 Setting("tau_min", float, "Time constant of fall and recovery.", Default(10.0)),
             ),
         ),
         FaultEntry(
             "saturation",
             "sensor",
-            "readings end at the ends of a range",
+            "readings are limited to a range",
             "saturation",
             (
-                Setting("low_mg_dl", float, "Its lower end.", Default(40.0), quantity=GLUCOSE_BOUND),
-                Setting("high_mg_dl", float, "Its upper end.", Default(400.0), quantity=GLUCOSE_BOUND),
+                Setting("low_mg_dl", float, "Lower end of the range.", Default(40.0), quantity=GLUCOSE_BOUND),
+                Setting("high_mg_dl", float, "Upper end of the range.", Default(400.0), quantity=GLUCOSE_BOUND),
             ),
         ),
         FaultEntry(
             "nonsense",
             "sensor",
-            "a number that is no glucose is told as if it were: nan, inf, 0, 2000",
+            "a fixed number is given as a valid reading: nan, inf, 0, 2000",
             "nonsense",
-            (Setting("value", float, "The number.", Default(0.0)),),
+            (Setting("value", float, "Number that is given.", Default(0.0)),),
         ),
         FaultEntry(
             "occlusion",
             "pump",
-            "less is delivered than the pump drives",
+            "less insulin passes the line than the pump drives",
             "occlusion",
-            (Setting("open_fraction", float, "Part that is delivered.", Default(0.0)), _NOTICED),
+            (Setting("open_fraction", float, "Part of the insulin that is delivered.", Default(0.0)), _NOTICED),
         ),
         FaultEntry(
             "missed-pulses",
             "pump",
-            "now and then a dose is not delivered",
+            "single doses at random are not delivered",
             "missed_pulses",
-            (Setting("share", float, "Of the doses.", Default(0.2)), _NOTICED),
+            (Setting("share", float, "Share of the doses that are missed.", Default(0.2)), _NOTICED),
             timed=False,
         ),
-        FaultEntry("battery", "pump", "the pump is off, says nothing, and starts again from rest", "battery"),
+        FaultEntry("battery", "pump", "the pump is off, reports nothing, and starts again from rest", "battery"),
         FaultEntry(
             "resolution",
             "pump",
-            "only whole steps are delivered, and nothing below a least dose; what is left is owed",
+            "only whole steps are delivered, from a least dose on; the remainder is delivered later",
             "resolution",
             (
-                Setting("step_mU_min", float, "The step.", Default(0.5), quantity=RATE_STEP),
-                Setting("least_mU_min", float, "The least dose.", Default(0.0)),
+                Setting("step_mU_min", float, "Step of the rate.", Default(0.5), quantity=RATE_STEP),
+                Setting("least_mU_min", float, "Least rate that is delivered.", Default(0.0)),
             ),
             timed=False,
         ),
@@ -210,7 +210,7 @@ def _check_times(name: str, given: Mapping[str, Value]) -> None:
     if PER_DAY in given and (START in given or LATEST in given):
         other = START if START in given else LATEST
         raise ValueError(
-            f"the fault {name} has both {PER_DAY} and {other}; it comes by chance or is planned, leave one out"
+            f"the fault {name} has both {PER_DAY} and {other}; it is either random or planned, leave one out"
         )
     if float(given.get(LATEST, float("inf"))) < float(given.get(START, 0.0)):
         raise ValueError(

@@ -12,7 +12,7 @@ KINDS: Final = ("png", "svg", "pdf")
 """File formats in which a command writes each figure."""
 
 # Journals refuse PDF and PostScript with Type 3 fonts, matplotlib's default. In SVG letters are outlines, so that they
-# look the same where the font is missing; names of clipping paths would be drawn by chance without a salt.
+# look the same where the font is missing; names of clipping paths would be random without a salt.
 _FOR_PRINT: Final[dict[Any, Any]] = {
     "pdf.fonttype": 42,
     "ps.fonttype": 42,

@@ -258,7 +258,7 @@ class Cohort:
         digestion = jnp.zeros(self._one_digestion.transition.shape[0]) if self._own_meals else None
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
 
-    def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, chance: Any) -> tuple[_Carry, Any]:
+    def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
         """One sample: it outputs glucose and the delivered rate, and reading and status if they are asked for."""
         digestion, moments = carry.digestion, shared["moments"]
         if digestion is not None:
@@ -268,7 +268,7 @@ class Cohort:
                 of_steps.append(of_step)
             moments = jnp.stack(of_steps)
         told = (reaching if self._own_told else shared)["told"] if self._announced else jnp.zeros(())
-        (key, index), time = chance, shared.get("time_of_day_min")
+        (key, index), time = rng, shared.get("time_of_day_min")
         state, happened = sample(self._loop(own), carry.loop, moments, told, key, index, time)
         fold = self._fold.step(carry.fold, happened, shared["t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min

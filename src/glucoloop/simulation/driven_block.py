@@ -56,13 +56,13 @@ def _kernels(states: int) -> tuple[Kernel, Kernel]:
     """One term of the series, and one doubling."""
     square, number = np.zeros((states + 1, states + 1)), np.zeros(())
 
-    def term(X: Any, carry: Any, own: Any, shared: Any, chance: Any) -> tuple[Any, Any]:
-        del own, chance
+    def term(X: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del own, rng
         power, *sums = carry
         return (power @ X, *(total + c * power for total, c in zip(sums, shared, strict=True))), ()
 
-    def double(person: Any, carry: Any, own: Any, shared: Any, chance: Any) -> tuple[Any, Any]:
-        del person, own, shared, chance
+    def double(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del person, own, shared, rng
         E, m_0, m_1, m_2 = carry
         return (
             E @ E,

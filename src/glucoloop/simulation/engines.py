@@ -1,7 +1,7 @@
 """Engines that run a loop over samples for many people: native code, or JAX mapped over people.
 
 Both take the same function of one person and one sample,
-``carry, outputs = step(own, carry, reaching, shared, chance)``:
+``carry, outputs = step(own, carry, reaching, shared, rng)``:
 
 ============  =====================================================  ================================
 argument      meaning                                                arrays given to `run`
@@ -10,7 +10,7 @@ argument      meaning                                                arrays give
 ``carry``     state that is passed from sample to sample             ``(..., people)``
 ``reaching``  inputs of the person at a sample                       ``(samples, ..., people)``
 ``shared``    inputs of all people at a sample                       ``(samples, ...)``
-``chance``    the person's random key, and the number of the sample  ``(people,)`` keys
+``rng``       the person's random key, and the number of the sample  ``(people,)`` keys
 ============  =====================================================  ================================
 """
 
@@ -67,7 +67,7 @@ def make_engine(
     ----------
     step : callable
     own, carry, reaching, shared, key
-        Arguments of `step`, with the key in place of ``chance``.
+        Arguments of `step`, with the key in place of ``rng``.
     name : {"native", "xla"}, optional
         Name of the engine; by default native code if the loop allows it.
     precision : {"float64", "float32"}

@@ -22,7 +22,7 @@ from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.plant import Plant
 
-# Far from the numbers of samples, by which readings get their keys, so that the pump's chance is not the sensor's.
+# Far from the numbers of samples, by which readings get their keys, so that the pump's draws are not the sensor's.
 _PUMP: Final = 0x50554D50
 
 

@@ -62,9 +62,9 @@ class PulseExperiment:
         glucose = seen_mg_dl(self._plants.single.patient, x, site_of(self._sensor))
         return (x, self._sensor.init(glucose, sensor_key)), reading_key
 
-    def _step(self, own: Any, carry: Any, insulin: Any, shared: Any, chance: Any) -> tuple[Any, jax.Array]:
+    def _step(self, own: Any, carry: Any, insulin: Any, shared: Any, rng: Any) -> tuple[Any, jax.Array]:
         del shared
-        plant, (x, in_sensor), (key, index) = self._plants.of(own), carry, chance
+        plant, (x, in_sensor), (key, index) = self._plants.of(own), carry, rng
         glucose = seen_mg_dl(plant.patient, x, site_of(self._sensor))
         in_sensor, reading = self._sensor.read(in_sensor, glucose, jax.random.fold_in(key, index))
         x, _ = plant.advance(x, insulin, self._fasting)

@@ -62,8 +62,8 @@ def by_hand(linear, appears, readings, insulin, begins, ends, disturbance_varian
             x, d, p = np.zeros(2), 0.0, 1.0
             for k in range(n):
                 before = eaten[k - 1] if k else 0
-                chance = ends if before else begins
-                p *= chance if eaten[k] != before else 1.0 - chance
+                probability = ends if before else begins
+                p *= probability if eaten[k] != before else 1.0 - probability
                 x = A @ x + B * (insulin[k] - 20.0) + G * (appears(eaten, k) + d)
                 innovation = readings[k] - 80.0 - x[0]
                 p *= np.exp(-0.5 * innovation**2 / S) + 1e-3
@@ -203,7 +203,7 @@ def test_habits_that_cannot_be_are_refused(arguments, sentence):
         MealHabits(**arguments)
 
 
-def test_chances_of_a_sample_follow_from_habits():
+def test_probabilities_of_a_sample_follow_from_habits():
     habits = MealHabits(0.6, 36.0)  # a meal of 36 g is served in 100 min
     assert habits.begins(60.0) == pytest.approx(1.0 - np.exp(-0.6))
     assert habits.ends(100.0) == pytest.approx(1.0 - np.exp(-1.0))

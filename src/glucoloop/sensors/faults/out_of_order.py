@@ -15,7 +15,7 @@ from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_with
 from glucoloop.sensors.protocol import Reading, Sensor
 
 _MOST: Final = 48
-_WHICH: Final = 1  # sets the choice of a reading apart from the chance of an episode
+_WHICH: Final = 1  # sets the choice of a reading apart from the draws of an episode
 
 
 @pytree
@@ -44,7 +44,7 @@ class OutOfOrder:
         drawn = self.among * jax.random.uniform(own, age.shape, age.dtype)
         told = newest
         for place in range(self.among - 1):
-            # a place in an array that chance decides is not for native code, a choice is
+            # native code cannot take a random place of an array, but it can choose between values
             here = (age >= 0.0) & (drawn >= place) & (drawn < place + 1)
             told = jax.tree.map(lambda old, so_far, here=here: jnp.where(here, old, so_far), one_of(line, place), told)
         return _State(within=within, past=without_oldest(line)), told

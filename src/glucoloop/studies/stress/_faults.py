@@ -83,10 +83,10 @@ def when_in_words(fault: Fault) -> str:
     """Times of a fault, in a phrase."""
     when = fault.settings
     if not fault.entry.timed:
-        return "by chance, at any time" if fault.entry.comes_and_goes else "always"
+        return "at random, at any time" if fault.entry.comes_and_goes else "always"
     if PER_DAY in when:
         lasting = f"for {_number(when, DURATION)} min" if DURATION in when else "for one sample"
-        return f"by chance, {_number(when, PER_DAY)} times a day, {lasting}"
+        return f"at random, {_number(when, PER_DAY)} times a day, {lasting}"
     if not any(key in when for key in _TIMES):
         return "always"
     start = _number(when, START) if START in when else "0"

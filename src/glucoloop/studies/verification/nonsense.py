@@ -216,8 +216,8 @@ class _Loops:
             broken=jnp.zeros(len(PROMISES)),
         )
 
-    def _step(self, basal: jax.Array, carry: _Carry, told: Any, _: Any, chance: Any) -> tuple[_Carry, jax.Array]:
-        del chance
+    def _step(self, basal: jax.Array, carry: _Carry, told: Any, _: Any, rng: Any) -> tuple[_Carry, jax.Array]:
+        del rng
         guard, limits = self._guard.with_basal(basal), PARKER_1999_LIMITS
         guard = dataclasses.replace(
             guard, inner=_Wilful(inner=guard.inner, asks=told["asks"], wilful=told["wilful"]), settings=guard.settings

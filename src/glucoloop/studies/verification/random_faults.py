@@ -36,7 +36,7 @@ AMONG: Final = (2, 8)
 
 _TO_THE_END: Final = 0.15
 """Share of the planned faults that last to the end."""
-_BY_CHANCE: Final = 0.3
+_RECURS: Final = 0.3
 _NONSENSE: Final = (math.nan, math.inf, -math.inf, 0.0, 2000.0, 1e300, -1e300, -40.0, 600.0, 20.0)
 _NO_STEP: Final = 2.0**-1000
 """Resolution that changes no dose, since division by a power of two is exact."""
@@ -140,7 +140,7 @@ class RandomFaults:
             latest=first,
             length=_of(self.length[kind], person),
             probability=_of(self.probability[kind], person),
-            by_chance=True,
+            random=True,
             key=_key(kind),
         )
 
@@ -156,12 +156,12 @@ class RandomFaults:
         for setting, values in self.settings[kind].items():
             value = float(values[person])
             given[setting] = int(value) if FAULTS[name].all_settings[setting].type is int else value
-        chance, lasts = float(self.probability[kind][person]), float(self.length[kind][person])
+        often, lasts = float(self.probability[kind][person]), float(self.length[kind][person])
         if name == "missed-pulses":
-            given["share"] = chance
+            given["share"] = often
         elif FAULTS[name].timed:
-            if chance > 0.0:
-                given[PER_DAY] = chance * (MIN_PER_DAY / SAMPLE_MIN)
+            if often > 0.0:
+                given[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
             else:
                 given[START] = float(self.earliest[kind][person]) * SAMPLE_MIN
             if math.isfinite(lasts):
@@ -181,18 +181,18 @@ def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) 
     there = {kind: rank[place] < many for place, kind in enumerate(KINDS)}
     earliest, length, probability = {}, {}, {}
     for kind in KINDS:
-        by_chance = there[kind] & (drawn(f"by chance {kind}") < _BY_CHANCE)
+        recurs = there[kind] & (drawn(f"by chance {kind}") < _RECURS)
         lasts = 1.0 + np.floor(LONGEST_SAMPLES * drawn(f"length {kind}"))
         # half of those that come again and again last one sample
-        lasts = np.where(by_chance & (drawn(f"single {kind}") < 0.5), 1.0, lasts)
-        endless = ~by_chance & (drawn(f"endless {kind}") < _TO_THE_END)
+        lasts = np.where(recurs & (drawn(f"single {kind}") < 0.5), 1.0, lasts)
+        endless = ~recurs & (drawn(f"endless {kind}") < _TO_THE_END)
         often = 2.0 ** -np.floor(2.0 + 6.0 * drawn(f"often {kind}"))
         first = np.floor(samples * drawn(f"onset {kind}"))
         if kind == "missed-pulses":
-            by_chance, lasts, endless, often = there[kind], np.ones(people.size), ~there[kind], drawn("share")
-        earliest[kind] = np.where(there[kind] & ~by_chance, first, np.inf)
+            recurs, lasts, endless, often = there[kind], np.ones(people.size), ~there[kind], drawn("share")
+        earliest[kind] = np.where(there[kind] & ~recurs, first, np.inf)
         length[kind] = np.where(endless, np.inf, lasts)
-        probability[kind] = np.where(by_chance, often, 0.0)
+        probability[kind] = np.where(recurs, often, 0.0)
     return RandomFaults(
         order=order,
         there=there,

@@ -20,9 +20,9 @@ SAMPLES, PEOPLE = 7, 61
 EPS = {p: float(np.finfo(p).eps) for p in PRECISIONS}
 
 
-def step(person, carry, own, shared, chance):
+def step(person, carry, own, shared, rng):
     """Numbers, truths and counts handed on; constants of a person; what reaches him and everybody."""
-    del chance
+    del rng
     rate, matrix = person
     x, alarm, count = carry
     pushed = jnp.where(alarm, -0.5, 0.5) * shared["push"] + own
