@@ -8,15 +8,16 @@ through the loop as a constant. `simulate` takes it as it is; its entry, at the 
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.control import Decision, Observation, Status
-from glucoloop.experiments.designs import DesignCase
+from glucoloop.control.design_case import DesignCase
 from glucoloop.registry.controllers import ControllerEntry
-from glucoloop.registry.settings import Default, Setting
+from glucoloop.registry.settings import About, settings_record
 
 
 @jax.tree_util.register_static
@@ -41,24 +42,27 @@ class ProportionalIntegral:
         return (basal, integral), Decision(insulin_mU_min=insulin, status=jnp.full(insulin.shape, Status.OK))
 
 
-def design(case: DesignCase, *, proportional_gain: float, integral_min: float) -> ProportionalIntegral:
-    """The controller for a situation: `case` has the patient, the limits of the pump and the noise of the readings.
+@settings_record
+class Settings:
+    """What can be set; options, checks and help follow from it."""
+
+    proportional_gain: Annotated[float, About("K, in mU/min per mg/dl.")] = 0.6
+    integral_min: Annotated[float, About("Integral time, in minutes.", above=0.0)] = 150.0
+
+
+def design(case: DesignCase, settings: Settings) -> ProportionalIntegral:
+    """The controller for a situation: `case` has models of the patient, the limits of the pump and the noise.
 
     What is not possible is refused here, since `step` cannot raise.
     """
-    if integral_min <= 0.0:
-        raise ValueError(f"integral_min is {integral_min:g}; give more than 0 min")
-    return ProportionalIntegral(proportional_gain, integral_min, case.sample_time_min)
+    return ProportionalIntegral(settings.proportional_gain, settings.integral_min, case.sample_time_min)
 
 
 ENTRY = ControllerEntry(
     name="your-own-pi",
     summary="proportional-integral control",
     design="your_own_controller:design",
-    settings=(
-        Setting("proportional_gain", float, "K, in mU/min per mg/dl.", Default(0.6)),
-        Setting("integral_min", float, "Integral time, in minutes.", Default(150.0)),
-    ),
+    record=Settings,
     uses_model=False,  # no model is identified for it
 )
 

@@ -1,9 +1,11 @@
 """A controller that another package brings is at home in every command."""
 
+import dataclasses
 import importlib
 import shutil
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import polars as pl
 import pytest
@@ -12,7 +14,7 @@ from glucoloop.cli.request import file_keys, with_lists
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
-from glucoloop.registry.settings import Default, Setting
+from glucoloop.registry.settings import About, settings_record
 from glucoloop.studies.detection.keys import detection_keys
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
@@ -52,7 +54,10 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
             "your_own_controller:design is an instance of function; it has to be one of ControllerEntry",
         ),
         (("--controller", NAME, "--setting", "integral=9"), "unknown key 'integral'; did you mean 'integral_min'?"),
-        (("--controller", NAME, "--setting", "integral_min=-1"), "integral_min is -1; give more than 0 min"),
+        (
+            ("--controller", NAME, "--setting", "integral_min=-1"),
+            "an integral of -1 min is not possible; give a finite value above 0",
+        ),
         (("--controller", NAME, "--setting", "integral_min=much"), "integral_min is 'much'; give a number"),
         (("--controller", NAME, "--move-weight", "1"), "your-own-pi has no setting 'move_weight'"),
         (("--setting", "integral_min=9"), "unknown key 'integral_min'"),
@@ -141,6 +146,21 @@ def test_a_trial_designs_it_for_each_person(outside, glucoloop):
     assert dict(varied.iter_rows())["mine"] > dict(varied.iter_rows())["none"] == 0.0
 
 
+@settings_record
+class Whole:
+    k: Annotated[int, About("")] = 1
+
+
+@settings_record
+class Mistyped:
+    k: Annotated[int, About("")] = "a"
+
+
+@dataclasses.dataclass(frozen=True)
+class Unsaid:
+    k: int = 1
+
+
 def _entry(**changed):
     return ControllerEntry(**{"name": "x", "summary": "", "design": "a:b", **changed})
 
@@ -149,13 +169,11 @@ def _entry(**changed):
     ("changed", "told"),
     [
         ({"design": "module"}, "'module' of the controller x is no place; write it like module:function"),
-        ({"tunable": True}, "the controller x cannot be tunable: it has no setting 'move_horizon'"),
+        ({"tunable": True, "record": Whole}, "the controller x cannot be tunable: it has no setting 'move_horizon'"),
         ({"individual": ":f"}, "':f' of the controller x is no place"),
-        ({"settings": (Setting("k", int, "", Default(1)),) * 2}, "has two settings 'k'; leave one out"),
-        (
-            {"settings": (Setting("k", int, "", Default("a")),)},
-            "a default of the controller x is not allowed: k is 'a'",
-        ),
+        ({"record": "Settings"}, "'Settings' of the controller x is no place"),
+        ({"record": Mistyped}, "a default of the controller x is not allowed: k is 'a'; give a whole number"),
+        ({"record": Unsaid}, r"the setting k of Unsaid does not say what it means; annotate it, like k: Annotated"),
     ],
 )
 def test_an_entry_that_cannot_be_meant_is_refused(changed, told):

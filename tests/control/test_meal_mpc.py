@@ -181,7 +181,7 @@ def test_a_design_that_is_not_possible_is_refused(bad, sentence):
         ({"glucose_floor_mg_dl": -5.0}, "a glucose floor of -5 mg/dl is not possible"),
         ({"floor_weight": 0.0}, "a floor weight of 0 is not possible"),
         ({"anticipation": 1.5}, "an anticipation of 1.5 is not possible"),
-        ({"iterations": 0}, "0 iterations are not possible"),
+        ({"iterations": 0}, "iterations of 0 are not possible; give a whole number from 1 to 10"),
         ({"prediction_horizon": 1}, "a prediction horizon of 1 is not possible"),
     ],
 )

@@ -3,7 +3,7 @@
 import pytest
 
 import glucoloop as gl
-from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT
+from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import DesignCase
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
@@ -24,8 +24,10 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
         noise_variance=1.45 if noisy else 0.0,
         dead_time_samples=0,
     )
-    settings = complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy)
-    assert controller_entry(name).designer()(case, **settings).sample_time_min == 5.0
+    entry = controller_entry(name)
+    settings = entry.values(complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy))
+    given = () if settings is None else (settings,)
+    assert entry.designer()(case, *given).sample_time_min == 5.0
 
 
 @pytest.mark.parametrize("name", ["mpc", "mpc-se", "nlqdmc-se"])
@@ -40,7 +42,8 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
     )
     for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
         settings = complete(name, given, USUAL_PATIENT, "setpoint-81", noisy=False)
-        controller = controller_entry(name).designer()(case, **settings)
+        entry = controller_entry(name)
+        controller = entry.designer()(case, entry.values(settings))
         floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
         if given:
             assert (floor.glucose_mg_dl, floor.weight) == (65.0, given.get("floor_weight", DEFAULT_FLOOR_WEIGHT))

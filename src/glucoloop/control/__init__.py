@@ -1,16 +1,25 @@
-"""Controllers: pure functions from observations to doses, designed once and never handed a patient."""
+"""Controllers: pure functions from observations to doses, designed once and never handed a patient.
 
-from glucoloop.control.guard import Guard, guarded
-from glucoloop.control.guard_settings import GuardSettings
-from glucoloop.control.imc import IMC, design_imc
-from glucoloop.control.linear_mpc import LinearMPC, design_linear_mpc
-from glucoloop.control.meal_mpc import MealMPC, MealTuning, design_meal_mpc
-from glucoloop.control.mpc_se import MPCSE, design_mpc_se
-from glucoloop.control.nlqdmc_se import NLQDMC, design_nlqdmc_se
-from glucoloop.control.open_loop import OpenLoop, design_open_loop
-from glucoloop.control.pid import PID, PIDTuning, design_pid, internal_model_tuning
-from glucoloop.control.protocol import Controller, Decision, Observation, Status
-from glucoloop.control.tuning import MPCTuning, StateTuning
+The names below are imported when first used: the settings of the controllers are read without JAX, for help.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from glucoloop.control.guard import Guard, guarded
+    from glucoloop.control.guard_settings import GuardSettings
+    from glucoloop.control.imc import IMC, design_imc
+    from glucoloop.control.linear_mpc import LinearMPC, design_linear_mpc
+    from glucoloop.control.meal_mpc import MealMPC, design_meal_mpc
+    from glucoloop.control.mpc_se import MPCSE, design_mpc_se
+    from glucoloop.control.nlqdmc_se import NLQDMC, design_nlqdmc_se
+    from glucoloop.control.open_loop import OpenLoop, design_open_loop
+    from glucoloop.control.pid import PID, PIDTuning, design_pid, internal_model_tuning
+    from glucoloop.control.protocol import Controller, Decision, Observation, Status
+    from glucoloop.control.settings import MealTuning, MPCTuning, StateTuning
 
 __all__ = [
     "IMC",
@@ -40,3 +49,31 @@ __all__ = [
     "guarded",
     "internal_model_tuning",
 ]
+
+_HOME: Final = {
+    name: module
+    for module, names in {
+        "guard": ("Guard", "guarded"),
+        "guard_settings": ("GuardSettings",),
+        "imc": ("IMC", "design_imc"),
+        "linear_mpc": ("LinearMPC", "design_linear_mpc"),
+        "meal_mpc": ("MealMPC", "design_meal_mpc"),
+        "mpc_se": ("MPCSE", "design_mpc_se"),
+        "nlqdmc_se": ("NLQDMC", "design_nlqdmc_se"),
+        "open_loop": ("OpenLoop", "design_open_loop"),
+        "pid": ("PID", "PIDTuning", "design_pid", "internal_model_tuning"),
+        "protocol": ("Controller", "Decision", "Observation", "Status"),
+        "settings": ("MealTuning", "MPCTuning", "StateTuning"),
+    }.items()
+    for name in names
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'glucoloop.control' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"glucoloop.control.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

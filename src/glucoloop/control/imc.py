@@ -15,7 +15,9 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import IMCSettings
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -154,4 +156,17 @@ def design_imc(
         limits=limits,
         delay_samples=delay,
         sample_time_min=sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: IMCSettings) -> IMC:
+    """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
+    model = case.first_order(settings.step_mU_min or None, settings.delay_min)
+    return design_imc(
+        float(model.gain),
+        float(model.tau_min),
+        settings.delay_min + case.dead_time_samples * case.sample_time_min,
+        case.limits,
+        filter_min=settings.filter_min,
+        sample_time_min=case.sample_time_min,
     )

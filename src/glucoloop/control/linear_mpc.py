@@ -16,9 +16,11 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import NOISE_FREE, MPCTuning, check_gain
+from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LinearMPCSettings, MPCTuning
+from glucoloop.control.tuning import NOISE_FREE, check_gain
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -189,3 +191,8 @@ def _long_enough(step_response: Any, tuning: MPCTuning) -> Any:
     missing = max(0, tuning.prediction_horizon + 1 - step_response.shape[0])
     xp: Any = jnp if is_traced(step_response) else np
     return xp.concatenate([step_response, xp.repeat(step_response[-1:], missing, axis=0)])
+
+
+def design(case: DesignCase, settings: LinearMPCSettings) -> LinearMPC:
+    """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
+    return design_linear_mpc(case.identified, settings.longer(case.dead_time_samples), case.limits, **settings.moves)

@@ -8,8 +8,6 @@ Control Optim. 43(5), 2005.
 from __future__ import annotations
 
 import dataclasses
-import math
-from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import jax
@@ -19,8 +17,9 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import MPCTuning
+from glucoloop.control.settings import MealMPCSettings, MealTuning
 from glucoloop.estimation.unknown_meal import (
     MealEstimate,
     MealEstimator,
@@ -40,64 +39,8 @@ from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 ESTIMATORS: Final = ("moving-horizon", "kalman")
-
-
-@checked
-@dataclass(frozen=True)
-class MealTuning(MPCTuning):
-    """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
-
-    Parameters
-    ----------
-    caution_weight : float
-        Weight on glucose that would be low if the meal under way ended at this moment, 0 or more. It is multiplied by
-        the standard deviation of whether there is a meal, ``sqrt(P (1 - P))``, and so counts where the estimate is
-        uncertain.
-    caution_mg_dl : float
-        How far below the setpoint that begins, 0 or more.
-    glucose_floor_mg_dl : float
-        A floor under glucose in that case, kept as far as it pays, 0 or more; 0: none.
-    floor_weight : float
-        Weight on what is lacking of it, above 0.
-    anticipation : float
-        How much doses rest on meals that are always expected though nothing tells of any, 0 to 1. At 0 glucose rests at
-        the setpoint. At 1 it rests a little below, .2 mg/dl without noise and .8 with noise of variance 1.45, and the
-        peak after a meal is lower by about as much.
-    iterations : int
-        Quadratic programs solved at each sample, 1 to 10: the model is linearised along the plan of the one before.
-
-    Raises
-    ------
-    ValueError
-        Outside these bounds.
-    """
-
-    move_horizon: int = 2
-    prediction_horizon: int = 12
-    output_weight: float = 1.0
-    move_weight: float = 0.22
-    caution_weight: float = 3.5
-    caution_mg_dl: float = 0.8
-    glucose_floor_mg_dl: float = 65.0
-    floor_weight: float = 10.0
-    anticipation: float = 1.0
-    iterations: int = 1
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for value, what, unit in (
-            (self.caution_weight, "caution weight", ""),
-            (self.caution_mg_dl, "caution", " mg/dl"),
-            (self.glucose_floor_mg_dl, "glucose floor", " mg/dl"),
-        ):
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"a {what} of {value:g}{unit} is not possible; give a finite value of 0 or more")
-        if not 0.0 < self.floor_weight < math.inf:
-            raise ValueError(f"a floor weight of {self.floor_weight:g} is not possible; give a finite value above 0")
-        if not 0.0 <= self.anticipation <= 1.0:
-            raise ValueError(f"an anticipation of {self.anticipation:g} is not possible; give 0 to 1")
-        if not 1 <= self.iterations <= 10:
-            raise ValueError(f"{self.iterations} iterations are not possible; give a whole number from 1 to 10")
+_LEAST_VARIANCE: Final = 0.01
+"""(mg/dl)^2 that a filter expects of readings without noise."""
 
 
 @pytree
@@ -396,4 +339,19 @@ def design_meal_mpc(
         iterations=tuning.iterations,
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
+    """Meal-aware nonlinear MPC, on the equations of the patient."""
+    return design_meal_mpc(
+        case.nonlinear(),
+        settings,
+        case.limits,
+        habits=MealHabits(meals_per_h=settings.meals_per_h, mean_carbs_g=settings.mean_carbs_g),
+        estimator=settings.estimator,
+        meal_horizon=settings.meal_horizon,
+        disturbance_variance=settings.disturbance_variance,
+        measurement_variance=settings.measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
+        dead_time_samples=case.dead_time_samples,
     )

@@ -18,9 +18,11 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.planning import DEFAULT_FLOOR_WEIGHT, MovePlan, glucose_floor, plan_moves, plans_of_people
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import StateTuning, check_gain
+from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, MPCSESettings, StateTuning
+from glucoloop.control.tuning import check_gain
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -312,4 +314,18 @@ def mpc_se_of_people(
         basal_mU_min=basal_mU_min,
         basal_glucose_mg_dl=basal_glucose_mg_dl,
         sample_time_min=sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: MPCSESettings) -> MPCSE:
+    """MPC with state estimation, on the patient linearised at the operating point."""
+    return design_mpc_se(
+        case.linearised(),
+        case.process_noise(*settings.process_noise),
+        settings,
+        case.limits,
+        measurement_variance=settings.measurement_variance,
+        offset_free=settings.offset_free,
+        dead_time_samples=case.dead_time_samples,
+        **settings.moves,
     )

@@ -18,16 +18,10 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.planning import (
-    DEFAULT_FLOOR_WEIGHT,
-    GlucoseFloor,
-    dynamic_matrix,
-    glucose_floor,
-    minimise_above,
-    minimise_within,
-)
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import StateTuning
+from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
 from glucoloop.estimation.kalman import filter_gain, steady_state_covariance
 from glucoloop.models.nonlinear import NonlinearModel
 from glucoloop.models.state_space import discretise, linearise, step_response
@@ -196,7 +190,7 @@ def design_nlqdmc_se(
 
     Examples
     --------
-    >>> from glucoloop.control.tuning import StateTuning
+    >>> from glucoloop.control.settings import StateTuning
     >>> StateTuning(move_horizon=2, prediction_horizon=5, reference_filter=0.57).prediction_horizon
     5
     """
@@ -226,4 +220,17 @@ def design_nlqdmc_se(
         move_horizon=tuning.move_horizon,
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: NLQDMCSettings) -> NLQDMC:
+    """NLQDMC with state estimation, on the equations of the patient."""
+    return design_nlqdmc_se(
+        case.nonlinear(),
+        case.process_noise(*settings.process_noise),
+        settings,
+        case.limits,
+        measurement_variance=settings.measurement_variance,
+        dead_time_samples=case.dead_time_samples,
+        **settings.moves,
     )

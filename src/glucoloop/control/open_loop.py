@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -71,3 +72,8 @@ def design_open_loop(
             f"give {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
         )
     return OpenLoop(insulin_mU_min=jnp.asarray(insulin_mU_min), limits=limits, sample_time_min=sample_time_min)
+
+
+def design(case: DesignCase) -> OpenLoop:
+    """The rate at which the loop starts."""
+    return design_open_loop(limits=case.limits, sample_time_min=case.sample_time_min)

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.control.tuning import NOISE_FREE, NOISY, MPCTuning, StateTuning
+from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.control.tuning import NOISE_FREE, NOISY
 
 MEASUREMENT_VARIANCE: Final = 1.45
 IMC_FILTER_MIN: Final = 1.0

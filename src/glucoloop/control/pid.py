@@ -15,7 +15,9 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import PIDSettings
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -188,3 +190,17 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
         limits=limits,
         sample_time_min=sample_time_min,
     )
+
+
+def design(case: DesignCase, settings: PIDSettings) -> PID:
+    """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
+    model = case.first_order(settings.step_mU_min or None)
+    delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
+    fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, settings.closed_loop_min)
+    derivative_time_min = settings.derivative_time_min
+    tuning = PIDTuning(
+        gain_mU_min_per_mg_dl=settings.gain or fitted.gain_mU_min_per_mg_dl,
+        integral_time_min=settings.integral_time_min or fitted.integral_time_min,
+        derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
+    )
+    return design_pid(tuning, case.limits, sample_time_min=case.sample_time_min)

@@ -16,13 +16,12 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
-from glucoloop.control.tuning import MPCTuning
+from glucoloop.control.settings import MPCTuning
 from glucoloop.optimize.moves_qp import minimise_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import DoseLimits
 
 CONSTRAINT_HANDLING: Final = ("clip", "qp")
-DEFAULT_FLOOR_WEIGHT: Final = 10.0
 _WORST_CONDITION: Final = 1e13
 
 

@@ -6,36 +6,20 @@ import dataclasses
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import (
-    Controller,
-    GuardSettings,
-    MealTuning,
-    MPCTuning,
-    PIDTuning,
-    StateTuning,
-    design_imc,
-    design_linear_mpc,
-    design_meal_mpc,
-    design_mpc_se,
-    design_nlqdmc_se,
-    design_open_loop,
-    design_pid,
-    guarded,
-    internal_model_tuning,
-)
-from glucoloop.estimation.unknown_meal import MealHabits
+from glucoloop.control import Controller, GuardSettings, guarded
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import record_key
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
-from glucoloop.identification import Identification
+from glucoloop.identification import FirstOrderModel, Identification
+from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
@@ -49,7 +33,7 @@ from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_mod
 
 @dataclass(frozen=True)
 class DesignCase:
-    """What a controller may be designed on."""
+    """What a controller may be designed on; implements `control.design_case.DesignCase`."""
 
     patient: Patient
     """For designs on a linearised or nonlinear model of the patient."""
@@ -68,6 +52,24 @@ class DesignCase:
         if self.model is None:
             raise TypeError("the catalogue says that this controller uses no model, but its design asks for one")
         return self.model
+
+    def linearised(self) -> LinearModel:
+        """The patient linearised at the operating point."""
+        return linear_model(self.patient, sample_time_min=self.sample_time_min)
+
+    def nonlinear(self) -> FedModel:
+        """The equations of the patient."""
+        return nonlinear_model(self.patient, sample_time_min=self.sample_time_min)
+
+    def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
+        """First-order model fitted to the answer to a step; None: the usual step, and a dead time that is fitted."""
+        return fit_step(
+            self.patient, step_mU_min=step_mU_min, delay_min=delay_min, sample_time_min=self.sample_time_min
+        )
+
+    def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
+        """Diagonal of Q ``(states,)`` of a filter on the patient."""
+        return process_noise(self.patient, glucose, other, glucagon)
 
 
 def controller_of(
@@ -115,7 +117,8 @@ def controller_of(
 def _designed(entry: ControllerEntry, design: DesignCase, tuning: Mapping[str, Value]) -> Controller:
     designer = entry.designer()
     try:
-        controller: Controller = designer(design, **tuning)
+        settings = entry.values(tuning)
+        controller: Controller = designer(design) if settings is None else designer(design, settings)
     except ValueError as error:
         [*_, (frame, _)] = traceback.walk_tb(error.__traceback__)
         raised_by = str(frame.f_globals.get("__name__"))
@@ -186,196 +189,3 @@ def with_individual_basal(controller: Controller, basal_insulin_mU_min: npt.Arra
         return controller
     individual: Controller = own(jnp.asarray(basal_insulin_mU_min))
     return individual
-
-
-def linear_mpc(
-    case: DesignCase,
-    *,
-    move_horizon: int,
-    prediction_horizon: int,
-    output_weight: float,
-    move_weight: float,
-    constraints: str,
-    glucose_floor_mg_dl: float,
-    floor_weight: float,
-) -> Controller:
-    """Linear MPC; a known dead time lengthens its horizon, so that it looks as far past it as before."""
-    tuning = MPCTuning(
-        move_horizon=move_horizon,
-        prediction_horizon=prediction_horizon + case.dead_time_samples,
-        output_weight=output_weight,
-        move_weight=move_weight,
-    )
-    return design_linear_mpc(
-        case.identified,
-        tuning,
-        case.limits,
-        constraints=constraints,
-        glucose_floor_mg_dl=glucose_floor_mg_dl,
-        floor_weight=floor_weight,
-    )
-
-
-def process_noise_of(patient: Patient, tuning: Mapping[str, Value]) -> npt.NDArray[np.float64]:
-    """Diagonal of Q ``(states,)`` of a filter on a patient, of the settings of a controller."""
-    return process_noise(patient, *(float(tuning[f"{kind}_process_noise"]) for kind in _KINDS))
-
-
-_KINDS: Final = ("glucose", "other", "glucagon")
-
-
-def mpc_se(
-    case: DesignCase,
-    *,
-    move_horizon: int,
-    prediction_horizon: int,
-    output_weight: float,
-    move_weight: float,
-    reference_filter: float,
-    reference_start: int,
-    glucose_process_noise: float,
-    other_process_noise: float,
-    glucagon_process_noise: float,
-    measurement_variance: float,
-    offset_free: str,
-    constraints: str,
-    glucose_floor_mg_dl: float,
-    floor_weight: float,
-) -> Controller:
-    """MPC with state estimation, on the patient linearised at his operating point."""
-    return design_mpc_se(
-        linear_model(case.patient, sample_time_min=case.sample_time_min),
-        process_noise(case.patient, glucose_process_noise, other_process_noise, glucagon_process_noise),
-        StateTuning(move_horizon, prediction_horizon, output_weight, move_weight, reference_filter, reference_start),
-        case.limits,
-        measurement_variance=measurement_variance,
-        offset_free=offset_free,
-        dead_time_samples=case.dead_time_samples,
-        constraints=constraints,
-        glucose_floor_mg_dl=glucose_floor_mg_dl,
-        floor_weight=floor_weight,
-    )
-
-
-def nlqdmc_se(
-    case: DesignCase,
-    *,
-    move_horizon: int,
-    prediction_horizon: int,
-    output_weight: float,
-    move_weight: float,
-    reference_filter: float,
-    reference_start: int,
-    glucose_process_noise: float,
-    other_process_noise: float,
-    glucagon_process_noise: float,
-    measurement_variance: float,
-    glucose_floor_mg_dl: float,
-    floor_weight: float,
-) -> Controller:
-    """NLQDMC with state estimation, on the patient's own equations."""
-    return design_nlqdmc_se(
-        nonlinear_model(case.patient, sample_time_min=case.sample_time_min),
-        process_noise(case.patient, glucose_process_noise, other_process_noise, glucagon_process_noise),
-        StateTuning(move_horizon, prediction_horizon, output_weight, move_weight, reference_filter, reference_start),
-        case.limits,
-        measurement_variance=measurement_variance,
-        dead_time_samples=case.dead_time_samples,
-        glucose_floor_mg_dl=glucose_floor_mg_dl,
-        floor_weight=floor_weight,
-    )
-
-
-_LEAST_VARIANCE: Final = 0.01
-"""(mg/dl)^2 that a filter expects of readings without noise."""
-
-
-def meal_mpc(
-    case: DesignCase,
-    *,
-    move_horizon: int,
-    prediction_horizon: int,
-    output_weight: float,
-    move_weight: float,
-    estimator: str,
-    meal_horizon: int,
-    meals_per_h: float,
-    mean_carbs_g: float,
-    disturbance_variance: float,
-    measurement_variance: float,
-    caution_weight: float,
-    caution_mg_dl: float,
-    anticipation: float,
-    iterations: int,
-    individual_by: str,
-    glucose_floor_mg_dl: float,
-    floor_weight: float,
-) -> Controller:
-    """Meal-aware nonlinear MPC, on the patient's own equations."""
-    del individual_by  # see `individual_meal_mpc`
-    tuning = MealTuning(
-        move_horizon=move_horizon,
-        prediction_horizon=prediction_horizon,
-        output_weight=output_weight,
-        move_weight=move_weight,
-        caution_weight=caution_weight,
-        caution_mg_dl=caution_mg_dl,
-        glucose_floor_mg_dl=glucose_floor_mg_dl,
-        floor_weight=floor_weight,
-        anticipation=anticipation,
-        iterations=iterations,
-    )
-    return design_meal_mpc(
-        nonlinear_model(case.patient, sample_time_min=case.sample_time_min),
-        tuning,
-        case.limits,
-        habits=MealHabits(meals_per_h=meals_per_h, mean_carbs_g=mean_carbs_g),
-        estimator=estimator,
-        meal_horizon=meal_horizon,
-        disturbance_variance=disturbance_variance,
-        measurement_variance=measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
-        dead_time_samples=case.dead_time_samples,
-    )
-
-
-def imc(case: DesignCase, *, filter_min: float, delay_min: float, step_mU_min: float) -> Controller:
-    """IMC on a first-order model of the patient; a known dead time is added to the model's own."""
-    model = fit_step(
-        case.patient, step_mU_min=step_mU_min or None, delay_min=delay_min, sample_time_min=case.sample_time_min
-    )
-    return design_imc(
-        float(model.gain),
-        float(model.tau_min),
-        delay_min + case.dead_time_samples * case.sample_time_min,
-        case.limits,
-        filter_min=filter_min,
-        sample_time_min=case.sample_time_min,
-    )
-
-
-def pid(
-    case: DesignCase,
-    *,
-    closed_loop_min: float,
-    gain: float,
-    integral_time_min: float,
-    derivative_time_min: float,
-    step_mU_min: float,
-) -> Controller:
-    """PID; what is not given comes from a first-order model of the patient, a known dead time included."""
-    model = fit_step(
-        case.patient, step_mU_min=step_mU_min or None, delay_min=None, sample_time_min=case.sample_time_min
-    )
-    delay_min = float(model.delay_min) + case.dead_time_samples * case.sample_time_min
-    fitted = internal_model_tuning(float(model.gain), float(model.tau_min), delay_min, closed_loop_min)
-    tuning = PIDTuning(
-        gain_mU_min_per_mg_dl=gain or fitted.gain_mU_min_per_mg_dl,
-        integral_time_min=integral_time_min or fitted.integral_time_min,
-        derivative_time_min=fitted.derivative_time_min if derivative_time_min == -1.0 else derivative_time_min,
-    )
-    return design_pid(tuning, case.limits, sample_time_min=case.sample_time_min)
-
-
-def basal(case: DesignCase) -> Controller:
-    """A constant rate."""
-    return design_open_loop(limits=case.limits, sample_time_min=case.sample_time_min)

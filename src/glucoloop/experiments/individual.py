@@ -15,16 +15,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.control import Controller, MPCTuning, StateTuning
+from glucoloop.control import Controller
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_records
-from glucoloop.experiments.designs import controller_of, process_noise_of
+from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
+from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.patients import patient_entry
@@ -76,7 +77,8 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         sample_time_min=situation.sample_time_min,
     )
     late = situation.dead_time_samples if case.known_dead_time else 0
-    tuning = _tuning(MPCTuning, case, late)
+    settings = controller_entry(case.controller).values(case.tuning)
+    tuning = settings.longer(late)
 
     def design(people: VirtualPeople) -> Controller:
         basal = people.basal_insulin_mU_min
@@ -94,9 +96,7 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
             tuning,
             situation.limits,
             sample_time_min=situation.sample_time_min,
-            constraints=str(case.tuning["constraints"]),
-            glucose_floor_mg_dl=float(case.tuning["glucose_floor_mg_dl"]),
-            floor_weight=float(case.tuning["floor_weight"]),
+            **settings.moves,
         )
 
     return design
@@ -108,9 +108,8 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
         return one_by_one(situation, case, example)
     nominal = situation.nominal
     varies = varying(example.patient, nominal)
-    noise = process_noise_of(nominal, case.tuning)
-    variance = float(case.tuning["measurement_variance"])
-    tuning = _tuning(StateTuning, case, 0)
+    settings = controller_entry(case.controller).values(case.tuning)
+    noise, variance = process_noise(nominal, *settings.process_noise), settings.measurement_variance
 
     def of_person(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         model = linear_model_at(replaced(nominal, varies, own), x, insulin, situation.sample_time_min)
@@ -130,16 +129,14 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
         Phi, Gamma, C, gain, rest = (np.asarray(part) for part in found)
         return mpc_se_of_people(
             FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=gain, rest=rest),
-            tuning,
+            settings,
             situation.limits,
             basal_mU_min=basal,
             basal_glucose_mg_dl=people.patient.setpoint_mg_dl,
             sample_time_min=situation.sample_time_min,
-            hold_innovation=case.tuning["offset_free"] == "held-innovation",
+            hold_innovation=settings.offset_free == "held-innovation",
             dead_time_samples=situation.dead_time_samples if case.known_dead_time else 0,
-            constraints=str(case.tuning["constraints"]),
-            glucose_floor_mg_dl=float(case.tuning["glucose_floor_mg_dl"]),
-            floor_weight=float(case.tuning["floor_weight"]),
+            **settings.moves,
         )
 
     return design
@@ -147,12 +144,6 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
 
 _DOUBLINGS: Final = 12
 """Exact to rounding for filters that forget within two days."""
-
-
-def _tuning(kind: Any, case: Case, late: int) -> Any:
-    """The tuning record of a case, its horizon longer by a known dead time."""
-    own = {name: case.tuning[name] for name in kind.__dataclass_fields__}
-    return kind(**{**own, "prediction_horizon": int(case.tuning["prediction_horizon"]) + late})
 
 
 def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Design:

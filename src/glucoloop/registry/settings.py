@@ -6,10 +6,14 @@ Nothing in this package imports a numerical library, so that help is shown at on
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import difflib
+import functools
+import math
+import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, Literal, TypeVar, dataclass_transform
 
 from glucoloop.plausible import Quantity
 
@@ -84,6 +88,134 @@ class Setting:
             return value
         kinds: dict[type, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
         raise ValueError(f"{self.name} is {value!r}; give {kinds[self.type]}")
+
+
+@dataclass(frozen=True)
+class About:
+    """What a setting means and which of its values are possible: the annotation of a field of a `settings_record`."""
+
+    summary: str
+    """A sentence, with the unit and the symbol of the paper."""
+    at_least: float = -math.inf
+    at_most: float = math.inf
+    above: float = -math.inf
+    below: float = math.inf
+    quantity: Quantity | None = None
+
+    def allows(self, value: float) -> bool:
+        """Whether a number is finite and within the bounds."""
+        return self.at_least <= value <= self.at_most and self.above < value < self.below
+
+    def possible(self, kind: type) -> str:
+        """The numbers that are possible, as they are told to somebody who gave another."""
+        if math.isfinite(self.below):
+            return f"{self.at_least:g} or more and less than {self.below:g}"
+        if kind is int and self.at_most - self.at_least == 1:
+            return f"{self.at_least:g} or {self.at_most:g}"
+        if math.isfinite(self.at_most):
+            return f"{'a whole number from ' if kind is int else ''}{self.at_least:g} to {self.at_most:g}"
+        if kind is int:
+            return f"a whole number of {self.at_least:g} or more"
+        if math.isfinite(self.above):
+            return f"a finite value above {self.above:g}"
+        return f"a finite value of {self.at_least:g} or more" if math.isfinite(self.at_least) else "a finite value"
+
+
+Record = TypeVar("Record")
+_UNITS: Final = {"_mg_dl": " mg/dl", "_mU_min": " mU/min", "_min": " min", "_g": " g"}
+
+
+def usual(*, default: Any, noisy: Any) -> Any:
+    """Default of a field of a record, which is another where readings are noisy."""
+    return dataclasses.field(default=default, metadata={"noisy": noisy})
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(usual,))
+def settings_record(cls: type[Record]) -> type[Record]:
+    """Make a frozen dataclass of a class whose fields say what they mean, and check what it is made of.
+
+    Each field is a setting, with a default: ``filter_min: Annotated[float, About("Lag, in minutes.", above=0)] = 1.0``.
+    A ``Literal`` lists the choices. An argument of another type, out of its bounds or not among the choices raises
+    ValueError. The option, the key of files, the help and the documentation of a setting follow from its field.
+    """
+    own_check = getattr(cls, "__post_init__", None)
+
+    def check(self: Any) -> None:
+        if type(self) is made:  # once, and not by each class that this one extends
+            _check_bounds(self)
+        if own_check is not None:
+            own_check(self)
+
+    cls.__post_init__ = check  # type: ignore[attr-defined]
+    made: Any = dataclass(frozen=True)(cls)
+    made.__doc__ = f"{cls.__doc__}\n\n    Parameters\n    ----------\n" + "".join(
+        f"    {setting.name} : {setting.type.__name__}\n        {setting.summary}\n" for setting in settings_of(made)
+    )
+    plain = made.__init__
+
+    @functools.wraps(plain)
+    def first_init(self: Any, *args: Any, **kwargs: Any) -> None:
+        # `arguments` imports JAX, which the help of the command line does without
+        from glucoloop.arguments import checked
+
+        made.__init__ = plain
+        checked(made)
+        made.__init__(self, *args, **kwargs)
+
+    made.__init__ = first_init
+    return typing.cast(type[Record], made)
+
+
+def _declared(record: type) -> dict[str, tuple[Any, About]]:
+    """Type and meaning of each field of a record."""
+    hints = typing.get_type_hints(record, include_extras=True)
+    declared = {}
+    for field in dataclasses.fields(record):
+        hint = hints[field.name]
+        about = next((part for part in getattr(hint, "__metadata__", ()) if isinstance(part, About)), None)
+        if about is None:
+            raise ValueError(
+                f"the setting {field.name} of {record.__name__} does not say what it means; annotate it, like "
+                f'{field.name}: Annotated[float, About("Gain, in mU/min per mg/dl.")] = 1.0'
+            )
+        declared[field.name] = (hint.__origin__, about)
+    return declared
+
+
+@functools.cache
+def settings_of(record: type) -> tuple[Setting, ...]:
+    """The settings that the fields of a `settings_record` declare.
+
+    Raises
+    ------
+    ValueError
+        For a field that does not say what it means, or has no default.
+    """
+    declared, settings = _declared(record), []
+    for field in dataclasses.fields(record):
+        if field.default is dataclasses.MISSING:
+            raise ValueError(f"the setting {field.name} of {record.__name__} has no default; give it one")
+        kind, about = declared[field.name]
+        choices = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+        default = Default(field.default, field.metadata.get("noisy"))
+        kind = type(choices[0]) if choices else kind
+        settings.append(Setting(field.name, kind, about.summary, default, choices=choices, quantity=about.quantity))
+    return tuple(settings)
+
+
+def _check_bounds(record: Any) -> None:
+    from glucoloop.arguments import is_traced
+
+    for name, (kind, about) in _declared(type(record)).items():
+        value = getattr(record, name)
+        if typing.get_origin(kind) is Literal:
+            if value not in typing.get_args(kind):
+                raise ValueError(f"{name} is {value!r}; the known ones are: {', '.join(typing.get_args(kind))}")
+        elif kind in (int, float) and not is_traced(value) and not about.allows(value):
+            unit = next((of for ending, of in _UNITS.items() if name.endswith(ending)), "")
+            words = name.removesuffix(unit.strip().replace("/", "_")).replace("_", " ").strip()
+            article, verb = ("", "are") if words.endswith("s") else ("an " if words[0] in "aeiou" else "a ", "is")
+            raise ValueError(f"{article}{words} of {value:g}{unit} {verb} not possible; give {about.possible(kind)}")
 
 
 def known_names(unknown: str, known: Iterable[str]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from glucoloop.control.tuning import MPCTuning, StateTuning
+from glucoloop.control.settings import MPCTuning, StateTuning
 from glucoloop.tuning.surface import TuningSurface
 
 MOST_PANELS: Final = 12

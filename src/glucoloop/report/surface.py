@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control.tuning import MPCTuning
+from glucoloop.control.settings import MPCTuning
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, Width
 from glucoloop.report._surface_layout import Cell, Layout, layout, texts

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from glucoloop.control.tuning import MPCTuning
+from glucoloop.control.settings import MPCTuning
 from glucoloop.report import _page
 from glucoloop.report._surface_layout import Cell, Layout, layout, texts
 from glucoloop.report.tuning_rows import heads, remarks, tuning_rows

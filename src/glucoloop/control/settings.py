@@ -1,0 +1,232 @@
+"""The settings of the controllers, each declared once: type, bounds, unit, meaning and default.
+
+What is declared here becomes an option, a key of configuration files, and a line of the help and of the documentation.
+Nothing here imports JAX, so that help is shown at once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any, Final, Literal, Self
+
+from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.registry.settings import About, settings_record, usual
+
+LONGEST_MOVE_HORIZON: Final = 50
+LONGEST_PREDICTION_HORIZON: Final = 288
+
+PredictionHorizon = Annotated[
+    int,
+    About(
+        "Samples looked ahead, p; a known dead time is added to them.", at_least=1, at_most=LONGEST_PREDICTION_HORIZON
+    ),
+]
+OutputWeight = Annotated[float, About("Weight on the error of glucose, Γ_y.", above=0.0)]
+MoveWeight = Annotated[float, About("Weight on each move of insulin, Γ_u.", at_least=0.0)]
+ReferenceFilter = Annotated[float, About("How slowly the reference approaches, φ_r.", at_least=0.0, below=1.0)]
+Constraints = Annotated[
+    Literal["clip", "qp"],
+    About("clip: the closed form, clipped as in the paper; qp: the best moves within the pump's limits."),
+]
+GlucoseFloor = Annotated[
+    float,
+    About(
+        "Floor under predicted glucose, kept as far as it pays, in mg/dl; 0: none. Implies the moves of qp.",
+        at_least=0.0,
+        quantity=GLUCOSE_BOUND,
+    ),
+]
+FloorWeight = Annotated[float, About("Weight on what predicted glucose lacks of the floor, w.", above=0.0)]
+MeasurementVariance = Annotated[float, About("Variance of a reading as the filter takes it, R.", above=0.0)]
+FittedStep = Annotated[
+    float,
+    About(
+        "Lasting step of insulin to which the first-order model is fitted, in mU/min; "
+        "0: 11.165, or half the basal rate where that is less.",
+        at_least=0.0,
+    ),
+]
+DEFAULT_FLOOR_WEIGHT: Final = 10.0
+
+
+@settings_record
+class MPCTuning:
+    """Horizons and weights of a predictive controller."""
+
+    move_horizon: Annotated[int, About("Moves that are planned, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
+    prediction_horizon: PredictionHorizon = usual(default=8, noisy=10)
+    output_weight: OutputWeight = usual(default=1.0, noisy=3.0)
+    move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
+
+    def __post_init__(self) -> None:
+        if self.prediction_horizon < self.move_horizon:
+            raise ValueError(
+                f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
+                f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
+            )
+
+    def longer(self, samples: int) -> Self:
+        """The same, looking so many samples further ahead, as a known dead time asks for."""
+        return dataclasses.replace(self, prediction_horizon=self.prediction_horizon + samples)
+
+
+@settings_record
+class StateTuning(MPCTuning):
+    """Tuning of the controllers that estimate the state: the horizons and weights, and a reference filter.
+
+    The reference goes from the estimated glucose to the setpoint as ``phi_r^(i-s)`` for the sample i ahead.
+    """
+
+    reference_filter: ReferenceFilter = 0.65
+    reference_start: Annotated[
+        int, About("1: the reference starts to move at the next sample; 0: at this one.", at_least=0, at_most=1)
+    ] = 1
+
+    def reference(self) -> Any:
+        """``phi_r^(i-s)`` for i = 1 .. p, an array ``(p,)``."""
+        import numpy as np
+
+        ahead = np.arange(1, self.prediction_horizon + 1) - self.reference_start
+        return np.asarray(self.reference_filter**ahead, np.float64)
+
+
+class _Planned:
+    """A controller whose moves keep the pump's limits and, if asked for, a floor under predicted glucose."""
+
+    constraints: str
+    glucose_floor_mg_dl: float
+    floor_weight: float
+
+    @property
+    def moves(self) -> dict[str, Any]:
+        """How moves are found, as design functions take it."""
+        names = ("constraints", "glucose_floor_mg_dl", "floor_weight")
+        return {name: getattr(self, name) for name in names if hasattr(self, name)}
+
+
+@settings_record
+class LinearMPCSettings(MPCTuning, _Planned):
+    """Settings of linear MPC."""
+
+    constraints: Constraints = "clip"
+    glucose_floor_mg_dl: GlucoseFloor = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+
+
+@settings_record
+class _Estimating(StateTuning, _Planned):
+    """Settings of a controller with a Kalman filter."""
+
+    output_weight: OutputWeight = 1.0
+    glucose_process_noise: Annotated[float, About("Process noise of each glucose state, in Q.", at_least=0.0)] = usual(
+        default=30.0, noisy=0.9
+    )
+    other_process_noise: Annotated[float, About("Of each insulin state and slow insulin effect.", at_least=0.0)] = (
+        usual(default=0.1, noisy=0.01)
+    )
+    glucagon_process_noise: Annotated[float, About("Of glucagon and its slow effect.", at_least=0.0)] = usual(
+        default=10.0, noisy=0.005
+    )
+    measurement_variance: MeasurementVariance = 1.45
+
+    @property
+    def process_noise(self) -> tuple[float, float, float]:
+        """Of glucose, of insulin and the slow effects, and of glucagon, as `DesignCase.process_noise` takes them."""
+        return self.glucose_process_noise, self.other_process_noise, self.glucagon_process_noise
+
+
+@settings_record
+class MPCSESettings(_Estimating):
+    """Settings of linear MPC with state estimation."""
+
+    prediction_horizon: PredictionHorizon = usual(default=7, noisy=8)
+    offset_free: Annotated[
+        Literal["held-innovation", "output-disturbance", "input-disturbance", "none"],
+        About("What removes a lasting error."),
+    ] = "held-innovation"
+    constraints: Constraints = "clip"
+    glucose_floor_mg_dl: GlucoseFloor = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+
+
+@settings_record
+class NLQDMCSettings(_Estimating):
+    """Settings of NLQDMC with state estimation."""
+
+    prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)
+    reference_filter: ReferenceFilter = 0.57
+    glucose_floor_mg_dl: GlucoseFloor = 0.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+
+
+@settings_record
+class MealTuning(MPCTuning):
+    """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
+
+    The caution weight is multiplied by the standard deviation of whether there is a meal, ``sqrt(P (1 - P))``, and so
+    counts where the estimate is uncertain. At an anticipation of 1 glucose rests a little below the setpoint, .2 mg/dl
+    without noise and .8 with noise of variance 1.45, and the peak after a meal is lower by about as much.
+    """
+
+    prediction_horizon: PredictionHorizon = 12
+    output_weight: OutputWeight = 1.0
+    move_weight: MoveWeight = 0.22
+    caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0)] = 3.5
+    caution_mg_dl: Annotated[float, About("How far below the setpoint that begins, in mg/dl.", at_least=0.0)] = 0.8
+    glucose_floor_mg_dl: GlucoseFloor = 65.0
+    floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
+    anticipation: Annotated[
+        float,
+        About(
+            "Share of the meals that are always expected on which doses rest; 0: glucose rests at the setpoint.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 1.0
+    iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
+
+
+@settings_record
+class MealMPCSettings(MealTuning):
+    """Settings of the meal-aware controller and of its estimator."""
+
+    estimator: Annotated[
+        Literal["moving-horizon", "kalman"],
+        About("How meals are estimated: when one begins and ends, over a horizon; or its rate, by a Kalman filter."),
+    ] = "moving-horizon"
+    meal_horizon: Annotated[int, About("Samples over which its beginning or end is searched for, L.", at_least=1)] = 10
+    meals_per_h: Annotated[
+        float, About("Meals to be expected per hour; more is quicker and less certain.", above=0.0)
+    ] = 0.57
+    mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0)] = 24.0
+    disturbance_variance: Annotated[
+        float, About("Walk of the glucose that nothing explains, (mg/min)².", at_least=0.0)
+    ] = 8.0
+    measurement_variance: Annotated[
+        float,
+        About("Variance of a reading as the filter takes it, R; 0: that of the sensor, at least 0.01.", at_least=0.0),
+    ] = 0.0
+    individual_by: Annotated[
+        Literal["record", "basal", "none"],
+        About("With a design for each person: where gain and lag of insulin come from, beside the basal rate."),
+    ] = "record"
+
+
+@settings_record
+class IMCSettings:
+    """Settings of internal model control."""
+
+    filter_min: Annotated[float, About("Time constant of the filter, λ, in minutes.", above=0.0)] = 1.0
+    delay_min: Annotated[float, About("Dead time of the first-order model, in minutes.", at_least=0.0)] = 5.0
+    step_mU_min: FittedStep = 0.0
+
+
+@settings_record
+class PIDSettings:
+    """Settings of the PID controller; what is not given comes from a first-order model."""
+
+    closed_loop_min: Annotated[float, About("Time constant wanted of the loop, in minutes.", above=0.0)] = 30.0
+    gain: Annotated[float, About("K_c, mU/min per mg/dl; 0: from the model.", at_least=0.0)] = 0.0
+    integral_time_min: Annotated[float, About("T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
+    derivative_time_min: Annotated[float, About("T_D, in minutes; -1: from the model.", at_least=-1.0)] = -1.0
+    step_mU_min: FittedStep = 0.0
