@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT, fused_products
 
 PEOPLE = 13
-BITS = {"float64": (np.uint64, 52, 1023), "float32": (np.uint32, 23, 127)}
 
 
 def step(person, carry, own, shared, rng):
@@ -40,36 +40,6 @@ GIVEN = (
 @pytest.fixture(scope="module", params=["float64", "float32"])
 def lowered(request):
     return lower(step, *GIVEN, jax.random.key(0), precision=request.param)
-
-
-def by_operations(lowered, groups):
-    """Results of one sample, one operation after the other in NumPy, every one of them rounded by itself."""
-    program, layout = lowered.program, lowered.layout
-    number, (whole, shift, bias) = np.dtype(lowered.precision).type, BITS[lowered.precision]
-    values = {
-        value: row if program.types[value] == "float" else row != 0.0
-        for name, rows in groups.items()
-        for value, row in zip(getattr(layout, name), rows, strict=True)
-    }
-    does = {
-        "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
-        "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "max": np.maximum, "min": np.minimum,
-        "lt": np.less, "le": np.less_equal, "eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite,
-        "and": np.logical_and, "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not,
-        "select": np.where, "number": lambda x: np.asarray(x, number), "copy_sign": np.copysign,
-        "mantissa": lambda x: (x.view(whole) & whole(2**shift - 1) | whole(bias << shift)).view(number),
-        "exponent": lambda x: (x.view(whole) >> whole(shift) & whole(2 * bias + 1)).astype(number) - number(bias),
-        "power_of_two": lambda x: ((x.view(whole) << whole(shift)) + whole(bias << shift)).view(number),
-    }  # fmt: skip
-    with np.errstate(all="ignore"):
-        for value in program.needed(layout.results):
-            operation, arguments = program.operations[value]
-            if value in program.constants:
-                known = program.constants[value]
-                values[value] = np.full(PEOPLE, known, bool if isinstance(known, bool) else number)
-            elif operation != "input":
-                values[value] = does[operation](*(values[a] for a in arguments))
-    return [np.stack([values[v].astype(number) for v in part]) for part in (layout.next_carry, layout.outputs)]
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +68,7 @@ def by_llvm(lowered, groups, products):
 
 
 def test_strict_code_is_the_operations_to_the_bit(lowered, groups):
-    for found, expected in zip(by_llvm(lowered, groups, STRICT), by_operations(lowered, groups), strict=True):
+    for found, expected in zip(by_llvm(lowered, groups, STRICT), interpret(lowered, **groups), strict=True):
         np.testing.assert_array_equal(found, expected)
 
 
@@ -107,7 +77,7 @@ def test_fused_code_differs_from_it_by_rounding_alone(lowered, groups):
     assert fused_products(program, program.needed(layout.results), layout.results)
     eps = float(np.finfo(lowered.precision).eps)
     differs = False
-    for found, expected in zip(by_llvm(lowered, groups, FUSED), by_operations(lowered, groups), strict=True):
+    for found, expected in zip(by_llvm(lowered, groups, FUSED), interpret(lowered, **groups), strict=True):
         np.testing.assert_allclose(found, expected, rtol=300 * eps, atol=300 * eps)
         differs |= not np.array_equal(found, expected)
     assert differs
@@ -121,7 +91,7 @@ def test_a_way_of_rounding_that_does_not_exist_is_refused(lowered):
 def test_the_program_and_its_layout_can_be_sent_elsewhere(lowered, groups):
     program, layout = pickle.loads(pickle.dumps((lowered.program, lowered.layout)))
     there = dataclasses.replace(lowered, program=program, layout=layout)
-    for found, expected in zip(by_operations(there, groups), by_operations(lowered, groups), strict=True):
+    for found, expected in zip(by_operations(there, groups), interpret(lowered, **groups), strict=True):
         np.testing.assert_array_equal(found, expected)
 
 

@@ -232,3 +232,71 @@ def test_no_other_module_reads_parameters():
         if isinstance(node, ast.Attribute) and node.attr == "params"
     }
     assert readers == {"primitives.py"}
+
+
+def test_moves_are_those_of_jax():
+    moves = (
+        lambda x: x[:, 1:3],
+        lambda x: x[2, ::2],
+        lambda x: x.T,
+        lambda x: jnp.broadcast_to(x[:, None], (3, 5, 4)),
+        lambda x: jnp.concatenate([x, x[:1]], axis=0),
+        lambda x: jnp.concatenate([x, x], axis=1),
+        lambda x: x.reshape(2, 6)[:, ::-1],
+        lambda x: jnp.pad(x, ((1, 0), (0, 2))),
+        lambda x: jnp.stack([x, x], axis=1),
+    )
+    for move in moves:
+        closed = jax.make_jaxpr(move)(X)
+        names = {equation.primitive.name for equation in closed.jaxpr.eqns}
+        values = {closed.jaxpr.invars[0]: np.asarray(X)}
+        for equation in closed.jaxpr.eqns:
+            given = [np.asarray(a.val) if isinstance(a, core.Literal) else values[a] for a in equation.invars]
+            if primitives.called(equation) is not None:
+                results = evaluated(primitives.called(equation), *given)
+            else:
+                results = primitives.moved(equation, given)
+            values.update(zip(equation.outvars, map(np.asarray, results), strict=True))
+        assert names
+        np.testing.assert_array_equal(values[closed.jaxpr.outvars[0]], move(X))
+
+
+def test_running_sum():
+    assert primitives.running(equations(lambda x: jax.lax.cumsum(x, axis=1, reverse=True), X)["cumsum"]) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("left", "lower", "transposed", "unit"), [(True, True, False, True), (False, False, True, False)]
+)
+def test_triangular_solve(left, lower, transposed, unit):
+    def solve(a, b):
+        return jax.lax.linalg.triangular_solve(
+            a, b, left_side=left, lower=lower, transpose_a=transposed, unit_diagonal=unit
+        )
+
+    found = primitives.triangular(equations(solve, jnp.eye(3), jnp.eye(3))["triangular_solve"])
+    assert found == primitives.Triangular(left=left, lower=lower, transposed=transposed, unit_diagonal=unit)
+
+
+def test_solver_of_linear_equations():
+    A, b = jnp.array([[2.0, 1.0], [1.0, 3.0]]), jnp.array([3.0, 5.0])
+    of = equations(jnp.linalg.solve, A, b)["custom_linear_solve"]
+    solve, first, right = primitives.solver(of)
+    shapes = [atom.aval.shape for atom in of.invars]
+    constants = len(solve.jaxpr.invars) - (len(shapes) - right)
+    assert [v.aval.shape for v in solve.jaxpr.invars] == [*shapes[first : first + constants], *shapes[right:]]
+    factors, _, order = jax.lax.linalg.lu(A)
+    (found,) = evaluated(solve, factors, order, b.reshape(shapes[right]))
+    np.testing.assert_allclose(np.ravel(found), np.linalg.solve(A, b))
+
+
+def test_branches():
+    of = equations(lambda x: jax.lax.cond(x > 0.0, lambda y: y + 1.0, lambda y: y - 1.0, x), 0.5)["cond"]
+    assert [float(evaluated(branch, 0.5)[0]) for branch in primitives.branches(of)] == [-0.5, 1.5]
+
+
+def test_gather_along_one_axis():
+    of = equations(lambda x, i: x[:, i], X, jnp.array([1, 2]))["gather"]
+    assert primitives.gathered_axis(of) == 1
+    assert primitives.gathered_offsets(of) == (0,)
+    assert primitives.gathered_axis(equations(lambda x, i: x[i, i], X, jnp.array([1, 2]))["gather"]) is None

@@ -64,6 +64,28 @@ def called(equation: Any) -> Any:
     return None if holder is None else _closed(_parameter(equation, holder))
 
 
+def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
+    """What an operation that only moves numbers about makes of arrays: the frequent ones in NumPy, the rest by JAX."""
+    name, (result, *_) = equation.primitive.name, equation.outvars
+    match name:
+        case "squeeze" | "reshape" | "expand_dims":
+            return [arrays[0].reshape(result.aval.shape)]
+        case "slice":
+            starts, ends = _parameter(equation, "start_indices"), _parameter(equation, "limit_indices")
+            strides = _parameter(equation, "strides") or [1] * len(starts)
+            return [arrays[0][tuple(map(slice, starts, ends, strides))]]
+        case "transpose":
+            return [arrays[0].transpose(_parameter(equation, "permutation"))]
+        case "broadcast_in_dim":
+            kept = dict(zip(_parameter(equation, "broadcast_dimensions"), arrays[0].shape, strict=True))
+            shape = [kept.get(axis, 1) for axis in range(len(result.aval.shape))]
+            return [np.broadcast_to(arrays[0].reshape(shape), result.aval.shape)]
+        case "concatenate":
+            return [np.concatenate(arrays, _parameter(equation, "dimension"))]
+    with jax.ensure_compile_time_eval():
+        return [np.asarray(found) for found in bind(equation, [jnp.asarray(array) for array in arrays])]
+
+
 @dataclass(frozen=True)
 class Scan:
     """A loop of known length. Its inputs are constants, what is carried, and what is taken row by row, in this order.
@@ -111,6 +133,12 @@ def exponent(equation: Any) -> int:
     return int(_parameter(equation, "y"))
 
 
+def written_exponent(equation: Any) -> float | None:
+    """The exponent of a ``pow`` that is written as a number; None if it is an array."""
+    exponent = equation.invars[1]
+    return float(exponent.val) if isinstance(exponent, core.Literal) else None
+
+
 def slice_sizes(equation: Any) -> tuple[int, ...]:
     """The shape that a ``dynamic_slice`` takes out."""
     return tuple(_parameter(equation, "slice_sizes"))
@@ -150,3 +178,55 @@ def gathered(
     """Elements that a ``gather`` takes from an array; `outside` where an index lies outside the array."""
     (found,) = bind(equation, [jnp.asarray(operand), jnp.asarray(indices)], fill_value=outside)
     return np.asarray(found, np.int64)
+
+
+def gathered_axis(equation: Any) -> int | None:
+    """The axis along which a ``gather`` takes whole slices of one operand; None if it is no such gather."""
+    how, sizes = _parameter(equation, "dimension_numbers"), _parameter(equation, "slice_sizes")
+    shape = equation.invars[0].aval.shape
+    if len(how.start_index_map) != 1 or tuple(how.collapsed_slice_dims) != tuple(how.start_index_map):
+        return None
+    (axis,) = how.start_index_map
+    rest = [i for i in range(len(shape)) if i != axis]
+    if how.operand_batching_dims or any(sizes[i] != shape[i] for i in rest):
+        return None
+    return int(axis)
+
+
+def gathered_offsets(equation: Any) -> tuple[int, ...]:
+    """The axes of the result of a ``gather`` that are those of the slices which it takes."""
+    return tuple(int(i) for i in _parameter(equation, "dimension_numbers").offset_dims)
+
+
+def running(equation: Any) -> tuple[int, bool]:
+    """The axis of a ``cumsum``, and whether it runs from the end."""
+    return int(_parameter(equation, "axis")), bool(_parameter(equation, "reverse"))
+
+
+@dataclass(frozen=True)
+class Triangular:
+    """How a ``triangular_solve`` takes its matrix."""
+
+    left: bool
+    """``A x = b``; else ``x A = b``."""
+    lower: bool
+    transposed: bool
+    unit_diagonal: bool
+
+
+def triangular(equation: Any) -> Triangular:
+    """The flags of a ``triangular_solve``."""
+    names = ("left_side", "lower", "transpose_a", "unit_diagonal")
+    return Triangular(*(bool(_parameter(equation, name)) for name in names))
+
+
+def solver(equation: Any) -> tuple[Any, int, int]:
+    """The function by which a ``custom_linear_solve`` solves, and the first of its constants and of the right sides."""
+    lengths, functions = _parameter(equation, "const_lengths"), _parameter(equation, "jaxprs")
+    first = lengths.matvec + lengths.vecmat
+    return _closed(functions.solve), first, first + lengths.solve + lengths.transpose_solve
+
+
+def branches(equation: Any) -> list[Any]:
+    """The functions among which a ``cond`` chooses."""
+    return [_closed(branch) for branch in _parameter(equation, "branches")]

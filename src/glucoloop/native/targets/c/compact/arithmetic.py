@@ -1,0 +1,353 @@
+"""What each operation of a traced function means to the bit, in NumPy: the compact form's definition.
+
+Sums are taken one number after the other, from zero on; each operation is rounded by itself; elementary functions are
+the project's own.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.native import primitives
+from glucoloop.native.interpreter import interpret, larger, smaller
+from glucoloop.native.lower import Lowered, lower
+from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, kind_of
+
+Array = npt.NDArray[Any]
+
+FUNCTIONS: Final[dict[str, Callable[[Any], Any]]] = {
+    "exp": jnp.exp,
+    "expm1": jnp.expm1,
+    "tanh": jnp.tanh,
+    "log": jnp.log,
+}
+ELEMENTWISE: Final = frozenset({
+    *FUNCTIONS, "add", "add_any", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "sqrt", "floor", "pow",
+    "integer_pow", "square", "sign", "is_finite", "lt", "le", "gt", "ge", "eq", "ne", "lt_to", "and", "or", "xor", "not",
+    "select_n", "clamp", "convert_element_type",
+})  # fmt: skip
+SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
+"""Operations that hand on what they are given."""
+MOVES: Final = frozenset({
+    "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
+    "stack", "unstack", "tile", "pad",
+})  # fmt: skip
+REDUCTIONS: Final = frozenset(("reduce_sum", "reduce_max", "reduce_min", "reduce_and", "reduce_or"))
+FURTHEST_WHOLE: Final = 2.0**30
+"""Whole numbers made of real ones stay within this."""
+SMALL_POWERS: Final = (1.0, 2.0, 3.0, 4.0)
+
+
+@functools.cache
+def function(name: str, precision: str) -> Lowered:
+    """An elementary function of one number as a scalar program."""
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, chance: Any) -> Any:
+        del person, shared, chance
+        return carry, FUNCTIONS[name](own)
+
+    with jax.enable_x64(precision == "float64"):
+        return lower(step, (), (), np.zeros((), precision), (), precision=precision)
+
+
+def constant(value: Any, precision: str) -> Array:
+    """An array as this arithmetic holds it."""
+    array = np.asarray(value)
+    kinds = {REAL: np.dtype(precision), WHOLE: np.dtype(np.int32), TRUTH: np.dtype(np.bool_)}
+    return array.astype(kinds[kind_of(array.dtype)])
+
+
+class Arithmetic:
+    """Carries out operations in one precision."""
+
+    def __init__(self, precision: str) -> None:
+        self.precision = precision
+        self._real = np.dtype(precision).type
+        self._places: dict[int, tuple[Any, list[npt.NDArray[np.int64]]]] = {}
+        """Of moves that were carried out before, by the operation's identity."""
+
+    def __call__(self, name: str, equation: Any, given: Sequence[Array]) -> list[Array]:
+        """The results of an operation that holds no function of its own."""
+        with np.errstate(all="ignore"):
+            if name in SAME:
+                return list(given)
+            if name in MOVES:
+                return self._moved(equation, given)
+            if name in ELEMENTWISE:
+                return [self._elementwise(name, equation, np.broadcast_arrays(*given))]
+            found = getattr(self, f"_{name.replace('-', '_')}", None)
+            if found is None:
+                raise UnsupportedError(f"the operation {name!r}")
+            results = found(equation, *given)
+        return results if isinstance(results, list) else [results]
+
+    def _apply(self, name: str, x: Array) -> Array:
+        _, found = interpret(function(name, self.precision), own=np.reshape(x, (1, -1)))
+        return found.reshape(np.shape(x))
+
+    def _elementwise(self, name: str, equation: Any, given: Sequence[Array]) -> Array:
+        a, b, c = (*given, given[0], given[0])[:3]
+        kind = kind_of(equation.invars[0].aval.dtype)
+        simple = _SIMPLE.get(name)
+        found: Array
+        if simple is not None:
+            found = simple(*given)
+        elif name in FUNCTIONS:
+            found = self._apply(name, a)
+        elif name == "div":
+            found = np.divide(a, b) if kind == REAL else (np.trunc(np.true_divide(a, b))).astype(np.int32)
+        elif name in ("max", "min"):
+            found = (larger if name == "max" else smaller)(a, b)
+        elif name == "clamp":
+            found = smaller(larger(a, b), c)
+        elif name == "pow":
+            found = self._power(a, b, primitives.written_exponent(equation))
+        elif name == "integer_pow":
+            found = self._integer_power(a, primitives.exponent(equation))
+        elif name == "select_n":
+            found = a.astype(np.int32).choose(given[1:])
+        elif name == "sign":
+            one = a.dtype.type(1)
+            found = np.where(a > 0, one, np.where(a < 0, -one, a))
+        elif name == "lt_to":
+            found = (a < b) | ((a == a) & (b != b))
+        else:
+            found = self._converted(a, kind, kind_of(primitives.new_dtype(equation)))
+        return found
+
+    def _power(self, x: Array, y: Array, written: float | None) -> Array:
+        if written in SMALL_POWERS:
+            return self._integer_power(x, int(written))
+        return self._apply("exp", y * self._apply("log", x))
+
+    def _integer_power(self, x: Array, n: int) -> Array:
+        if n == 0:
+            return np.ones_like(x)
+        product: Array = functools.reduce(lambda total, _: total * x, range(abs(n) - 1), x)
+        return product if n > 0 else self._real(1.0) / product
+
+    def _converted(self, a: Array, source: str, target: str) -> Array:
+        if source == REAL and target == WHOLE:
+            bounded = smaller(larger(self._real(-FURTHEST_WHOLE), a), self._real(FURTHEST_WHOLE))
+            return np.where(a != a, self._real(0.0), bounded).astype(np.int32)
+        return constant(a.astype({REAL: self._real, WHOLE: np.int32, TRUTH: np.bool_}[target]), self.precision)
+
+    def _moved(self, equation: Any, given: Sequence[Array]) -> list[Array]:
+        whole = np.concatenate([array.ravel() for array in given])
+        if id(equation) not in self._places:
+            self._places[id(equation)] = equation, places_of(equation, [array.shape for array in given])
+        return [whole[places] for places in self._places[id(equation)][1]]
+
+    def _reduced(self, equation: Any, a: Array, start: Any, of: Callable[[Array, Array], Array]) -> Array:
+        axes = primitives.axes(equation)
+        kept = [axis for axis in range(a.ndim) if axis not in axes]
+        rows = a.transpose(*axes, *kept).reshape(-1, *(a.shape[axis] for axis in kept))
+        total = np.full(rows.shape[1:], start, a.dtype)
+        for row in rows:
+            total = np.asarray(of(total, row))
+        return total
+
+    def _reduce_sum(self, equation: Any, a: Array) -> Array:
+        return self._reduced(equation, a, 0, np.add)
+
+    def _reduce_max(self, equation: Any, a: Array) -> Array:
+        return self._reduced(equation, a, -np.inf, larger)
+
+    def _reduce_min(self, equation: Any, a: Array) -> Array:
+        return self._reduced(equation, a, np.inf, smaller)
+
+    def _reduce_and(self, equation: Any, a: Array) -> Array:
+        return self._reduced(equation, a, True, np.logical_and)
+
+    def _reduce_or(self, equation: Any, a: Array) -> Array:
+        return self._reduced(equation, a, False, np.logical_or)
+
+    def _cumsum(self, equation: Any, a: Array) -> Array:
+        axis, reverse = primitives.running(equation)
+        rows = np.moveaxis(a, axis, 0)
+        total, sums = np.zeros(rows.shape[1:], a.dtype), np.empty_like(rows)
+        for i in range(rows.shape[0])[:: -1 if reverse else 1]:
+            total = total + rows[i]
+            sums[i] = total
+        return np.moveaxis(sums, 0, axis)
+
+    def _first(self, equation: Any, a: Array, better: Callable[[Array, Array], Array]) -> Array:
+        (axis,) = primitives.axes(equation)
+        rows = np.moveaxis(a, axis, 0)
+        best, place = rows[0], np.zeros(rows.shape[1:], np.int32)
+        for i, row in enumerate(rows[1:], start=1):
+            takes = better(row, best) | ((row != row) & (best == best))
+            best, place = np.where(takes, row, best), np.where(takes, np.int32(i), place)
+        return place
+
+    def _argmax(self, equation: Any, a: Array) -> Array:
+        return self._first(equation, a.astype(np.int32) if a.dtype == bool else a, np.greater)
+
+    def _argmin(self, equation: Any, a: Array) -> Array:
+        return self._first(equation, a.astype(np.int32) if a.dtype == bool else a, np.less)
+
+    def _iota(self, equation: Any) -> Array:
+        return constant(np.asarray(primitives.iota(equation)).astype(equation.outvars[0].aval.dtype), self.precision)
+
+    def _dot_general(self, equation: Any, a: Array, b: Array) -> Array:
+        left, right, batch, free_a, free_b = product_axes(equation, a.ndim, b.ndim)
+        summed_a, summed_b = left, right
+        a = a.transpose(*summed_a, *batch[0], *free_a)
+        b = b.transpose(*summed_b, *batch[1], *free_b)
+        n, m = len(summed_a), len(batch[0])
+        a = a.reshape(-1, *a.shape[n:], *[1] * len(free_b))
+        b = b.reshape(-1, *b.shape[n : n + m], *[1] * len(free_a), *b.shape[n + m :])
+        total = np.zeros(np.broadcast_shapes(a.shape[1:], b.shape[1:]), a.dtype)
+        for row_a, row_b in zip(a, b, strict=True):
+            total = total + row_a * row_b
+        return np.asarray(total)
+
+    def _dynamic_slice(self, equation: Any, a: Array, *starts: Array) -> Array:
+        sizes = primitives.slice_sizes(equation)
+        at = [min(max(int(s), 0), n - size) for s, n, size in zip(starts, a.shape, sizes, strict=True)]
+        return a[tuple(slice(i, i + size) for i, size in zip(at, sizes, strict=True))]
+
+    def _gather(self, equation: Any, a: Array, indices: Array) -> Array:
+        axis = primitives.gathered_axis(equation)
+        if axis is None:  # by places that are constant, or else the translation refuses it
+            if id(equation) not in self._places:
+                self._places[id(equation)] = equation, [gather_places(equation, a.shape, indices)]
+            return a.ravel()[self._places[id(equation)][1][0]]
+        bounded = np.clip(indices[..., 0], 0, a.shape[axis] - 1)
+        found: Array = gathered_to(equation, np.take(a, bounded, axis=axis), axis, indices.ndim - 1)
+        return found
+
+    def _goes(self, equation: Any, a: Array, indices: Array, updates: Array) -> npt.NDArray[np.int64]:
+        if id(equation) not in self._places:
+            self._places[id(equation)] = equation, [scatter_places(equation, a.shape, indices, updates.shape)]
+        return self._places[id(equation)][1][0]
+
+    def _scatter(self, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
+        found = a.copy()
+        found.ravel()[self._goes(equation, a, indices, updates)] = updates
+        return found
+
+    def _scatter_add(self, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
+        found, places = a.copy(), self._goes(equation, a, indices, updates)
+        found.ravel()[places] = found.ravel()[places] + updates
+        return found
+
+    def _lu(self, equation: Any, a: Array) -> list[Array]:
+        del equation
+        a, n = a.copy(), a.shape[-1]
+        pivots, order = np.zeros(n, np.int32), np.arange(n, dtype=np.int32)
+        for k in range(n):
+            best = k
+            for i in range(k + 1, n):
+                if abs(a[i, k]) > abs(a[best, k]):
+                    best = i
+            pivots[k] = best
+            if best != k:
+                a[[k, best]], order[[k, best]] = a[[best, k]], order[[best, k]]
+            a[k + 1 :, k] = a[k + 1 :, k] / a[k, k]
+            a[k + 1 :, k + 1 :] = a[k + 1 :, k + 1 :] - a[k + 1 :, k, None] * a[k, None, k + 1 :]
+        return [a, pivots, order]
+
+    def _triangular_solve(self, equation: Any, a: Array, b: Array) -> Array:
+        how = primitives.triangular(equation)
+        lower, a = how.lower != how.transposed, a.T if how.transposed else a
+        if not how.left:
+            lower, a, b = not lower, a.T, b.T
+        x, n = b.copy(), a.shape[0]
+        for i in range(n) if lower else reversed(range(n)):
+            total = b[i]
+            for k in range(i) if lower else range(i + 1, n):
+                total = total - a[i, k] * x[k]
+            x[i] = total if how.unit_diagonal else total / a[i, i]
+        return x if how.left else x.T
+
+
+_SIMPLE: Final[dict[str, Callable[..., Any]]] = {
+    "add": np.add,
+    "add_any": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "rem": np.fmod,
+    "neg": np.negative,
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "floor": np.floor,
+    "square": lambda x: x * x,
+    "is_finite": np.isfinite,
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "and": np.logical_and,
+    "or": np.logical_or,
+    "xor": np.logical_xor,
+    "not": np.logical_not,
+}
+
+
+def product_axes(equation: Any, left: int, right: int) -> tuple[Any, Any, Any, list[int], list[int]]:
+    """Axes of a product of arrays: summed ones of either factor, common ones, and those of each alone."""
+    product = primitives.dot_general(equation)
+    free_a = [i for i in range(left) if i not in (*product.summed[0], *product.batched[0])]
+    free_b = [i for i in range(right) if i not in (*product.summed[1], *product.batched[1])]
+    return product.summed[0], product.summed[1], product.batched, free_a, free_b
+
+
+def places_of(equation: Any, shapes: Sequence[tuple[int, ...]]) -> list[npt.NDArray[np.int64]]:
+    """Where each element of the results of a move comes from: a place in its operands, laid one after the other."""
+    arrays, begin = [], 0
+    for shape in shapes:
+        size = int(np.prod(shape, dtype=np.int64))
+        arrays.append(np.arange(begin, begin + size, dtype=np.int32).reshape(shape))
+        begin += size
+    return [result.astype(np.int64) for result in primitives.moved(equation, arrays)]
+
+
+def gather_places(equation: Any, shape: tuple[int, ...], indices: Array) -> npt.NDArray[np.int64]:
+    """Where each element of a gather with known indices comes from."""
+    places = np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)
+    with jax.ensure_compile_time_eval():
+        found = primitives.gathered(equation, places, indices, -1)
+    if (found < 0).any():
+        raise UnsupportedError("a place outside an array")
+    return found
+
+
+def gathered_to(equation: Any, found: Any, axis: int, batches: int) -> Any:
+    """What was taken along one axis, with its axes in the order of the result."""
+    out = primitives.gathered_offsets(equation)
+    ndim = found.ndim
+    taken = list(range(axis, axis + batches))
+    kept = [i for i in range(ndim) if i not in taken]
+    order, of_kept, of_taken = [], iter(kept), iter(taken)
+    for i in range(ndim):
+        order.append(next(of_kept) if i in out else next(of_taken))
+    return found.transpose(order)
+
+
+def scatter_places(
+    equation: Any, shape: tuple[int, ...], indices: Array, updates: tuple[int, ...]
+) -> npt.NDArray[np.int64]:
+    """Where each element of the updates of a scatter goes; every one has a place of its own."""
+    size = int(np.prod(updates, dtype=np.int64))
+    kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
+    marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)
+    with jax.ensure_compile_time_eval():
+        (marked,) = primitives.bind(equation, [jnp.zeros(shape, kind), jnp.asarray(indices), marks])
+    flat = np.asarray(marked).ravel().astype(np.int64)
+    places = np.full(size, -1, np.int64)
+    there = np.flatnonzero(flat)
+    places[flat[there] - 1] = there
+    if (places < 0).any() or (flat > size).any():
+        raise UnsupportedError("a scatter of several numbers to one place, or outside an array")
+    return places.reshape(updates)

@@ -1,0 +1,161 @@
+"""A traced function put flat: calls looked into, what is constant carried out, what is computed twice computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from jax.extend import core
+
+from glucoloop.native import primitives
+from glucoloop.native.targets.c.compact.arithmetic import SAME, Arithmetic, Array, constant
+from glucoloop.native.targets.c.numbers import kind_of
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """An array that is computed or given."""
+
+    shape: tuple[int, ...]
+    kind: str
+
+
+Operand = Variable | Array
+
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """One operation."""
+
+    name: str
+    equation: Any
+    """As JAX traced it, for its parameters."""
+    inputs: Sequence[Operand]
+    outputs: Sequence[Variable]
+    inner: Sequence[Flat] = ()
+    """The round of a loop, or the branches of a choice."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flat:
+    """A function without calls."""
+
+    inputs: Sequence[Variable]
+    operations: Sequence[Operation]
+    outputs: Sequence[Operand]
+    uses: Mapping[Variable, int] = field(default_factory=dict)
+    """How often each variable is used."""
+
+
+_LARGEST_CONSTANT: Final = 1024
+"""Elements of an array that is carried out beforehand rather than in C."""
+
+
+def flatten(closed: Any, precision: str) -> Flat:
+    """Put a traced function flat."""
+    return _Flattener(precision).function(closed)
+
+
+class _Flattener:
+    def __init__(self, precision: str) -> None:
+        self._precision = precision
+        self._arithmetic = Arithmetic(precision)
+        self._operations: list[Operation] = []
+        self._known: dict[Any, Sequence[Variable]] = {}
+
+    def function(self, closed: Any) -> Flat:
+        inner = _Flattener(self._precision)
+        inputs = [_variable(v) for v in closed.jaxpr.invars]
+        outputs = inner._run(closed, inputs)
+        return _pruned(inputs, inner._operations, outputs)
+
+    def _run(self, closed: Any, arguments: Sequence[Operand]) -> list[Operand]:
+        jaxpr = closed.jaxpr
+        values: dict[Any, Operand] = dict(zip(jaxpr.invars, arguments, strict=True))
+        for variable, array in zip(jaxpr.constvars, closed.consts, strict=True):
+            values[variable] = constant(array, self._precision)
+
+        def read(atom: Any) -> Operand:
+            return constant(atom.val, self._precision) if isinstance(atom, core.Literal) else values[atom]
+
+        for equation in jaxpr.eqns:
+            results = self._equation(equation, [read(atom) for atom in equation.invars])
+            values.update(zip(equation.outvars, results, strict=True))
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def _equation(self, equation: Any, inputs: list[Operand]) -> Sequence[Operand]:
+        name, called = equation.primitive.name, primitives.called(equation)
+        if called is not None:
+            return self._run(called, inputs)
+        if name in SAME:
+            return inputs
+        if name == "custom_linear_solve":
+            solve, first, right = primitives.solver(equation)
+            constants = len(solve.jaxpr.invars) - (len(inputs) - right)
+            return self._run(solve, [*inputs[first : first + constants], *inputs[right:]])
+        if name == "convert_element_type" and not isinstance(inputs[0], Variable):
+            pass
+        elif name == "convert_element_type" and _same_kind(equation):
+            return inputs
+        if name == "cond":
+            return self._choice(equation, inputs)
+        if name == "scan":
+            inner = (self.function(primitives.scan(equation).round),)
+            return self._add(name, equation, inputs, inner)
+        small = all(v.aval.size <= _LARGEST_CONSTANT for v in equation.outvars)
+        if small and not any(isinstance(given, Variable) for given in inputs):
+            return self._arithmetic(name, equation, [g for g in inputs if not isinstance(g, Variable)])
+        return self._add(name, equation, inputs)
+
+    def _choice(self, equation: Any, inputs: list[Operand]) -> Sequence[Operand]:
+        options = primitives.branches(equation)
+        if not isinstance(inputs[0], Variable):
+            return self._run(options[min(max(int(inputs[0]), 0), len(options) - 1)], inputs[1:])
+        return self._add("cond", equation, inputs, tuple(self.function(option) for option in options))
+
+    def _add(
+        self, name: str, equation: Any, inputs: Sequence[Operand], inner: Sequence[Flat] = ()
+    ) -> Sequence[Variable]:
+        if not inner:
+            key = (name, str(equation.params), tuple(str(v.aval) for v in equation.outvars), *map(_key, inputs))
+            if key in self._known:
+                return self._known[key]
+        outputs = [_variable(v) for v in equation.outvars]
+        self._operations.append(Operation(name, equation, inputs, outputs, inner))
+        if not inner:
+            self._known[key] = outputs
+        return outputs
+
+
+def _variable(of: Any) -> Variable:
+    return Variable(tuple(of.aval.shape), kind_of(of.aval.dtype))
+
+
+def _same_kind(equation: Any) -> bool:
+    return kind_of(equation.invars[0].aval.dtype) == kind_of(equation.outvars[0].aval.dtype)
+
+
+def _key(operand: Operand) -> Any:
+    if isinstance(operand, Variable):
+        return id(operand)
+    return operand.shape, operand.dtype.str, operand.tobytes()
+
+
+def _pruned(inputs: Sequence[Variable], operations: Sequence[Operation], outputs: Sequence[Operand]) -> Flat:
+    """Without what nothing rests on, and with how often each variable is used."""
+    uses: dict[Variable, int] = {}
+    kept: list[Operation] = []
+
+    def use(operand: Operand) -> None:
+        if isinstance(operand, Variable):
+            uses[operand] = uses.get(operand, 0) + 1
+
+    for output in outputs:
+        use(output)
+    for operation in reversed(operations):
+        if any(output in uses for output in operation.outputs):
+            kept.append(operation)
+            for given in operation.inputs:
+                use(given)
+    return Flat(inputs=inputs, operations=kept[::-1], outputs=outputs, uses=uses)

@@ -1,0 +1,211 @@
+"""Arrays while C is written: numbers, views of memory, expressions of their elements, and what is yet to be written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.native.targets.c.compact.memory import mark
+from glucoloop.native.targets.c.numbers import TRUTH
+
+Places = npt.NDArray[np.int64]
+LARGEST_EXPRESSION: Final = 24
+"""Operations in one expression of an array's elements."""
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """One number."""
+
+    text: str
+    kind: str
+    is_name: bool = False
+    """Whether it is a constant or a local variable, which costs nothing to repeat."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of one number."""
+        return ()
+
+
+@dataclass(frozen=True)
+class View:
+    """Elements of an array in memory, at regular distances."""
+
+    array: str
+    """C text of the array."""
+    kind: str
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
+    base: int = 0
+    terms: tuple[str, ...] = ()
+    """Further parts of the index: numbers of rounds of loops around it."""
+    number: int | None = None
+    """In the workspace; None: the array is a table, or belongs to a structure of the caller."""
+    is_plain: bool = False
+    """Whether it is one variable rather than an array."""
+    is_field: bool = False
+    """Whether it belongs to a structure of the caller."""
+
+    def element(self, indices: Sequence[str] = ()) -> str:
+        """The lvalue of an element."""
+        if self.is_plain:
+            return self.array
+        parts = [*self.terms]
+        for index, stride in zip(indices, self.strides, strict=True):
+            if stride and index != "0":
+                parts.append(index if stride == 1 else f"{stride} * {index}")
+        if self.number is not None:
+            parts.append(mark(self.number, self.base))
+        elif self.base or not parts:
+            parts.append(str(self.base))
+        return f"{self.array}[{' + '.join(parts).replace('+ -', '- ')}]"
+
+    def value(self, indices: Sequence[str] = ()) -> str:
+        """The text by which an element is read."""
+        text = self.element(indices)
+        return f"({text} != 0)" if self.kind == TRUTH and self.is_field else text
+
+    def moved(self, places: Places) -> View | None:
+        """The elements at places, counted row by row; None unless they are at regular distances."""
+        offsets = sum(
+            (np.arange(n).reshape([-1 if i == axis else 1 for i in range(len(self.shape))]) * stride)
+            for axis, (n, stride) in enumerate(zip(self.shape, self.strides, strict=True))
+        )
+        flat = np.broadcast_to(np.asarray(offsets, np.int64), self.shape).ravel()
+        regular = _regular(flat[places])
+        return (
+            None
+            if regular is None
+            else replace(self, shape=places.shape, strides=regular[1], base=self.base + regular[0])
+        )
+
+    def row(self, axis: int, index: str) -> View:
+        """Without an axis, at an index of it."""
+        stride = self.strides[axis]
+        term = () if stride == 0 else (index if stride == 1 else f"{stride} * {index}",)
+        return replace(
+            self,
+            shape=(*self.shape[:axis], *self.shape[axis + 1 :]),
+            strides=(*self.strides[:axis], *self.strides[axis + 1 :]),
+            terms=(*self.terms, *term),
+        )
+
+    def permuted(self, axes: Sequence[int]) -> View:
+        """With its axes in another order."""
+        return replace(self, shape=tuple(self.shape[i] for i in axes), strides=tuple(self.strides[i] for i in axes))
+
+    def reversed(self, axis: int) -> View:
+        """From the last to the first along an axis."""
+        strides = list(self.strides)
+        base = self.base + (self.shape[axis] - 1) * strides[axis]
+        strides[axis] = -strides[axis]
+        return replace(self, strides=tuple(strides), base=base)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """An expression for each element of an array."""
+
+    shape: tuple[int, ...]
+    kind: str
+    template: str
+    parts: tuple[Scalar | View | Tree, ...]
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all elements are one number."""
+        return self.template == "{0}" and isinstance(self.parts[0], Scalar)
+
+    @property
+    def size(self) -> int:
+        """Operations of an element."""
+        return 1 + sum(part.size for part in self.parts if isinstance(part, Tree))
+
+    def views(self) -> list[View]:
+        """The arrays that it reads."""
+        found: list[View] = []
+        for part in self.parts:
+            found += [part] if isinstance(part, View) else part.views() if isinstance(part, Tree) else []
+        return found
+
+    def mapped(self, change: Callable[[View], View | None], shape: tuple[int, ...]) -> Tree | None:
+        """The same of changed views; None if one cannot be changed."""
+        parts: list[Scalar | View | Tree] = []
+        for part in self.parts:
+            changed: Any = part
+            if isinstance(part, View):
+                changed = change(part)
+            elif isinstance(part, Tree):
+                changed = part.mapped(change, shape)
+            if changed is None:
+                return None
+            parts.append(changed)
+        return replace(self, shape=shape, parts=tuple(parts))
+
+    def value(self, read: Callable[[View], str]) -> str:
+        """The text of an element."""
+        texts = []
+        for part in self.parts:
+            if isinstance(part, View):
+                texts.append(read(part))
+            else:
+                texts.append(part.text if isinstance(part, Scalar) else part.value(read))
+        return self.template.format(*texts)
+
+
+@dataclass(frozen=True)
+class Maker:
+    """An array that can be written to any place."""
+
+    shape: tuple[int, ...]
+    kind: str
+    write: Callable[[View], None]
+    reads: tuple[Any, ...]
+    """The values that writing reads."""
+
+
+Value = Scalar | View | Tree | Maker
+
+
+def dense(shape: Sequence[int]) -> tuple[int, ...]:
+    """The strides of an array whose rows follow one another."""
+    return tuple(math.prod(shape[i + 1 :]) for i in range(len(shape)))
+
+
+def views_of(value: Any) -> list[View]:
+    """All arrays that a value is read from."""
+    if isinstance(value, View):
+        return [value]
+    if isinstance(value, Tree):
+        return value.views()
+    if isinstance(value, Maker):
+        return [view for part in value.reads for view in views_of(part)]
+    return []
+
+
+def regular_places(places: Places) -> tuple[int, tuple[int, ...]] | None:
+    """First place and strides of places at regular distances."""
+    return _regular(places)
+
+
+def _regular(places: Places) -> tuple[int, tuple[int, ...]] | None:
+    first = int(places.ravel()[0]) if places.size else 0
+    strides = []
+    for axis in range(places.ndim):
+        index = [0] * places.ndim
+        index[axis] = 1
+        strides.append(int(places[tuple(index)]) - first if places.shape[axis] > 1 else 0)
+    expected: Any = first
+    for axis, stride in enumerate(strides):
+        expected = expected + stride * np.arange(places.shape[axis]).reshape(
+            [-1 if i == axis else 1 for i in range(places.ndim)]
+        )
+    if not np.array_equal(np.broadcast_to(expected, places.shape), places):
+        return None
+    return first, tuple(strides)

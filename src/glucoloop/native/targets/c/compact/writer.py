@@ -1,0 +1,192 @@
+"""Lines of C with loops, local variables, constant tables and arrays of the workspace."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.native.targets.c.compact.memory import Array
+from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value, View, dense
+from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, kind_of, type_of
+
+WORKSPACE: Final = {REAL: "w", WHOLE: "k", TRUTH: "b"}
+"""The arrays of the workspace."""
+FEW: Final = 2
+"""Elements that are written one by one rather than by a loop."""
+
+
+class Tables:
+    """Constant arrays of a file, each once."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[str, bytes], str] = {}
+        self.arrays: dict[str, npt.NDArray[Any]] = {}
+
+    def name(self, array: npt.NDArray[Any]) -> str:
+        """What an array is called."""
+        flat = np.ascontiguousarray(array).ravel()
+        key = (kind_of(flat.dtype), flat.tobytes())
+        if key not in self._names:
+            self._names[key] = f"gl_t{len(self._names)}"
+            self.arrays[self._names[key]] = flat
+        return self._names[key]
+
+
+class Writer:
+    """Lines of one C function."""
+
+    def __init__(self, format: Format, tables: Tables) -> None:
+        self.format = format
+        self.lines: list[str] = []
+        self.arrays: list[Array] = []
+        self._tables = tables
+        self._count = 0
+
+    def say(self, *lines: str) -> None:
+        """Add lines."""
+        self.lines += lines
+
+    def fresh(self, letter: str) -> str:
+        """A name that is not used yet."""
+        self._count += 1
+        return f"{letter}{self._count}"
+
+    def literal(self, number: Any, kind: str) -> str:
+        """A constant."""
+        if kind == TRUTH:
+            return "true" if number else "false"
+        return self.format.literal(float(number)) if kind == REAL else str(int(number))
+
+    def constant(self, array: npt.NDArray[Any]) -> Value:
+        """A known array."""
+        kind = kind_of(array.dtype)
+        flat = array.ravel()
+        bits = np.ascontiguousarray(flat).view(np.uint8).reshape(flat.size, -1) if flat.size else flat
+        if flat.size and (bits == bits[0]).all():
+            number = Scalar(self.literal(flat[0], kind), kind, is_name=True)
+            return number if array.size == 1 else Tree(array.shape, kind, "{0}", (number,))
+        return View(self._tables.name(array), kind, array.shape, dense(array.shape))
+
+    def array(self, shape: Sequence[int], kind: str) -> View:
+        """A new array in the workspace."""
+        self.arrays.append(Array(len(self.arrays), kind, max(1, math.prod(shape))))
+        return View(WORKSPACE[kind], kind, tuple(shape), dense(shape), number=len(self.arrays) - 1)
+
+    def local(self, scalar: Scalar) -> Scalar:
+        """A number that costs nothing to repeat."""
+        if scalar.is_name:
+            return scalar
+        name = self.fresh("v")
+        self.say(f"const {type_of(scalar.kind, self.format)} {name} = {_bare(scalar.text)};")
+        return Scalar(name, scalar.kind, is_name=True)
+
+    def variable(self, kind: str, start: str) -> Scalar:
+        """A local variable that changes."""
+        name = self.fresh("c")
+        self.say(f"{type_of(kind, self.format)} {name} = {start};")
+        return Scalar(name, kind, is_name=True)
+
+    @contextlib.contextmanager
+    def block(self, head: str) -> Iterator[None]:
+        """A block behind a line."""
+        self.say(head, "{")
+        yield
+        self.say("}")
+
+    @contextlib.contextmanager
+    def loops(self, shape: Sequence[int]) -> Iterator[list[str]]:
+        """Loops over the axes of a shape, and the indices; an axis of one element has no loop."""
+        with contextlib.ExitStack() as stack:
+            indices = []
+            for n in shape:
+                if n == 1:
+                    indices.append("0")
+                    continue
+                i = self.fresh("i")
+                stack.enter_context(self.block(f"for (int32_t {i} = 0; {i} < {n}; {i}++)"))
+                indices.append(i)
+            yield indices
+
+    def write(self, value: Value, to: View) -> None:
+        """Write a value to its place."""
+        if isinstance(value, Maker):
+            value.write(to)
+        elif math.prod(to.shape) == 1:
+            text = value.text if isinstance(value, Scalar) else self.element(value, ["0"] * len(value.shape))
+            self.assign(to, ["0"] * len(to.shape), text)
+        elif isinstance(value, Scalar):
+            self._fill(Tree(to.shape, value.kind, "{0}", (self.local(value),)), to)
+        else:
+            self._fill(value, to)
+
+    def assign(self, to: View, indices: Sequence[str], text: str) -> None:
+        """Write one element."""
+        text = _bare(text)
+        if to.is_field and to.kind == TRUTH:
+            text = f"({text}) ? 1 : 0"
+        self.say(f"{to.element(indices)} = {text};")
+
+    def element(self, value: Scalar | View | Tree, indices: Sequence[str]) -> str:
+        """The text of an element."""
+        if isinstance(value, Scalar):
+            return value.text
+        if isinstance(value, View):
+            return value.value(indices)
+        return value.value(lambda view: view.value(indices))
+
+    def _fill(self, value: View | Tree, to: View) -> None:
+        views = [to, *([value] if isinstance(value, View) else value.views())]
+        shape, strides = _joined(to.shape, [view.strides for view in views])
+
+        def lean(view: View) -> View:
+            return replace(view, shape=shape, strides=strides[views.index(view)])
+
+        to = lean(to)
+        thin: Any = lean(value) if isinstance(value, View) else value.mapped(lean, shape)
+        if math.prod(shape) <= FEW:
+            for i in range(math.prod(shape)):
+                indices = [str(n) for n in np.unravel_index(i, shape)]
+                self.assign(_at(to, indices), (), self.element(_pinned(thin, indices), ()))
+            return
+        with self.loops(shape) as found:
+            self.assign(to, found, self.element(thin, found))
+
+
+def _at(view: View, indices: Sequence[str]) -> View:
+    base = view.base + sum(int(i) * stride for i, stride in zip(indices, view.strides, strict=True))
+    return replace(view, shape=(), strides=(), base=base)
+
+
+def _pinned(value: Any, indices: Sequence[str]) -> Any:
+    return _at(value, indices) if isinstance(value, View) else value.mapped(lambda view: _at(view, indices), ())
+
+
+def _joined(shape: Sequence[int], strides: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
+    """A shape with as few axes as possible, and the strides of several views along them."""
+    axes = [i for i, n in enumerate(shape) if n != 1]
+    joined: list[tuple[int, list[int]]] = []
+    for axis in axes:
+        own = [of[axis] for of in strides]
+        if joined and all(above == n * shape[axis] for above, n in zip(joined[-1][1], own, strict=True)):
+            joined[-1] = (joined[-1][0] * shape[axis], own)
+        else:
+            joined.append((shape[axis], own))
+    return tuple(n for n, _ in joined), [tuple(own[v] for _, own in joined) for v in range(len(strides))]
+
+
+def _bare(text: str) -> str:
+    """A text without the parentheses around all of it."""
+    if not text.startswith("("):
+        return text
+    depth = 0
+    for i, letter in enumerate(text):
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        if depth == 0:
+            return text[1:-1] if i == len(text) - 1 and not text.startswith("(-") else text
+    return text

@@ -1,0 +1,290 @@
+"""Small C functions that generated code calls; only those that are called are written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Final
+
+from glucoloop.native.targets.c.numbers import Format
+
+_SOURCE: Final = {
+    "gl_bits": """
+/* The bits of a number. */
+static @bits@ gl_bits(@real@ x)
+{
+  @bits@ b;
+  (void)memcpy(&b, &x, sizeof(b));
+  return b;
+}""",
+    "gl_number": """
+/* The number that has these bits. */
+static @real@ gl_number(@bits@ b)
+{
+  @real@ x;
+  (void)memcpy(&x, &b, sizeof(x));
+  return x;
+}""",
+    "gl_abs": """
+/* The absolute value. */
+static @real@ gl_abs(@real@ x)
+{
+  return (x > 0x0p+0@f@) ? x : (0x0p+0@f@ - x);
+}""",
+    "gl_finite": """
+/* Whether x is a finite number. */
+static bool gl_finite(@real@ x)
+{
+  return (x >= -@MAX@) && (x <= @MAX@);
+}""",
+    "gl_max": """
+/* The larger of two numbers; not a number if either is none. */
+static @real@ gl_max(@real@ a, @real@ b)
+{
+  return (a != a) ? a : ((a > b) ? a : b);
+}""",
+    "gl_min": """
+/* The smaller of two numbers; not a number if either is none. */
+static @real@ gl_min(@real@ a, @real@ b)
+{
+  return (a != a) ? a : ((a < b) ? a : b);
+}""",
+    "gl_copy_sign": """
+/* x with the sign of y. */
+static @real@ gl_copy_sign(@real@ x, @real@ y)
+{
+  const @bits@ sign = (@bits@)1@u@ << @signbit@;
+  return gl_number((gl_bits(x) & ~sign) | (gl_bits(y) & sign));
+}""",
+    "gl_floor": """
+/* The largest whole number that is not above x. */
+static @real@ gl_floor(@real@ x)
+{
+  @real@ r = x;
+  if (gl_abs(x) < @magic@)
+  {
+    r = gl_copy_sign((gl_abs(x) + @magic@) - @magic@, x);
+    r = (r > x) ? (r - 0x1p+0@f@) : r;
+  }
+  return r;
+}""",
+    "gl_mantissa": """
+/* x = mantissa 2^exponent with a mantissa in [1, 2), for a normal x above 0. */
+static @real@ gl_mantissa(@real@ x)
+{
+  const @bits@ kept = gl_bits(x) & ((((@bits@)1@u@) << @shift@) - 1@u@);
+  return gl_number(kept | ((@bits@)@bias@@u@ << @shift@));
+}""",
+    "gl_exponent": """
+static @real@ gl_exponent(@real@ x)
+{
+  const int32_t e = (int32_t)((gl_bits(x) >> @shift@) & (@bits@)@mask@@u@);
+  return (@real@)(e - @bias@);
+}""",
+    "gl_power_of_two": """
+/* Two to the whole number that stands in the last bits of x. */
+static @real@ gl_power_of_two(@real@ x)
+{
+  return gl_number((@bits@)((@bits@)(gl_bits(x) << @shift@) + ((@bits@)@bias@@u@ << @shift@)));
+}""",
+    "gl_square": """
+static @real@ gl_square(@real@ x)
+{
+  return x * x;
+}""",
+    "gl_power": """
+/* x to a whole power from 1 on. */
+static @real@ gl_power(@real@ x, int32_t n)
+{
+  @real@ product = x;
+  for (int32_t i = 1; i < n; i++)
+  {
+    product = product * x;
+  }
+  return product;
+}""",
+    "gl_sign": """
+/* 1, -1, or x itself if it is zero or not a number. */
+static @real@ gl_sign(@real@ x)
+{
+  return (x > 0x0p+0@f@) ? 0x1p+0@f@ : ((x < 0x0p+0@f@) ? (-0x1p+0@f@) : x);
+}""",
+    "gl_below": """
+/* Whether a stands before b where what is not a number stands last. */
+static bool gl_below(@real@ a, @real@ b)
+{
+  return (a < b) || ((a == a) && (b != b));
+}""",
+    "gl_whole": """
+/* The whole number next to x towards zero, within 2^30; zero of what is not a number. */
+static int32_t gl_whole(@real@ x)
+{
+  int32_t n = 0;
+  if (x == x)
+  {
+    const @real@ low = (x > (-0x1p+30@f@)) ? x : (-0x1p+30@f@);
+    n = (int32_t)((low < 0x1p+30@f@) ? low : 0x1p+30@f@);
+  }
+  return n;
+}""",
+    "gl_whole_max": """
+static int32_t gl_whole_max(int32_t a, int32_t b)
+{
+  return (a > b) ? a : b;
+}""",
+    "gl_whole_min": """
+static int32_t gl_whole_min(int32_t a, int32_t b)
+{
+  return (a < b) ? a : b;
+}""",
+    "gl_whole_abs": """
+static int32_t gl_whole_abs(int32_t a)
+{
+  return (a < 0) ? -a : a;
+}""",
+    "gl_within": """
+/* A place from 0 to the last one. */
+static int32_t gl_within(int32_t place, int32_t last)
+{
+  return (place < 0) ? 0 : ((place > last) ? last : place);
+}""",
+    "gl_lu": """
+/* Factors of an n by n matrix in its place, with row exchanges. */
+static void gl_lu(int32_t n, @real@ a[], int32_t order[])
+{
+  for (int32_t i = 0; i < n; i++)
+  {
+    order[i] = i;
+  }
+  for (int32_t k = 0; k < n; k++)
+  {
+    int32_t best = k;
+    for (int32_t i = k + 1; i < n; i++)
+    {
+      best = (gl_abs(a[(n * i) + k]) > gl_abs(a[(n * best) + k])) ? i : best;
+    }
+    if (best != k)
+    {
+      const int32_t other = order[k];
+      order[k] = order[best];
+      order[best] = other;
+      for (int32_t j = 0; j < n; j++)
+      {
+        const @real@ kept = a[(n * k) + j];
+        a[(n * k) + j] = a[(n * best) + j];
+        a[(n * best) + j] = kept;
+      }
+    }
+    for (int32_t i = k + 1; i < n; i++)
+    {
+      const @real@ factor = a[(n * i) + k] / a[(n * k) + k];
+      a[(n * i) + k] = factor;
+      for (int32_t j = k + 1; j < n; j++)
+      {
+        a[(n * i) + j] = a[(n * i) + j] - (factor * a[(n * k) + j]);
+      }
+    }
+  }
+}""",
+    "gl_sqrt": """
+/* The square root, rounded to nearest, digit by digit. */
+static @real@ gl_sqrt(@real@ x)
+{
+  @real@ root = x; /* of zero, infinity and what is not a number */
+  if (x < 0x0p+0@f@)
+  {
+    root = NAN;
+  }
+  else if ((x > 0x0p+0@f@) && (x <= @MAX@))
+  {
+    @bits@ b = gl_bits(x);
+    int32_t e = (int32_t)(b >> @shift@);
+    b &= ((@bits@)1@u@ << @shift@) - 1@u@;
+    if (e == 0) /* subnormal */
+    {
+      e = 1;
+      while ((b >> @shift@) == 0@u@)
+      {
+        b <<= 1;
+        e -= 1;
+      }
+    }
+    else
+    {
+      b |= (@bits@)1@u@ << @shift@;
+    }
+    e -= @bias@;
+    if ((e % 2) != 0)
+    {
+      b <<= 1;
+      e -= 1;
+    }
+    b <<= 1;
+    {
+      @bits@ sum = 0@u@;
+      @bits@ found = 0@u@;
+      @bits@ digit = (@bits@)1@u@ << (@shift@ + 1);
+      while (digit != 0@u@)
+      {
+        const @bits@ trial = sum + digit;
+        if (trial <= b)
+        {
+          sum = trial + digit;
+          b -= trial;
+          found += digit;
+        }
+        b <<= 1;
+        digit >>= 1;
+      }
+      found += (b != 0@u@) ? (found & 1@u@) : 0@u@;
+      found = (found >> 1) + ((@bits@)(@bias@ - 1) << @shift@);
+      if (e >= 0)
+      {
+        found += (@bits@)((uint32_t)e / 2U) << @shift@;
+      }
+      else
+      {
+        found -= (@bits@)((uint32_t)(-e) / 2U) << @shift@;
+      }
+      root = gl_number(found);
+    }
+  }
+  else
+  {
+    /* x is its own root */
+  }
+  return root;
+}""",
+}
+
+
+def helpers(text: Iterable[str], format: Format) -> list[str]:
+    """Definitions of the functions that lines of C call, each after those that it calls itself."""
+    needed: set[str] = set()
+    waiting = ["\n".join(text)]
+    while waiting:
+        for name in set(re.findall(r"\bgl_\w+(?=\()", waiting.pop())) & _SOURCE.keys() - needed:
+            needed.add(name)
+            waiting.append(_SOURCE[name])
+    lines: list[str] = []
+    for name, source in _SOURCE.items():
+        if name in needed:
+            lines += [*_filled(source, format).strip().splitlines(), ""]
+    return lines
+
+
+def _filled(source: str, format: Format) -> str:
+    shift = format.mantissa_bits
+    words = {
+        "real": format.type,
+        "f": format.suffix,
+        "bits": format.bits,
+        "u": format.bits_suffix,
+        "shift": str(shift),
+        "signbit": str(31 if format.type == "float" else 63),
+        "bias": str(format.bias),
+        "mask": str(2 * format.bias + 1),
+        "magic": f"0x1p+{shift}{format.suffix}",
+        "MAX": "FLT_MAX" if format.type == "float" else "DBL_MAX",
+    }
+    return re.sub(r"@(\w+)@", lambda found: words[found.group(1)], source)

@@ -1,0 +1,111 @@
+"""Types, constants and names as C text."""
+
+from __future__ import annotations
+
+import keyword
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from glucoloop.native.functions import DOUBLE, SINGLE
+
+REAL: Final = "real"
+WHOLE: Final = "whole"
+TRUTH: Final = "truth"
+"""The kinds of numbers in C: floating-point numbers, whole numbers of 32 bits, and truths."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A floating-point format in C."""
+
+    precision: str
+    type: str
+    suffix: str
+    """Ends a constant of this type."""
+    bits: str
+    """The unsigned type of the same size."""
+    bits_suffix: str
+    mantissa_bits: int
+    bias: int
+    decimals: int
+
+    def literal(self, number: float) -> str:
+        """A constant, rounded to the format and written in hexadecimal, so that no digit is lost."""
+        with np.errstate(over="ignore"):
+            rounded = float(np.dtype(self.precision).type(number))
+        if math.isnan(rounded):
+            return "NAN"
+        if math.isinf(rounded):
+            return "INFINITY" if rounded > 0.0 else "(-INFINITY)"
+        text = re.sub(r"\.?0*p", "p", rounded.hex()) if "." in rounded.hex() else rounded.hex()
+        return f"({text}{self.suffix})" if text.startswith("-") else f"{text}{self.suffix}"
+
+
+FORMATS: Final = {
+    SINGLE: Format(SINGLE, "float", "F", "uint32_t", "U", 23, 127, 9),
+    DOUBLE: Format(DOUBLE, "double", "", "uint64_t", "ULL", 52, 1023, 17),
+}
+
+
+def kind_of(dtype: Any) -> str:
+    """The kind of an array's elements."""
+    if np.dtype(dtype) == np.bool_:
+        return TRUTH
+    return WHOLE if np.issubdtype(np.dtype(dtype), np.integer) else REAL
+
+
+def type_of(kind: str, format: Format) -> str:
+    """The C type of a local variable of a kind."""
+    return {REAL: format.type, WHOLE: "int32_t", TRUTH: "bool"}[kind]
+
+
+_C_WORDS: Final = frozenset(
+    [
+        "auto",
+        "break",
+        "case",
+        "char",
+        "const",
+        "continue",
+        "default",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "extern",
+        "float",
+        "for",
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+        "while",
+        "bool",
+    ]
+)
+
+
+def identifier(*parts: object) -> str:
+    """A name in C of the parts of a path."""
+    text = re.sub(r"\W+", "_", "_".join(str(part) for part in parts)).strip("_")
+    text = text or "value"
+    return f"n{text}" if text[0].isdigit() or text in _C_WORDS or keyword.iskeyword(text) else text

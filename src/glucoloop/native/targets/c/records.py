@@ -1,0 +1,94 @@
+"""Records: a pytree of arrays as a C structure whose fields are named after the tree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+
+from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, identifier, kind_of
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a structure."""
+
+    name: str
+    path: str
+    """Where it stands in the tree, for comments."""
+    kind: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return math.prod(self.shape)
+
+    @property
+    def is_array(self) -> bool:
+        """Whether it is an array in C."""
+        return self.shape != ()
+
+
+@dataclass(frozen=True)
+class Record:
+    """A structure that a function takes or fills by a pointer."""
+
+    pointer: str
+    """What the function calls the pointer."""
+    fields: Sequence[Field]
+
+    def element(self, field: Field, index: int | str = 0) -> str:
+        """An element of a field, as C text."""
+        place = f"{self.pointer}->{field.name}"
+        return f"{place}[{index}]" if field.is_array else place
+
+    def elements(self) -> list[tuple[str, str]]:
+        """All elements in order: C text and kind."""
+        return [(self.element(field, i), field.kind) for field in self.fields for i in range(field.size)]
+
+
+def record(pointer: str, tree: Any) -> Record:
+    """A structure for a pytree of arrays or shapes; empty arrays have no field, but keep their place in `fields`."""
+    names: dict[str, int] = {}
+    fields = []
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        name = identifier(*(_part(key) for key in path))
+        names[name] = names.get(name, 0) + 1
+        if names[name] > 1:
+            name = f"{name}_{names[name]}"
+        fields.append(Field(name, jax.tree_util.keystr(path).lstrip("."), kind_of(leaf.dtype), tuple(leaf.shape)))
+    return Record(pointer, fields)
+
+
+def declaration(name: str, of: Record, format: Format, comment: str) -> list[str]:
+    """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside."""
+    held = [field for field in of.fields if field.size]
+    reals = [field for field in held if field.kind == REAL]
+    others = [field for field in held if field.kind != REAL]
+    lines = [f"/* {comment} */", "typedef struct", "{"]
+    for field in (*reals, *others):
+        type_name = format.type if field.kind == REAL else "int32_t"
+        size = f"[{field.size}]" if field.is_array else ""
+        shape = f"shape {field.shape}, row by row" if len(field.shape) > 1 else ""
+        truth = "0: no, otherwise: yes" if field.kind == TRUTH else ""
+        whole = "a whole number" if field.kind == WHOLE else ""
+        told = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
+        lines.append(f"  {type_name} {field.name}{size};" + (f" /* {told} */" if told else ""))
+    words = sum(field.size for field in others)
+    if format.type == "double" and words % 2:
+        lines.append("  int32_t reserved; /* fills the structure to a multiple of 8 bytes; 0 */")
+    if not held:
+        lines.append("  int32_t reserved; /* this controller keeps nothing; 0 */")
+    return [*lines, f"}} {name};"]
+
+
+def _part(key: Any) -> str:
+    """One step of a path through a tree."""
+    for attribute in ("name", "key", "idx"):
+        if hasattr(key, attribute):
+            return str(getattr(key, attribute))
+    return str(key)

@@ -1,0 +1,309 @@
+"""A pair of functions, init and step, as one C file and its header."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.native.functions import DOUBLE
+from glucoloop.native.lower import Lowered, lower
+from glucoloop.native.targets.c.api import header, record_bytes, saving
+from glucoloop.native.targets.c.compact.emit import Body, compact
+from glucoloop.native.targets.c.compact.writer import Tables
+from glucoloop.native.targets.c.functions import elementary
+from glucoloop.native.targets.c.helpers import helpers
+from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
+from glucoloop.native.targets.c.records import Record, declaration, record
+from glucoloop.native.targets.c.unrolled import unrolled
+
+UNROLLED: Final = "unrolled"
+COMPACT: Final = "compact"
+AUTO: Final = "auto"
+LONGEST_UNROLLED: Final = 1000
+"""Operations of a step up to which `auto` takes the unrolled form: it is faster, and larger."""
+HEADER: Final = "controller.h"
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A controller's functions, traced in one precision."""
+
+    init: Any
+    """ClosedJaxpr: observation -> state."""
+    step: Any
+    """ClosedJaxpr: state, observation -> state, decision."""
+    state: Any
+    observation: Any
+    decision: Any
+    """Trees of shapes."""
+    functions: tuple[Callable[..., Any], Callable[..., Any]]
+    precision: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """A controller in C."""
+
+    header: str
+    code: str
+    form: str
+    records: dict[str, Record]
+    """The structures by name: state, observation and decision."""
+    workspace: dict[str, int]
+    """Numbers of each kind in the workspace."""
+    lowered: tuple[Lowered, Lowered] | None
+    """Init and step as scalar programs; None in the compact form."""
+    design: str
+    """Digest of the code, by which saved states are told apart."""
+    record_bytes: int
+    """Size of a saved state."""
+
+
+def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observation: Any, precision: str) -> Traced:
+    """Trace a controller's functions in a precision.
+
+    Parameters
+    ----------
+    init, step : callable
+        ``state = init(observation)`` and ``state, decision = step(state, observation)``, whose own numbers have the
+        precision.
+    observation : pytree
+        An example, or shapes.
+    precision : {"float64", "float32"}
+    """
+    with jax.enable_x64(precision == DOUBLE):
+        first, state = jax.make_jaxpr(init, return_shape=True)(observation)
+        each, (after, decision) = jax.make_jaxpr(step, return_shape=True)(state, observation)
+    before, then = ([(x.shape, x.dtype) for x in jax.tree.leaves(tree)] for tree in (state, after))
+    if before != then:
+        raise TypeError(f"the state has leaves {before} before a sample, but {then} after it")
+    return Traced(
+        init=first,
+        step=each,
+        state=state,
+        observation=observation,
+        decision=decision,
+        functions=(init, step),
+        precision=precision,
+    )
+
+
+def write_source(traced: Traced, title: Sequence[str], form: str = AUTO) -> Source:
+    """Write a controller in C.
+
+    Parameters
+    ----------
+    traced : Traced
+    title : sequence of str
+        Lines for the comment at the head of the files.
+    form : {"auto", "unrolled", "compact"}
+
+    Raises
+    ------
+    UnsupportedError
+        If the controller does what the form cannot.
+    ValueError
+        For an unknown form.
+    """
+    if form not in (AUTO, UNROLLED, COMPACT):
+        raise ValueError(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
+    format, tables = FORMATS[traced.precision], Tables()
+    state, observation = record("state", traced.state), record("observation", traced.observation)
+    decision = record("decision", traced.decision)
+    lowered = None if form == COMPACT else _lowered(traced, form)
+    with jax.enable_x64(traced.precision == DOUBLE):
+        if lowered is None:
+            form = COMPACT
+            bodies = [
+                compact(traced.init, [observation], [state], traced.precision, tables),
+                compact(traced.step, [state, observation], [state, decision], traced.precision, tables),
+            ]
+        else:
+            form = UNROLLED
+            bodies = [
+                Body(unrolled(lowered[0], observation.elements(), state.elements()), {}),
+                Body(
+                    unrolled(
+                        lowered[1],
+                        [*state.elements(), *observation.elements()],
+                        [*state.elements(), *decision.elements()],
+                    ),
+                    {},
+                ),
+            ]
+        code = _code(bodies, tables, format)
+    workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in (REAL, WHOLE, TRUTH)}
+    records = {"state": state, "observation": observation, "decision": decision}
+    design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
+    size = _size(state, format)
+    head = [
+        "/*",
+        *(f" * {line}".rstrip() for line in title),
+        f" * Design {design[:16]}, {form} form, {format.type}.",
+        " */",
+    ]
+    return Source(
+        header="\n".join([*head, header(_structures(records, workspace, format), size)]),
+        code="\n".join([*head, *_before(format), *code, saving(size, design)]),
+        form=form,
+        records=records,
+        workspace=workspace,
+        lowered=lowered,
+        design=design,
+        record_bytes=record_bytes(size),
+    )
+
+
+def _lowered(traced: Traced, form: str) -> tuple[Lowered, Lowered] | None:
+    """Both functions as scalar programs; None where `auto` finds them too long or not possible."""
+    init, step = traced.functions
+    precision = traced.precision
+
+    def first(person: Any, carry: Any, own: Any, shared: Any, chance: Any) -> Any:
+        del person, shared, chance
+        return carry, init(own)
+
+    def each(person: Any, carry: Any, own: Any, shared: Any, chance: Any) -> Any:
+        del person, shared, chance
+        return step(carry, own)
+
+    loops = {"scan", "while", "lu"} & {equation.primitive.name for equation in _equations(traced.step.jaxpr)}
+    if form == AUTO and loops:
+        return None
+    with jax.enable_x64(precision == DOUBLE):
+        stepping = lower(each, (), traced.state, traced.observation, (), precision=precision)
+        if form == AUTO and len(stepping.program.needed(stepping.layout.results)) > LONGEST_UNROLLED:
+            return None
+        return lower(first, (), (), traced.observation, (), precision=precision), stepping
+
+
+def _equations(jaxpr: Any) -> list[Any]:
+    """All equations, those of functions inside as well."""
+    found = []
+    for equation in jaxpr.eqns:
+        found.append(equation)
+        for parameter in equation.params.values():
+            for part in parameter if isinstance(parameter, tuple | list) else (parameter,):
+                inner = getattr(part, "jaxpr", part)
+                if hasattr(inner, "eqns"):
+                    found += _equations(inner)
+    return found
+
+
+def _before(format: Format) -> list[str]:
+    return [
+        f'#include "{HEADER}"',
+        "",
+        "#include <float.h>",
+        "#include <math.h> /* the constants NAN and INFINITY; no function of it is called */",
+        "#include <string.h>",
+        "",
+        "#ifdef __FAST_MATH__",
+        '#error "Results are equal to the bit only where the compiler keeps to IEEE 754: leave -ffast-math out."',
+        "#endif",
+        "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)" if format.type == "float" else
+        "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 1)",
+        '#error "This compiler computes in more digits than it stores; results would not be equal to the bit."',
+        "#endif",
+        "",
+    ]  # fmt: skip
+
+
+def _code(bodies: Sequence[Body], tables: Tables, format: Format) -> list[str]:
+    first, each = (_function(name, body, format) for name, body in zip(("gl_init", "gl_step"), bodies, strict=True))
+    functions = elementary([*first, *each], format)
+    return [
+        *_tables(tables, "\n".join([*first, *each]), format),
+        *helpers([*functions, *first, *each], format),
+        *_indented(functions),
+        *first,
+        "",
+        *each,
+        "",
+    ]
+
+
+def _function(name: str, body: Body, format: Format) -> list[str]:
+    given = ["gl_workspace *workspace", "gl_state *state", "const gl_observation *observation"]
+    if name == "gl_step":
+        given.append("gl_decision *decision")
+    lines = list(body.lines)
+    text = "\n".join(lines)
+    for pointer in ("state", "observation", "decision"):
+        if f"{pointer}->" not in text and any(pointer in parameter for parameter in given):
+            lines.insert(0, f"(void){pointer};")
+    used = [kind for kind in (REAL, WHOLE, TRUTH) if body.workspace.get(kind)]
+    letters = {REAL: "w", WHOLE: "k", TRUTH: "b"}
+    locals_ = [f"{type_of(kind, format)} *const {letters[kind]} = workspace->{letters[kind]};" for kind in used]
+    if not used:
+        locals_ = ["(void)workspace;"]
+    return _indented([f"void {name}({', '.join(given)})", "{", *locals_, *lines, "}"])
+
+
+def _indented(lines: Sequence[str]) -> list[str]:
+    """Lines with the blanks of their depth."""
+    told, depth = [], 0
+    for line in lines:
+        if line.startswith("}"):
+            depth -= 1
+        told.append("  " * depth + line if line else line)
+        if line == "{":
+            depth += 1
+    return told
+
+
+def _tables(tables: Tables, text: str, format: Format) -> list[str]:
+    """The tables that a text reads."""
+    lines: list[str] = []
+    for name, array in tables.arrays.items():
+        if f"{name}[" not in text:
+            continue
+        kind = kind_of(array.dtype)
+        small = kind == WHOLE and array.min() >= 0 and array.max() < 2**15
+        type_name = "int16_t" if small else type_of(kind, format)
+        lines += [f"static const {type_name} {name}[{array.size}] =", "{", *_rows(array, kind, format), "};", ""]
+    return lines
+
+
+def _rows(array: npt.NDArray[np.generic], kind: str, format: Format) -> list[str]:
+    if kind == REAL:
+        texts = [format.literal(float(number)) for number in array.tolist()]
+    else:
+        texts = [("true" if n else "false") if kind == TRUTH else str(n) for n in array.tolist()]
+    return [f"  {', '.join(texts[i : i + 6])}{',' if i + 6 < len(texts) else ''}" for i in range(0, len(texts), 6)]
+
+
+def _structures(records: dict[str, Record], workspace: dict[str, int], format: Format) -> str:
+    told = {
+        "observation": "What is known at a sample.",
+        "state": "What the controller remembers from sample to sample. The caller keeps it.",
+        "decision": "What the pump is to do until the next sample, and why.",
+    }
+    lines: list[str] = []
+    for name, comment in told.items():
+        lines += [*declaration(f"gl_{name}", records[name], format, comment), ""]
+    room = [
+        f"  {type_of(kind, format)} {letter}[{max(1, workspace[kind])}];"
+        for kind, letter in ((REAL, "w"), (WHOLE, "k"), (TRUTH, "b"))
+        if workspace[kind] or (kind == TRUTH and not any(workspace.values()))
+    ]
+    told_room = (
+        "Memory for the computation of one step; nothing in it lasts. One may serve several controllers in turn."
+    )
+    return "\n".join([*lines, f"/* {told_room} */", "typedef struct", "{", *room, "} gl_workspace;"])
+
+
+def _size(state: Record, format: Format) -> int:
+    number = np.dtype(format.precision).itemsize
+    reals = sum(field.size for field in state.fields if field.kind == REAL)
+    others = sum(field.size for field in state.fields if field.kind != REAL)
+    size = number * reals + 4 * others
+    if not size:
+        return 4
+    return size + (4 if number == 8 and others % 2 else 0)

@@ -1,0 +1,150 @@
+"""The unrolled form: one C statement for each operation of a lowered program, without a branch or a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from glucoloop.native.lower import Lowered
+from glucoloop.native.program import BOOL, Value
+from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, Format, type_of
+
+Element = tuple[str, str]
+"""An element of a structure: C text and kind."""
+
+_INFIX: Final = {"add": "+", "sub": "-", "exact_sub": "-", "mul": "*", "div": "/"}
+_COMPARED: Final = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+_LOGIC: Final = {"and": "&&", "or": "||", "xor": "!="}
+_CALLS: Final = {
+    "abs": "gl_abs",
+    "sqrt": "gl_sqrt",
+    "floor": "gl_floor",
+    "copy_sign": "gl_copy_sign",
+    "is_finite": "gl_finite",
+    "mantissa": "gl_mantissa",
+    "exponent": "gl_exponent",
+    "power_of_two": "gl_power_of_two",
+}
+
+
+def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Element]) -> list[str]:
+    """The statements of a lowered function without a person and without chance.
+
+    Parameters
+    ----------
+    lowered : Lowered
+    given : sequence
+        Where the numbers of ``carry``, ``own`` and ``shared`` are, in this order.
+    returned : sequence
+        Where the next state and the outputs go.
+    """
+    layout = lowered.layout
+    inputs = [*layout.carry, *layout.own, *layout.shared]
+    sources = dict(zip(inputs, given, strict=True))
+    return _Writer(lowered, sources).lines(returned)
+
+
+def expression_of(lowered: Lowered, argument: str) -> list[str]:
+    """The statements of a function of one number, which end by returning it: an elementary function."""
+    (value,) = lowered.layout.outputs
+    writer = _Writer(lowered, {v: (argument, REAL) for v in lowered.layout.own})
+    return [*writer.computed(), f"return {writer.name(value)};"]
+
+
+class _Writer:
+    def __init__(self, lowered: Lowered, sources: dict[Value, Element]) -> None:
+        self._p, self._results = lowered.program, lowered.layout.results
+        self._format: Format = FORMATS[lowered.precision]
+        self._sources = sources
+        self._names: dict[Value, str] = {}
+        self._order = self._p.needed(self._results)
+        self._uses: dict[Value, int] = {}
+        for value in self._order:
+            for argument in self._p.operations[value][1]:
+                self._uses[argument] = self._uses.get(argument, 0) + 1
+        for value in self._results:
+            self._uses[value] = self._uses.get(value, 0) + 2
+
+    def lines(self, returned: Sequence[Element]) -> list[str]:
+        lines = self.computed()
+        for value, (place, kind) in zip(self._results, returned, strict=True):
+            text = self.name(value)
+            if kind == TRUTH:
+                text = (
+                    f"{text} ? 1 : 0" if self._is_truth(value) else f"({text} != {self._format.literal(0.0)}) ? 1 : 0"
+                )
+            elif self._is_truth(value):
+                text = (
+                    f"{text} ? 1 : 0"
+                    if kind != REAL
+                    else f"{text} ? {self._format.literal(1.0)} : {self._format.literal(0.0)}"
+                )
+            elif kind != REAL:
+                text = f"(int32_t)({text})"
+            lines.append(f"{place} = {text};")
+        return lines
+
+    def computed(self) -> list[str]:
+        """A local variable for each operation; a truth that is used once stands where it is used."""
+        lines = []
+        for value in self._order:
+            if value in self._p.constants:
+                continue
+            text = self._input(value) if value in self._sources else self._operation(value)
+            if self._is_truth(value) and self._uses[value] == 1 and value not in self._sources:
+                self._names[value] = f"({text})"
+                continue
+            self._names[value] = f"v{value}"
+            kind = TRUTH if self._is_truth(value) else REAL
+            lines.append(f"const {type_of(kind, self._format)} v{value} = {text};")
+        return lines
+
+    def name(self, value: Value) -> str:
+        """A value as C text."""
+        if value in self._p.constants:
+            known = self._p.constants[value]
+            return ("true" if known else "false") if isinstance(known, bool) else self._format.literal(known)
+        return self._names[value]
+
+    def _is_truth(self, value: Value) -> bool:
+        return self._p.types[value] == BOOL
+
+    def _input(self, value: Value) -> str:
+        place, kind = self._sources[value]
+        if kind == TRUTH:
+            return f"{place} != 0"
+        return place if kind == REAL else f"({self._format.type}){place}"
+
+    def _operation(self, value: Value) -> str:
+        operation, arguments = self._p.operations[value]
+        names = [self.name(a) for a in arguments]
+        if operation in _INFIX:
+            return f"{names[0]} {_INFIX[operation]} {names[1]}"
+        if operation in _COMPARED:
+            return f"{names[0]} {_COMPARED[operation]} {names[1]}"
+        if operation in _LOGIC:
+            return f"{names[0]} {_LOGIC[operation]} {names[1]}"
+        if operation in _CALLS:
+            return f"{_CALLS[operation]}({', '.join(names)})"
+        match operation:
+            case "neg":
+                return f"-{names[0]}"
+            case "not":
+                return f"!{names[0]}"
+            case "select":
+                return f"{names[0]} ? {names[1]} : {names[2]}"
+            case "number":
+                return f"{names[0]} ? {self._format.literal(1.0)} : {self._format.literal(0.0)}"
+            case "max" | "min":
+                return self._extreme(operation, arguments, names)
+            case _:
+                raise ValueError(f"the operation {operation!r} has no text in C")
+
+    def _extreme(self, operation: str, arguments: Sequence[Value], names: Sequence[str]) -> str:
+        """The larger or smaller of two; which of two equal ones is taken is as in the other targets."""
+        a, b = names
+        if arguments[1] in self._p.constants:
+            a, b = b, a
+        if any(argument in self._p.constants for argument in arguments):
+            return f"({a} {'>' if operation == 'max' else '<'} {b}) ? {a} : {b}"
+        return f"gl_{operation}({a}, {b})"

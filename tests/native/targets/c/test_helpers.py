@@ -1,0 +1,87 @@
+"""What generated code calls: each against NumPy, on random bits."""
+
+import ctypes
+import subprocess
+
+import numpy as np
+import pytest
+
+from glucoloop.native.targets.c.compact.memory import Array, mark, placed
+from glucoloop.native.targets.c.helpers import helpers
+from glucoloop.native.targets.c.host import FLAGS, compiler
+from glucoloop.native.targets.c.numbers import FORMATS, identifier
+
+WANTED = {
+    "gl_sqrt": np.sqrt,
+    "gl_floor": np.floor,
+    "gl_abs": np.abs,
+    "gl_sign": np.sign,
+}
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_functions_are_those_of_numpy(precision, tmp_path):
+    form = FORMATS[precision]
+    calls = [
+        f"void all_{name}({form.type} *x, int n) {{ for (int i = 0; i < n; i++) {{ x[i] = {name}(x[i]); }} }}"
+        for name in WANTED
+    ]
+    code = ["#include <float.h>", "#include <math.h>", "#include <stdbool.h>", "#include <stdint.h>"]
+    code += ["#include <string.h>", *helpers(calls, form), *calls]
+    (tmp_path / "all.c").write_text("\n".join(code))
+    command = [compiler(), *FLAGS, "-O1", "-shared", "-fPIC", "-o", "all.so", "all.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "all.so"))
+    rng = np.random.default_rng(3)
+    bits = rng.integers(0, 2**64, 20_000, np.uint64).astype(form.bits.removesuffix("_t"))
+    of_all = bits.view(precision)
+    special = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1e-310, 1e-42, 4.0, 2.0, -2.5, 0.5, 2.0**23 + 1], precision)
+    numbers = np.concatenate([special, of_all, rng.normal(0.0, 100.0, 5000).astype(precision)])
+    for name, function in WANTED.items():
+        found = numbers.copy()
+        getattr(library, f"all_{name}")(ctypes.c_void_p(found.ctypes.data), ctypes.c_int(found.size))
+        with np.errstate(all="ignore"):
+            wanted = function(numbers)
+        np.testing.assert_array_equal(found, wanted, err_msg=name)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_no_digit_of_a_constant_is_lost(precision):
+    rng = np.random.default_rng(1)
+    for number in (*rng.normal(size=50), 0.1, 1.0, -0.0, 1e-42, 3e38):
+        text = FORMATS[precision].literal(number).strip("()").removesuffix("F")
+        assert np.dtype(precision).type(float.fromhex(text)) == np.dtype(precision).type(number)
+    assert FORMATS[precision].literal(np.nan) == "NAN"
+    assert FORMATS[precision].literal(-np.inf) == "(-INFINITY)"
+
+
+def test_names_are_names_of_c():
+    assert identifier("given", "on_board") == "given_on_board"
+    assert identifier(3, "x y") == "n3_x_y"
+    assert identifier("float") == "nfloat"
+
+
+def test_arrays_share_places_only_while_they_do_not_need_them():
+    def w(number, element=0):
+        return f"w[{mark(number, element)}]"
+
+    lines = [
+        f"{w(0)} = 1.0;",
+        f"{w(1)} = {w(0)};",  # the first is done with
+        f"{w(2)} = {w(1)};",
+        "for (int32_t i1 = 0; i1 < 3; i1++)",
+        "{",
+        f"{w(3)} = {w(2)};",  # read in every round: kept for the whole loop
+        f"{w(4)} = {w(3)};",
+        "}",
+        f"d = {w(4)};",
+    ]
+    arrays = [Array(i, "real", 2) for i in range(5)]
+    told, room = placed(lines, arrays)
+    place = [int(told[i].split("[")[1].split("]")[0]) for i in (0, 1, 2, 5, 6)]
+    assert place[0] != place[1]
+    assert place[1] != place[2]
+    assert place[0] == place[2]  # shared
+    assert len({place[2], place[3], place[4]}) == 3
+    assert room == {"real": 6}
