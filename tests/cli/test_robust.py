@@ -122,7 +122,7 @@ def test_a_search_that_was_cut_short_goes_on(glucoloop, tmp_path, monkeypatch):
     assert chosen["peak_median_mg_dl"].item() == table["peak_median_mg_dl"].min()
     before = (tmp_path / "cut/SHA256SUMS").read_text()
     less = glucoloop("robust", *SMALL[:-1], 1, "--out", "cut")
-    assert "cut holds 16 candidates, and 1 round of 4 is fewer; ask for more rounds" in less.err
+    assert "cut holds 16 candidates, and 4 are asked for, which is fewer; ask for more" in less.err
     other = glucoloop("robust", *farther, "--seeds", 5, "--out", "cut")
     assert "cut holds another search: seeds is 3 there and 5 here" in other.err
     assert (tmp_path / "cut/SHA256SUMS").read_text() == before

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
-from glucoloop.cli import trial_progress
+from glucoloop.cli import progress
 
 SHORT = ("--duration", 300, "--meal", "50g@50min")
 SMALL = ("--people", 40, "--controller", "basal", *SHORT)
@@ -160,11 +160,11 @@ def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, t
     monkeypatch.setattr(engine, "run_people", interrupted)
     answer = glucoloop("trial", *TWO, "--out", "a")
     assert answer.code == 130
-    assert answer.err == "glucoloop: interrupted; 1 of 3 shards are done, the same command goes on.\n"
+    assert answer.err == "glucoloop: interrupted; 1 of 3 shards are kept, the same command goes on.\n"
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     answer = glucoloop("trial", *TWO, "--out", "a")
-    assert answer.err.startswith("1 of 3 shards of a are done already; going on.\n25 people in ")
+    assert answer.err.startswith("1 of 3 shards of a are there already; going on.\n25 people in ")
     glucoloop("trial", *TWO, "--out", "b")
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
 
@@ -277,8 +277,8 @@ def test_question_to_a_trial_that_is_not_finished(glucoloop, tmp_path):
 
 
 def test_progress_is_told_in_lines(capsys, monkeypatch):
-    monkeypatch.setattr(trial_progress, "BETWEEN_LINES_S", 0.0)
-    with trial_progress.counted(1000, 200, 2) as done:
+    monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
+    with progress.counted(1000, 200, "people") as done:
         done(400)
         done(400)
     first, second = capsys.readouterr().err.splitlines()
@@ -288,12 +288,12 @@ def test_progress_is_told_in_lines(capsys, monkeypatch):
 
 def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with trial_progress.counted(1000, 200, 1) as done:
+    with progress.counted(1000, 200, "people") as done:
         done(800)
     capsys.readouterr()
-    assert trial_progress._duration(59) == "59 s"
-    assert trial_progress._duration(75) == "1 min 15 s"
-    assert trial_progress._duration(7290) == "2 h 1 min"
+    assert progress._duration(59) == "59 s"
+    assert progress._duration(75) == "1 min 15 s"
+    assert progress._duration(7290) == "2 h 1 min"
 
 
 def test_people_below_the_validity_of_their_model_are_told():

@@ -48,7 +48,7 @@ def test_kill_at_any_moment_loses_nothing(glucoloop, tmp_path):
     (killed / "shards/.00059.part").mkdir(exist_ok=True)
     answer = glucoloop(*TRIAL, "--out", "killed")
     assert answer.code == 0
-    assert "60 of 60 shards of killed are done already; going on." in answer.err
+    assert "60 of 60 shards of killed are there already; going on." in answer.err
     assert glucoloop(*TRIAL, "--out", "whole").code == 0
     assert digests(killed) == digests(tmp_path / "whole")
     assert not (killed / "lock").exists()

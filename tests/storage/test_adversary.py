@@ -4,8 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.studies.adversary.folder import FINAL, SCORES, adversary_folder
+from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary.keys import read_adversary
+from glucoloop.studies.adversary.work import FINAL, Scores, rows_of, work_of
 
 KEYS = {"controllers": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
 ASKED = read_adversary(KEYS)
@@ -13,19 +14,23 @@ ASKED = read_adversary(KEYS)
 FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
 
 
+def adversary_folder(path, asked):
+    return rows_folder(path, work_of(asked), rows_of(asked))
+
+
 @pytest.fixture
 def begun(tmp_path):
     with adversary_folder(tmp_path / "worst", ASKED) as folder:
-        folder.add(NAME, FIRST)
-        folder.add(NAME, SECOND)
-        folder.keep()
+        folder.add(Scores(NAME, 0, FIRST))
+        folder.add(Scores(NAME, 1, SECOND))
     return tmp_path / "worst"
 
 
 def test_what_was_kept_is_there_to_the_bit(begun):
     with adversary_folder(begun, ASKED) as folder:
-        np.testing.assert_array_equal(folder.scores[NAME], [FIRST, SECOND])
-        assert (folder.done, folder.finished) == (2, False)
+        assert [(row.search, row.generation) for row in folder.rows] == [(NAME, 0), (NAME, 1)]
+        np.testing.assert_array_equal([row.score for row in folder.rows], [FIRST, SECOND])
+        assert not folder.finished
 
 
 def test_a_finished_search_tells_its_summary(begun):
@@ -53,7 +58,7 @@ def test_another_search_is_refused(begun, change):
     ],
 )
 def test_scores_of_something_else_are_refused(begun, rows):
-    pl.DataFrame(rows).write_parquet(begun / SCORES)
+    pl.DataFrame(rows).write_parquet(begun / "scores.parquet")
     with pytest.raises(ValueError, match="is damaged; delete it and run the same command again"):
         adversary_folder(begun, ASKED).__enter__()
 

@@ -14,11 +14,12 @@ from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
 from glucoloop.storage.parquet_size import parquet_size
+from glucoloop.storage.rows import rows_folder
 from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
 from glucoloop.studies.robust import OBJECTIVES, Candidate
-from glucoloop.studies.robust.folder import robust_folder
 from glucoloop.studies.robust.keys import read_robust
+from glucoloop.studies.robust.work import rows_of, work_of
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (
@@ -171,10 +172,14 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
     assert fails_at > 50
 
 
+def robust_folder(path, asked, *, overwrite=False):
+    return rows_folder(path, work_of(asked), rows_of(asked.search, asked.far.rounds), overwrite=overwrite)
+
+
 def search(path, asked, candidates, *, overwrite):
     with robust_folder(path, asked, overwrite=overwrite) as folder:
         if not folder.finished:
-            for candidate in candidates[len(folder.candidates) :]:
+            for candidate in candidates[len(folder.rows) :]:
                 folder.add(candidate)
             folder.finish({"best.toml": b"", "robust.json": b"{}"})
 
@@ -210,7 +215,7 @@ def test_each_operation_of_a_search(tmp_path, monkeypatch, error, begun):
             break
         if begun == "begun":
             with robust_folder(out, asked) as folder:
-                assert len(folder.candidates) >= 1, "a candidate that was kept is lost"
+                assert len(folder.rows) >= 1, "a candidate that was kept is lost"
         search(out, asked, candidates, overwrite=begun == "other")
         assert contents(out) == expected, f"after operation {fails_at}"
     assert fails_at > 50

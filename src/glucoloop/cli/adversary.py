@@ -6,15 +6,17 @@ import dataclasses
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.options import Given, Option, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import note, show, stage
+from glucoloop.cli.options import Given, Option, with_options
+from glucoloop.cli.progress import counted
+from glucoloop.cli.request import split_off_output
+from glucoloop.cli.screen import stage
+from glucoloop.cli.study import carried_out, paths_of, read_request, read_with_cases, tell_results
 from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL, WORKERS
 
 if TYPE_CHECKING:
-    from glucoloop.studies.adversary.folder import AdversaryFolder
+    from glucoloop.storage.rows import RowsFolder
     from glucoloop.studies.adversary.keys import Adversary
+    from glucoloop.studies.adversary.work import Scores
 
 HELP: Final = (
     "Search for the worst plausible sensor errors: those that bring a controller's glucose lowest.\n\n"
@@ -94,95 +96,45 @@ _OPTIONS: Final = tuple(_options())
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, search, and tell it."""
+    """Check the request, search, and print the results."""
     keys, output, file = split_off_output(given)
-    texts = with_lists(keys), file_keys(file)
-    with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
+    asked = read_request(keys, file, _read)
+    from glucoloop.storage.rows import rows_folder
+    from glucoloop.studies.adversary.results import sentences, summary_of
+    from glucoloop.studies.adversary.table import adversary_table
+    from glucoloop.studies.adversary.work import rows_of, work_of
 
-        asked = _read(*texts)
-    keep_compiled()
-    _carry_out(asked, output)
-
-
-def _read(keys: Given, of_file: Given) -> Adversary:
-    from glucoloop.config.cases import take_cases
-    from glucoloop.config.trial import overlay_trial
-    from glucoloop.studies.adversary.keys import read_adversary
-
-    cases = take_cases(keys, of_file)
-    called = names(_OPTIONS, keys)
-    return read_adversary(overlay_trial(of_file, keys, called), cases, called)
-
-
-def _carry_out(asked: Adversary, output: Output) -> None:
-    from glucoloop.studies.adversary.folder import CONFIGURATION, FINAL, SCORES, adversary_folder
-
+    files: dict[str, str] = {}
     if output.out is None:
         if output.overwrite:
             raise ValueError("--overwrite is about an output folder; name one with --out")
-        _tell(asked, _search(asked, None), output, {})
-        return
-    folder: AdversaryFolder | None = None
-    wanted = asked.generations
-    try:
-        with adversary_folder(output.out, asked, overwrite=output.overwrite) as folder:
-            note(folder.notes)
-            if folder.finished:
-                note([f"{folder.path} was finished before; nothing is computed again."])
-                rows = folder.summary()["searches"]
-            else:
-                if folder.done:
-                    note([f"{folder.done} of {wanted} generations of {folder.path} are there already; going on."])
-                rows = _search(asked, folder)
-    except KeyboardInterrupt:
-        if folder is None:
-            raise
-        interrupted(f"interrupted; {folder.done} of {wanted} generations are kept, the same command goes on")
-    _tell(asked, rows, output, {name: str(output.out / name) for name in (*FINAL, SCORES, CONFIGURATION)})
+        rows = _finish(asked, None)
+    else:
+        work, kept = work_of(asked), rows_of(asked)
+        opened = rows_folder(output.out, work, kept, overwrite=output.overwrite)
+        rows = carried_out(opened, lambda folder: _finish(asked, folder))
+        files = paths_of(work, output.out, kept.file)
+    tell_results(output, summary_of(asked, rows), files, [adversary_table(rows)], sentences(asked, rows))
 
 
-def _search(asked: Adversary, folder: AdversaryFolder | None) -> list[dict[str, Any]]:
-    """Carry out what is missing, and sum up."""
-    from glucoloop.cli.search_progress import counted_out
-    from glucoloop.studies.adversary import Cell, Generation, search_all
+def _read(keys: Given, of_file: Given) -> Adversary:
+    from glucoloop.studies.adversary.keys import read_adversary
+
+    return read_with_cases(keys, of_file, _OPTIONS, read_adversary)
+
+
+def _finish(asked: Adversary, folder: RowsFolder[Scores] | None) -> list[dict[str, Any]]:
+    """Search on, and sum up; of searches that were finished before, tell what was written."""
     from glucoloop.studies.adversary.results import files_of, row_of
+    from glucoloop.studies.adversary.work import search_on
 
-    before = {} if folder is None else {name: list(scores) for name, scores in folder.scores.items()}
-    known = sum(map(len, before.values()))
-    with counted_out(known, asked.generations, "generations") as count:
-        done = known
-
-        def told(cell: Cell, generation: Generation) -> None:
-            nonlocal done
-            if generation.number < len(before.get(cell.name, ())):
-                return
-            if folder is not None:
-                folder.add(cell.name, generation.score)
-            done += 1
-            count(done)
-
-        try:
-            outcomes = list(search_all(asked.groups(), asked.own.person, before=before, told=told))
-        finally:
-            if folder is not None and folder.done:
-                folder.keep()
+    if folder is not None and folder.finished:
+        found: list[dict[str, Any]] = folder.summary()["searches"]
+        return found
+    with counted(asked.generations, 0 if folder is None else len(folder.rows), "generations") as more:
+        outcomes = search_on(asked, folder, lambda: more(1))
     rows = [row_of(asked, of) for of in outcomes]
     if folder is not None:
         with stage("Drawing"):
             folder.finish(files_of(asked, outcomes, rows))
     return rows
-
-
-def _tell(asked: Adversary, rows: list[dict[str, Any]], output: Output, files: dict[str, str]) -> None:
-    from glucoloop.cli.telling import print_json, where_written
-    from glucoloop.studies.adversary.results import sentences, summary_of
-    from glucoloop.studies.adversary.table import adversary_table
-
-    if output.json:
-        print_json(summary_of(asked, rows), files, ())
-        return
-    show(adversary_table(rows))
-    for line in sentences(asked, rows):
-        print(line)
-    print(where_written(output.out, files))

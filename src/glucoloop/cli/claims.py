@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.options import OUTPUT, Given, Option, names, with_options
+from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, file_keys, split_off_output
 from glucoloop.cli.screen import show, stage
 from glucoloop.cli.telling import print_json, where_written
-from glucoloop.cli.verify_progress import loops_counted
 
 if TYPE_CHECKING:
     from glucoloop.papers.meal_aware.comparison import Verdict
@@ -55,7 +55,7 @@ def command(given: Given) -> None:
             from glucoloop.papers.meal_aware.reproduce import carry_out, loops_of, write
 
             keep_compiled()
-        with loops_counted(loops_of(asked)) as progress:
+        with counted(loops_of(asked), 0, "loops") as progress:
             done, judged = carry_out(asked, progress=progress)
         if folder is not None:
             with stage("Drawing"):

@@ -7,15 +7,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import CASE, OF_OTHERS, OUTPUT, SETTINGS, Given, Option, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import show, stage, stages
-from glucoloop.cli.telling import print_json, where_written
+from glucoloop.cli.request import split_off_output
+from glucoloop.cli.screen import stage, stages
+from glucoloop.cli.study import read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL
 from glucoloop.registry.controllers import CONTROLLERS, all_settings
 
 if TYPE_CHECKING:
     from glucoloop.studies.detection.detection import Detection
-    from glucoloop.studies.detection.result import DetectionResult
 
 HELP: Final = (
     "Try the estimators of meals that nobody announced: how soon a meal is detected, how well its size is told, and "
@@ -121,26 +120,22 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     if not keys.get("estimators"):
         keys.pop("estimators", None)
-    texts = with_lists(keys), file_keys(file)
     files: dict[str, str] = {}
     with output.folder() as folder:
-        with stage("Importing the simulator"):
-            from glucoloop.cli.compiled import keep_compiled
+        asked = read_request(keys, file, _read)
+        from glucoloop.studies.detection.evaluate import evaluate
+        from glucoloop.studies.detection.results import files_of, notes, report
+        from glucoloop.studies.detection.table import detection_table
 
-            asked = _read(*texts)
-        keep_compiled()
         with stages("Designing and compiling") as done:
-            from glucoloop.studies.detection.evaluate import evaluate
-
             result = evaluate(asked, done)
         if folder is not None:
             with stage("Drawing"):
-                from glucoloop.studies.detection.results import files_of
-
                 for name, data in files_of(asked, result).items():
                     folder.write(name, data)
             files = folder.paths()
-    _tell(asked, result, output, files)
+    told = tuple(notes(asked, result))
+    tell_results(output, report(asked, result), files, [detection_table(result)], told, notes=told)
 
 
 def _read(keys: Given, of_file: Given) -> Detection:
@@ -151,18 +146,3 @@ def _read(keys: Given, of_file: Given) -> Detection:
     if "people" in keys and "days" not in keys:
         of_file.pop("days", None)  # how many of each follows from how many there are
     return read_detection(overlay(of_file, keys, called), called)
-
-
-def _tell(asked: Detection, result: DetectionResult, output: Output, files: dict[str, str]) -> None:
-    from glucoloop.studies.detection.results import notes, report
-
-    told = tuple(notes(asked, result))
-    if output.json:
-        print_json(report(asked, result), files, told)
-        return
-    from glucoloop.studies.detection.table import detection_table
-
-    show(detection_table(result))
-    for line in told:
-        print(line)
-    print(where_written(output.out, files))

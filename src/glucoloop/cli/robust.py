@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import CASE, MEALS, NO_FAULT, Given, Option, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import note, show, stage
+from glucoloop.cli.progress import counted
+from glucoloop.cli.request import split_off_output
+from glucoloop.cli.screen import note, stage
+from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL
 from glucoloop.registry.controllers import controller_entry
 
 if TYPE_CHECKING:
-    from glucoloop.studies.robust import Bound, SearchEngine
-    from glucoloop.studies.robust.folder import RobustFolder
+    from glucoloop.storage.rows import RowsFolder
+    from glucoloop.studies.robust import Candidate
     from glucoloop.studies.robust.keys import Robust
     from glucoloop.studies.robust.results import Found
 
@@ -178,109 +178,54 @@ _OPTIONS: Final = tuple(_options())
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, search or go on with it, check what was chosen, and tell it."""
+    """Check the request, search or go on with it, check what was chosen, and print it."""
     keys, output, file = split_off_output(given)
     top = keys.pop(_TOP.key, 10)
     if top < 1:
         raise ValueError(f"--top is {top}; give 1 or more")
-    texts = with_lists(keys), file_keys(file)
-    if output.out is None:
-        raise ValueError("--out is missing; a search is kept in a folder, name one like --out robust")
-    with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
+    out = needed_folder(output, "a search", "robust")
+    asked = read_request(keys, file, _read)
+    from glucoloop.storage.rows import rows_folder
+    from glucoloop.studies.robust.results import sentences, summary_of
+    from glucoloop.studies.robust.table import check_table, robust_table
+    from glucoloop.studies.robust.work import rows_of, work_of
 
-        asked = _read(*texts)
-    keep_compiled()
-    _carry_out(asked, output, output.out, top)
+    work, kept = work_of(asked), rows_of(asked.search, asked.far.rounds)
+    opened = rows_folder(out, work, kept, overwrite=output.overwrite)
+    found = carried_out(opened, lambda folder: _finish(asked, folder))
+    told = tuple(sentences(asked, found))
+    tables = (
+        robust_table(asked.search, found.candidates, found.verdict, found.references, top=top),
+        check_table(found.checked),
+    )
+    tell_results(output, summary_of(asked, found), paths_of(work, out, kept.file), tables, told, notes=told)
 
 
 def _read(keys: Given, of_file: Given) -> Robust:
     from glucoloop.studies.robust.keys import read_robust
 
-    called = names(_OPTIONS, keys)
-    together: dict[str, Any] = {**of_file, **{key: value for key, value in keys.items() if value != ()}}
-    return read_robust(together, called)
+    return read_robust({**of_file, **{key: value for key, value in keys.items() if value != ()}}, names(_OPTIONS, keys))
 
 
-def _carry_out(asked: Robust, output: Output, out: Path, top: int) -> None:
-    from glucoloop.studies.robust.folder import robust_folder
-
-    folder, wanted = None, asked.far.rounds * asked.search.batch
-    try:
-        with robust_folder(out, asked, overwrite=output.overwrite) as folder:
-            note(folder.notes)
-            if folder.candidates and not folder.finished:
-                note([f"{len(folder.candidates)} of {wanted} candidates of {out} are there already; going on."])
-            found = _finish(asked, folder, wanted)
-    except KeyboardInterrupt:
-        if folder is None:
-            raise
-        interrupted(f"interrupted; {len(folder.candidates)} of {wanted} candidates are kept, the same command goes on")
-    _tell(asked, found, output, out, top)
-
-
-def _finish(asked: Robust, folder: RobustFolder, wanted: int) -> Found:
-    """Try what is missing, choose, and check; of a search that was finished before, tell what is there."""
+def _finish(asked: Robust, folder: RowsFolder[Candidate]) -> Found:
+    """Try what is missing, choose, and check; of a search that was finished before, tell what was written."""
     from glucoloop.studies.robust import SearchEngine, bounds_of
     from glucoloop.studies.robust.results import files_of, found_before, found_of
 
     if folder.finished:
-        note([f"{folder.path} was finished before; nothing is computed again."])
-        return found_before(asked, folder)
+        return found_before(asked, folder.rows, folder.summary())
     with stage("Drawing people, and trying what stands beside"):
         engine = SearchEngine(asked.search)
         references = engine.references()
     if engine.subjects.unable:
         note([f"{engine.subjects.unable} of {asked.own.people} people have no basal rate and are left out."])
     bounds = bounds_of(asked.search, references)
-    _search(asked, folder, engine, bounds, wanted)
+    with counted(folder.kind.wanted, len(folder.rows), "candidates") as more:
+        for candidate in engine.candidates(asked.far.rounds, bounds, folder.rows[:]):
+            folder.add(candidate)
+            more(1)
     with stage("Checking on others"):
-        found = found_of(asked, folder.candidates, references, bounds, engine)
+        found = found_of(asked, folder.rows, references, bounds, engine)
     with stage("Drawing"):
         folder.finish(files_of(asked, found))
     return found
-
-
-def _search(asked: Robust, folder: RobustFolder, engine: SearchEngine, bounds: Sequence[Bound], wanted: int) -> None:
-    from glucoloop.cli.search_progress import counted_out
-
-    before = folder.candidates[:]
-    with counted_out(len(before), wanted, "candidates") as told:
-        for candidate in engine.candidates(asked.far.rounds, bounds, before):
-            folder.add(candidate)
-            told(len(folder.candidates))
-
-
-def _tell(asked: Robust, found: Found, output: Output, out: Path, top: int) -> None:
-    from glucoloop.cli.telling import print_json
-    from glucoloop.studies.robust.folder import CANDIDATES, CONFIGURATION, FINAL
-    from glucoloop.studies.robust.results import summary_of
-    from glucoloop.studies.robust.table import check_table, robust_table
-
-    files = (*FINAL, CANDIDATES, CONFIGURATION)
-    if output.json:
-        print_json(summary_of(asked, found), {name: str(out / name) for name in files}, tuple(_notes(asked, found)))
-        return
-    show(robust_table(asked.search, found.candidates, found.verdict, found.references, top=top))
-    show(check_table(found.checked))
-    for line in _notes(asked, found):
-        print(line)
-    print(f"Wrote {', '.join(files)} to {out}.")
-
-
-def _notes(asked: Robust, found: Found) -> Iterator[str]:
-    verdict, objectives = found.verdict, asked.search.objectives
-    for bound in found.bounds:
-        whose = "" if bound.of is None else f", what {bound.of} comes to"
-        yield f"Bound: {bound.objective} at most {bound.most:.4g}{whose}."
-    tried, kept = len(found.candidates), int(verdict.keeps.sum())
-    told = f"Of {tried} tunings {kept} {'keeps' if kept == 1 else 'keep'} the bounds"
-    if not verdict.bounded:
-        yield f"{told}; chosen is the one that exceeds them least, candidate {found.chosen.number}."
-        return
-    preferred = f"the least of {asked.far.prefer}" if asked.far.prefer in objectives else "nearest to the least of both"
-    front = f"{int(verdict.front.sum())} make the front of {' and '.join(objectives)}"
-    yield (
-        f"{f'{told}, and {front}' if found.bounds else f'Of {tried} tunings {front}'}; "
-        f"chosen is candidate {found.chosen.number}, {preferred}."
-    )

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.options import Given, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
+from glucoloop.cli.options import Given, with_options
+from glucoloop.cli.progress import counted
+from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
+from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
-from glucoloop.cli.trial_progress import counted
 from glucoloop.cli.trial_telling import tell
 
 if TYPE_CHECKING:
@@ -38,31 +37,15 @@ _MOST_WORKERS: Final = 4096
 
 
 @dataclass(frozen=True)
-class _Work:
-    """Way of computing a trial: threads, workers or a cluster."""
+class Computing:
+    """Where a trial is computed, which is no part of the configuration."""
 
     workers: int | None
     dask: str | None
 
 
-@with_options(TRIAL)
-def command(given: Given) -> None:
-    """Check the request, run or resume the trial, and print it."""
-    keys, output, file = split_off_output(given)
-    work = _work(keys)
-    texts = with_lists(keys), file_keys(file)
-    if output.out is None:
-        raise ValueError("--out is missing; a trial is kept in a folder, name one like --out trial")
-    with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
-
-        trial = _read(*texts)
-    keep_compiled()
-    _carry_out(trial, output, output.out, work)
-
-
-def _work(keys: Given) -> _Work:
-    """Way of computing, which is not part of the configuration."""
+def computing(keys: Given) -> Computing:
+    """Take out of the keys where a trial is computed."""
     workers, dask = keys.pop(WORKERS.key, None), keys.pop(DASK.key, None)
     if workers is not None and not 1 <= workers <= _MOST_WORKERS:
         raise ValueError(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
@@ -70,75 +53,73 @@ def _work(keys: Given) -> _Work:
         raise ValueError(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
         raise ValueError(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
-    return _Work(workers, dask)
+    return Computing(workers, dask)
 
 
-def _read(keys: Given, of_file: Given) -> Trial:
-    from glucoloop.config.cases import take_cases
-    from glucoloop.config.trial import overlay_trial, read_trial
-
-    cases = take_cases(keys, of_file)
-    called = names(TRIAL, keys)
-    return read_trial(overlay_trial(of_file, keys, called), cases, called)
-
-
-def _carry_out(trial: Trial, output: Output, out: Path, work: _Work) -> None:
+@with_options(TRIAL)
+def command(given: Given) -> None:
+    """Check the request, carry it out or go on with it, and print the results."""
+    keys, output, file = split_off_output(given)
+    where = computing(keys)
+    out = needed_folder(output, "a trial", "trial")
+    trial = read_request(keys, file, _read)
     from glucoloop.storage.trials.folder import trial_folder
 
-    folder: TrialFolder | None = None
     began = time.monotonic()
     if output.overwrite:
         _simulator(trial, None)  # what cannot be designed must not cost an earlier trial
-    try:
-        with trial_folder(out, trial, overwrite=output.overwrite) as folder:
-            note(_before(folder))
-            before = folder.people_done()
-            if not folder.finished:
-                _compute(folder, work)
-            computed = trial.people - before
-            if computed:
-                note([f"{computed} people in {time.monotonic() - began:.1f} s."])
-            summary = folder.summary()
-    except KeyboardInterrupt:
-        if folder is None:
-            raise
-        interrupted(f"interrupted; {folder.done} of {trial.shards} shards are done, the same command goes on")
-    tell(trial, summary, output, out)
+
+    def finish(folder: TrialFolder) -> dict[str, Any]:
+        before = folder.people_done()
+        if not folder.finished:
+            simulate = compute(folder, where)
+            from glucoloop.cli.trial_results import results
+
+            with stage("Summing up and drawing"):
+                folder.finish(results(folder, simulate))
+        computed = trial.people - before
+        if computed:
+            note([f"{computed} people in {time.monotonic() - began:.1f} s."])
+        return folder.summary()
+
+    tell(trial, carried_out(trial_folder(out, trial, overwrite=output.overwrite), finish), output, out)
 
 
-def _before(folder: TrialFolder) -> Iterator[str]:
-    yield from folder.notes
-    if folder.finished:
-        yield f"{folder.path} was finished before; nothing is computed again."
-    elif folder.done:
-        yield f"{folder.done} of {folder.trial.shards} shards of {folder.path} are done already; going on."
+def _read(keys: Given, of_file: Given) -> Trial:
+    from glucoloop.config.trial import read_trial
+
+    return read_with_cases(keys, of_file, TRIAL, read_trial)
 
 
-def _compute(folder: TrialFolder, work: _Work) -> None:
-    trial = folder.trial
+def compute(folder: TrialFolder, where: Computing) -> Simulate:
+    """Compute the shards that are missing; returns the simulator."""
     with stage("Designing controllers"):
-        simulate = _simulator(trial, work.workers if work.dask is None else None)
-    if folder.missing():
-        if work.dask is None:
-            from glucoloop.storage.trials.run import run_here
+        simulate = _simulator(folder.trial, where.workers if where.dask is None else None)
+    if not folder.missing():
+        return simulate
+    if where.dask is None:
+        from glucoloop.storage.trials.run import run_here
 
-            with counted(trial.people, folder.people_done(), len(trial.cases)) as progress:
-                run_here(folder, simulate, progress)
-        else:
-            _compute_on_cluster(folder, work.dask, work.workers)
-    from glucoloop.cli.trial_results import results
-
-    with stage("Summing up and drawing"):
-        files = results(folder, simulate)
-        folder.finish(files)
+        with _people_counted(folder) as progress:
+            run_here(folder, simulate, progress)
+    else:
+        _compute_on_cluster(folder, where.dask, where.workers)
+    return simulate
 
 
 def _simulator(trial: Trial, threads: int | None) -> Simulate:
-    """Function that simulates people, with the controllers of the trial designed."""
+    """The engine, with the controllers of a trial designed."""
     from glucoloop.cohorts import engine
 
     prepared = engine.prepare(trial)
     return lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=threads)
+
+
+@contextlib.contextmanager
+def _people_counted(folder: TrialFolder) -> Iterator[Callable[[int], None]]:
+    """Show how many people are done; the engine tells of people under one controller each."""
+    with counted(folder.trial.people, folder.people_done(), "people") as more:
+        yield lambda tried: more(tried / len(folder.trial.cases))
 
 
 def _compute_on_cluster(folder: TrialFolder, address: str, workers: int | None) -> None:
@@ -149,5 +130,5 @@ def _compute_on_cluster(folder: TrialFolder, address: str, workers: int | None) 
             client = stack.enter_context(connected(address, workers))
         if not client.nthreads():
             note([f"No worker has come to {address} yet; waiting for one."])
-        with counted(folder.trial.people, folder.people_done(), len(folder.trial.cases)) as progress:
+        with _people_counted(folder) as progress:
             run_on_cluster(folder, client, progress)

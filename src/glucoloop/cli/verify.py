@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import PATIENT, Given, Option, with_options
+from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import stage
-from glucoloop.cli.verify_progress import loops_counted
 from glucoloop.registry.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _carry_out(campaign: Campaign, *, as_json: bool) -> None:
     from glucoloop.studies.verification import run_campaign
 
     began, loops = time.monotonic(), 2 * sum(campaign.pairs().values())
-    with loops_counted(loops) as progress:
+    with counted(loops, 0, "loops") as progress:
         result = run_campaign(campaign, progress)
     seconds = time.monotonic() - began
     if as_json:

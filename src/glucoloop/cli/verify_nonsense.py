@@ -8,8 +8,8 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from glucoloop.cli.mistakes import interrupted
+from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import show
-from glucoloop.cli.verify_progress import loops_counted
 
 if TYPE_CHECKING:
     from glucoloop.studies.verification.nonsense import Nonsense, NonsenseResult
@@ -20,7 +20,7 @@ def carry_out(nonsense: Nonsense, *, as_json: bool) -> None:
     from glucoloop.studies.verification.nonsense import run_nonsense
 
     began, loops = time.monotonic(), nonsense.loops * len(nonsense.controllers)
-    with loops_counted(loops) as progress:
+    with counted(loops, 0, "loops") as progress:
         result = run_nonsense(nonsense, progress)
     seconds = time.monotonic() - began
     if as_json:

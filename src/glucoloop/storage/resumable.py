@@ -1,51 +1,86 @@
 """Folder of a long computation: results stay, an interrupted run resumes, and damaged results are refused.
 
-The first file describes the work; the list of digests, written last, marks it as finished. A process may die between
-any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
+The first file says what the work is; the list of digests, written last, marks it as finished. Between two operations
+on the disk a process may die, and the next one finds what was done, sweeps what was in the making, and goes on.
+
+What is done is either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are
+put in their places whole, see `storage.trials.folder`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
+from glucoloop.config.toml import toml_text
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
+from glucoloop.storage.files import kept_text
 from glucoloop.storage.lock import LOCK, locked
+from glucoloop.storage.origin import Origin, other_arithmetic, refuse_another
 
 _MOVE: Final = "move that away, or choose another folder with --out"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
-    """Names that a folder may hold."""
+class Work:
+    """Long work that a command does, and the files that it leaves."""
 
+    command: str
+    """Name of the command, and of its configuration file."""
     what: str
-    """Name of the work: ``"trial"``."""
-    first: str
-    """File that describes the work: written first, removed last."""
-    files: tuple[str, ...]
-    """Further files, in the order of their removal."""
-    done: str
-    """File or folder of the results so far, which grows step by step."""
-    done_is_folder: bool
+    """What the work is called in messages: ``"trial"``."""
+    keys: Mapping[str, Any]
+    """The configuration as flat keys."""
+    final: tuple[str, ...]
+    """Files that are written when everything is done."""
+    summary: str
+    """The one of them that sums the work up, as JSON."""
+    may_change: frozenset[str] = frozenset()
+    """Keys that say how far the work goes, in which it may differ from what is there."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """All names that may be in the folder."""
-        return (self.first, *self.files, self.done, SUMS, LOCK)
+    def configuration(self) -> str:
+        """File from which the same is done again."""
+        return f"{self.command}.toml"
+
+    @property
+    def text(self) -> str:
+        """What stands in it."""
+        return toml_text(self.keys, f"{self.command} --config {self.configuration}")
 
 
 class ResumableFolder(ABC):
-    """A folder that this process may write to; see `opened`."""
+    """A folder that this process may write to; see `opened`.
 
-    def __init__(self, path: Path, layout: Layout) -> None:
-        self.path = path
-        self.layout = layout
+    Parameters
+    ----------
+    path : Path
+    work : Work
+    first : str
+        File that says what the work is: written first, removed last.
+    others : tuple of str
+        Further files that stand in the folder from the beginning.
+    done : str
+        What is done so far: a file that is written anew as it grows, or a folder of parts.
+    done_is_folder : bool
+    """
+
+    def __init__(
+        self, path: Path, work: Work, *, first: str, others: tuple[str, ...], done: str, done_is_folder: bool
+    ) -> None:
+        self.path, self.work = path, work
+        self.first, self.done_name, self.done_is_folder = first, done, done_is_folder
+        self.files = (*work.final, *others)
+        """Further files, in the order of their removal."""
+        self.names = (first, *self.files, done, SUMS, LOCK)
+        """All that may be in the folder."""
+        self.here = Origin.here(work.keys)
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
 
@@ -61,14 +96,58 @@ class ResumableFolder(ABC):
 
     @property
     @abstractmethod
-    def kept(self) -> str:
-        """Extent of the results, for messages: ``"3 of 5 shards are done and kept"``."""
+    def progress(self) -> str:
+        """How far the work is: ``"3 of 5 shards"``."""
 
     @abstractmethod
+    def first_files(self) -> dict[str, bytes]:
+        """Contents of the files that stand in the folder from the beginning, that of `first` before the others."""
+
+    @abstractmethod
+    def read_origin(self) -> Origin:
+        """What the folder says of its work; ValueError if it is damaged."""
+
+    @abstractmethod
+    def read_done(self) -> None:
+        """Take up what is done so far; ValueError if it is damaged, belongs elsewhere, or is more than is asked for."""
+
+    @property
+    def all_done(self) -> bool:
+        """Whether no unit of work is missing."""
+        return True
+
+    def parts(self) -> dict[str, str]:
+        """Digests of the files in the folder of what is done, by the name from this folder."""
+        return {}
+
+    def part_of(self, name: str) -> int | None:
+        """The number of the part of which a file in the list of digests is; None if it is of none."""
+        return None
+
+    @abstractmethod
+    def refuse_foreign_parts(self) -> None:
+        """Raise ValueError if what is done, by whatever work, is mixed with what this program does not write."""
+
+    @abstractmethod
+    def settle(self) -> None:
+        """Write what was done and is not written yet."""
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Begin with nothing done."""
+
     def create(self) -> None:
-        """Write the description of the work into an empty folder."""
+        """Say what the work is, in a folder that holds nothing."""
+        self.forget()
+        self._say()
 
-    @abstractmethod
+    def _say(self) -> None:
+        for name, data in self.first_files().items():
+            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
+                disk.put_file(self.path / name, data)
+        if self.done_is_folder and not disk.is_folder(self.path / self.done_name):
+            disk.make_folders(self.path / self.done_name)
+
     def load(self) -> None:
         """Read the results in the folder.
 
@@ -77,10 +156,45 @@ class ResumableFolder(ABC):
         ValueError
             If the folder holds other work, or is damaged. Nothing is changed in that case.
         """
+        there = self.read_origin()
+        may_change = self.work.may_change
+        refuse_another(there.without(may_change), self.here.without(may_change), self.path, self.work.what)
+        self.read_done()
+        whole = self._is_whole(there)
+        other = None
+        if whole or self.anything_done or there.arithmetic is not None:
+            other = other_arithmetic(there, self.here, self.path)
+        if other is not None and not whole:
+            raise ValueError(
+                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
+                "add --overwrite to begin again"
+            )
+        self.notes = (f"{other}.",) if other else ()
+        if not whole:
+            # something was taken away, or the work goes further: what rests on it is made again
+            disk.remove(self.path / SUMS)
+            self._say()
 
-    @abstractmethod
-    def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if the results, of any work, are mixed with files that this program does not write."""
+    def finish(self, files: Mapping[str, bytes]) -> None:
+        """Put the files about the whole work in their places, the digests of all files last.
+
+        Raises
+        ------
+        ValueError
+            If one cannot be written; what is done stays.
+        """
+        self.settle()
+        for name, data in files.items():
+            self.put_file(name, data)
+        names = [*self.first_files(), *files, *([] if self.done_is_folder else [self.done_name])]
+        sums = {name: disk.digest(self.path / name) for name in names}
+        self.put_file(SUMS, disk.sums_text({**sums, **self.parts()}))
+
+    def summary(self) -> dict[str, Any]:
+        """The summary of finished work, as it was written."""
+        place = self.path / self.work.summary
+        found: dict[str, Any] = json.loads(kept_text(place, f"the summary of a {self.work.what}"))
+        return found
 
     def put_file(self, name: str, data: bytes) -> None:
         """Put a file in its place.
@@ -100,26 +214,56 @@ class ResumableFolder(ABC):
             yield
         except OSError as error:
             raise ValueError(
-                f"{what} cannot be written to {self.path}: {error.strerror}; {self.kept}, free some space and run the "
-                "same command again"
+                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, free "
+                "some space and run the same command again"
             ) from None
 
     def changed(self, sums: Mapping[str, str]) -> str | None:
-        """First file of the folder itself that differs from a list of digests, or None."""
-        layout = self.layout
-        for name in (layout.first, *layout.files, *([] if layout.done_is_folder else [layout.done])):
+        """The first file of the folder itself that is there, but not as a list of digests says."""
+        for name in self._top:
             there = disk.digest(self.path / name)
             if there and name in sums and there != sums[name]:
                 return name
         return None
 
-    def refuse_changed(self, sums: Mapping[str, str]) -> None:
-        """Raise ValueError if a file of the folder itself differs from a list of digests."""
-        name = self.changed(sums)
-        if name is not None:
+    @property
+    def _top(self) -> tuple[str, ...]:
+        """The files of the folder itself, of which the list of digests tells."""
+        return (self.first, *self.files, *(() if self.done_is_folder else (self.done_name,)))
+
+    def _is_whole(self, there: Origin) -> bool:
+        """Whether all is there that was asked for.
+
+        Raises
+        ------
+        ValueError
+            If there is a list of digests, and something is not as it tells, or it does not tell all.
+        """
+        if not disk.is_file(self.path / SUMS):
+            return False
+        sums, parts = disk.read_sums(self.path), self.parts()
+        changed = self.changed(sums)
+        if changed is not None:
             raise ValueError(
-                f"{self.path / name} was changed since glucoloop wrote it; move it away and run the same command again"
+                f"{self.path / changed} was changed since glucoloop wrote it; move it away and run the same command "
+                "again"
             )
+        wrong = [name for name in self._top if name not in sums and disk.is_file(self.path / name)]
+        wrong += [name for name in sums if name not in self._top and self.part_of(name) is None]
+        numbers = {self.part_of(name) for name in parts}
+        told = {name: sums[name] for name in sums if name not in self._top and self.part_of(name) in numbers}
+        if wrong or told != parts:
+            raise ValueError(
+                f"{self.path / SUMS} does not list {wrong[0] if wrong else 'what is done'} as it is; "
+                "move it away and run the same command again"
+            )
+        complete = {*self.first_files(), *(() if self.done_is_folder else (self.done_name,))} <= sums.keys()
+        return (
+            complete
+            and self.all_done
+            and all(disk.is_file(self.path / name) for name in sums if name in self._top)
+            and all(there.config.get(key) == self.here.config.get(key) for key in self.work.may_change)
+        )
 
 
 F = TypeVar("F", bound=ResumableFolder)
@@ -158,7 +302,10 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
             ) from None
         try:
             yield folder
+            folder.settle()
         except BaseException:
+            with contextlib.suppress(ValueError):  # the error of the block matters more
+                folder.settle()
             if new and not folder.anything_done:
                 with contextlib.suppress(OSError, ValueError):
                     _clear(folder)
@@ -170,7 +317,7 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
 def _begin(folder: ResumableFolder, *, overwrite: bool) -> bool:
     """Create a new folder or read an existing one; returns whether the work is new."""
     _refuse_foreign(folder)
-    there = disk.is_file(folder.path / folder.layout.first)
+    there = disk.is_file(folder.path / folder.first)
     if there and overwrite and not _goes_on(folder):
         _clear(folder)
         there = False
@@ -192,40 +339,38 @@ def _goes_on(folder: ResumableFolder) -> bool:
 
 
 def _refuse_foreign(folder: ResumableFolder) -> None:
-    path, layout = folder.path, folder.layout
-    holds = [name for name in disk.names(path.resolve()) if name != LOCK and not disk.is_part(name, *layout.names)]
-    foreign = [name for name in holds if name not in layout.names]
+    path, what = folder.path, folder.work.what
+    holds = [name for name in disk.names(path.resolve()) if name != LOCK and not disk.is_part(name, *folder.names)]
+    foreign = [name for name in holds if name not in folder.names]
     if foreign:
-        raise ValueError(
-            f"{path} holds {foreign[0]}, which is no part of a {layout.what}; choose another folder with --out"
-        )
-    if holds and layout.first not in holds:
-        raise ValueError(f"{path} is not empty and holds no {layout.what}; choose another folder with --out")
+        raise ValueError(f"{path} holds {foreign[0]}, which is no part of a {what}; choose another folder with --out")
+    if holds and folder.first not in holds:
+        raise ValueError(f"{path} is not empty and holds no {what}; choose another folder with --out")
     for name in holds:
-        (disk.is_folder if layout.done_is_folder and name == layout.done else disk.is_file)(path / name)
+        (disk.is_folder if folder.done_is_folder and name == folder.done_name else disk.is_file)(path / name)
 
 
 def _sweep(folder: ResumableFolder) -> None:
-    """Remove unfinished files that a dead process left."""
-    path, layout = folder.path, folder.layout
+    """Remove what a process that died left in the making."""
+    path = folder.path
     for name in disk.names(path.resolve()):
-        if disk.is_part(name, *layout.names):
+        if disk.is_part(name, *folder.names):
             disk.remove(path / name)
-    if layout.done_is_folder:
-        for name in disk.names(path / layout.done):
+    if folder.done_is_folder:
+        for name in disk.names(path / folder.done_name):
             if disk.is_part(name):
-                disk.remove(path / layout.done / name)
+                disk.remove(path / folder.done_name / name)
 
 
 def _clear(folder: ResumableFolder) -> None:
-    """Remove earlier work: the results in one step, then the list of digests, and the description last."""
-    path, layout = folder.path, folder.layout
+    """Take earlier work away: what was done in one step, then the list of digests, and what it is about last."""
+    path = folder.path
     folder.refuse_foreign_parts()
     changed = folder.changed(disk.read_sums(path))
-    if changed not in (None, layout.first):
+    if changed not in (None, folder.first):
         raise ValueError(
             f"{path} holds {changed}, which was changed since glucoloop wrote it, so it is not replaced; {_MOVE}"
         )
-    for name in (layout.done, SUMS, *layout.files, layout.first):
+    for name in (folder.done_name, SUMS, *folder.files, folder.first):
         disk.remove(path / name)
     disk.sync(path)

@@ -7,29 +7,25 @@ other files are refused. At the end the list of digests appears, which marks a t
 from __future__ import annotations
 
 import contextlib
-import json
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import kept_text
-from glucoloop.storage.resumable import Layout, ResumableFolder, opened
+from glucoloop.storage.origin import Origin
+from glucoloop.storage.resumable import ResumableFolder, Work, opened
 from glucoloop.storage.trials.binding import SHARD, bound, whole_shard
 from glucoloop.storage.trials.header import (
     HEADER,
     Header,
     arithmetic_of,
-    difference,
     header_of,
-    other_arithmetic,
+    origin_of,
     other_tables,
     read_header,
 )
@@ -45,41 +41,21 @@ _DIGITS: Final = 20
 """Number of digits from which a name is never taken for the number of a shard."""
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Files of a folder beside the shards."""
-
-    configuration: str
-    """Name of the file that repeats the work."""
-    text: str
-    """Text of that file."""
-    final: tuple[str, ...]
-    """Names of the files that are written when all shards are done."""
-
-    @property
-    def layout(self) -> Layout:
-        """Names that may be in the folder."""
-        return Layout(
-            what="trial", first=HEADER, files=(*self.final, self.configuration), done=SHARDS, done_is_folder=True
-        )
-
-
-def plain_trial(trial: Trial) -> Kind:
-    """Folder of a plain trial."""
-    text = toml_text(trial_keys(trial), f"trial --config {CONFIGURATION}")
-    return Kind(configuration=CONFIGURATION, text=text, final=FINAL)
+def plain_trial(trial: Trial) -> Work:
+    """The work of ``glucoloop trial``."""
+    return Work(command="trial", what="trial", keys=trial_keys(trial), final=FINAL, summary=SUMMARY)
 
 
 class TrialFolder(ResumableFolder):
     """The folder of a trial that this process may write to; see `trial_folder`."""
 
-    def __init__(self, path: Path, trial: Trial, kind: Kind) -> None:
-        super().__init__(path, kind.layout)
+    def __init__(self, path: Path, trial: Trial, work: Work) -> None:
+        super().__init__(path, work, first=HEADER, others=(work.configuration,), done=SHARDS, done_is_folder=True)
         self.trial = trial
-        self.kind = kind
-        self._header = header_of(trial)
+        self._header = self._there = header_of(trial)
+        self.here = origin_of(self._header)
         self._sums: dict[int, dict[str, str]] = {}
-        """Digests of the shards that are done."""
+        """Digests of the files of each shard that is done."""
 
     @property
     def done(self) -> int:
@@ -92,9 +68,14 @@ class TrialFolder(ResumableFolder):
         return bool(self._sums)
 
     @property
-    def kept(self) -> str:
-        """Number of finished shards, in words."""
-        return f"{self.done} of {self.trial.shards} shards are done and kept"
+    def all_done(self) -> bool:
+        """Whether every shard is done."""
+        return self.done == self.trial.shards
+
+    @property
+    def progress(self) -> str:
+        """How many shards are done."""
+        return f"{self.done} of {self.trial.shards} shards"
 
     def missing(self) -> list[int]:
         """Numbers of the shards that are not done."""
@@ -121,18 +102,6 @@ class TrialFolder(ResumableFolder):
             disk.put_folder(self.shard(index), {**files, SHARD: binding})
         self._sums[index] = disk.read_sums(self.shard(index))
 
-    def finish(self, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole trial, the digests of all files last.
-
-        Raises
-        ------
-        ValueError
-            If one cannot be written; the shards stay.
-        """
-        for name, data in files.items():
-            self.put_file(name, data)
-        self.put_file(SUMS, disk.sums_text(self._digests(files)))
-
     def people(self) -> Iterator[Shard]:
         """People of the finished shards, in order, one shard at a time."""
         from glucoloop.storage.trials.shard import read_people
@@ -140,88 +109,61 @@ class TrialFolder(ResumableFolder):
         for index in sorted(self._sums):
             yield read_people(self.shard(index), self.trial, index)
 
-    def summary(self) -> dict[str, Any]:
-        """The summary of a finished trial, as it was written."""
-        found: dict[str, Any] = json.loads(kept_text(self.path / SUMMARY, "the summary of a trial"))
-        return found
+    def forget(self) -> None:
+        """Begin without a shard."""
+        self._sums, self._there = {}, self._header
 
-    def create(self) -> None:
-        """Write the description of the trial into the folder."""
-        self._sums = {}
-        disk.put_file(self.path / HEADER, self._header.text().encode())
-        self._complete()
+    def settle(self) -> None:
+        """Write nothing more: each shard is written as soon as it is done."""
 
-    def load(self) -> None:
-        """Read the finished shards, and refuse damaged or foreign ones."""
-        there = read_header(self.path)
-        refused = difference(there, self._header, self.path)
-        if refused is not None:
-            raise ValueError(refused)
-        configuration = self.path / self.kind.configuration
-        if disk.is_file(configuration) and disk.read_bytes(configuration) != self.kind.text.encode():
+    def first_files(self) -> dict[str, bytes]:
+        """The header, and the configuration."""
+        return {HEADER: self._there.text().encode(), self.work.configuration: self.work.text.encode()}
+
+    def read_origin(self) -> Origin:
+        """What the header says."""
+        self._there = read_header(self.path)
+        return origin_of(self._there)
+
+    def read_done(self) -> None:
+        """Take up the shards that are done, and refuse what is damaged or belongs elsewhere."""
+        same = [(of.fingerprint, of.people, of.shards) for of in (self._there, self._header)]
+        if same[0] != same[1]:
+            raise ValueError(
+                f"{self.path / HEADER} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
+            )
+        configuration = self.path / self.work.configuration
+        if disk.is_file(configuration) and disk.read_bytes(configuration) != self.work.text.encode():
             raise ValueError(
                 f"{configuration} was changed since glucoloop wrote it; move it away and run the same command again"
             )
         _refuse_foreign(self.path, self.trial.shards)
-        sums = {
-            index: whole_shard(self.shard(index), self.path, index, **_binding(there))
+        self._sums = {
+            index: whole_shard(self.shard(index), self.path, index, **_binding(self._there))
             for index in _numbers(self.path, self.trial.shards)
         }
-        finished = self._check_finished(sums)
-        self._check_arithmetic(there, finished=finished)
-        self._sums = sums
-        self._complete()
-        if not finished and self.finished:
-            disk.remove(self.path / SUMS)  # something was taken away, and is made again
+
+    def load(self) -> None:
+        """Take up what is there; see `ResumableFolder.load`."""
+        super().load()
+        self.notes = (*self.notes, *other_tables(self._there, self._header, self.path))
+
+    def parts(self) -> dict[str, str]:
+        """Digests of the files of all shards."""
+        return {
+            f"{SHARDS}/{self.shard(index).name}/{name}": value
+            for index, sums in self._sums.items()
+            for name, value in sums.items()
+        }
+
+    def part_of(self, name: str) -> int | None:
+        """The number of the shard of which a file is; None if it is of none."""
+        parts = name.split("/")
+        return _number(parts[1], self.trial.shards) if len(parts) == 3 and parts[0] == SHARDS else None
 
     def refuse_foreign_parts(self) -> None:
         """Raise ValueError if there are foreign files beside the shards of a trial, or in one of them."""
         _refuse_foreign(self.path, None)
-
-    def _complete(self) -> None:
-        """Create the parts that follow the header and precede the first shard."""
-        if not disk.is_file(self.path / self.kind.configuration):
-            disk.put_file(self.path / self.kind.configuration, self.kind.text.encode())
-        if not disk.is_folder(self.path / SHARDS):
-            disk.make_folders(self.path / SHARDS)
-
-    def _check_arithmetic(self, there: Header, *, finished: bool) -> None:
-        """Refuse to resume with another arithmetic than that of the finished shards."""
-        other = other_arithmetic(there, self._header, self.path)
-        if other is not None and not finished:
-            raise ValueError(
-                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
-                "add --overwrite to begin again"
-            )
-        self.notes = (*([f"{other}."] if other else []), *other_tables(there, self._header, self.path))
-
-    def _check_finished(self, shards: Mapping[int, Mapping[str, str]]) -> bool:
-        """Whether all files in the list of digests are there.
-
-        Raises
-        ------
-        ValueError
-            If a file differs from the list, or is not in it.
-        """
-        if not disk.is_file(self.path / SUMS):
-            return False
-        sums = disk.read_sums(self.path)
-        self.refuse_changed(sums)
-        top = {HEADER, *self.layout.files}
-        wrong = [name for name in top if name not in sums and disk.is_file(self.path / name)]
-        wrong += [name for name in sums if name not in top and _index_of(name, self.trial.shards) is None]
-        told = {name: digest for name, digest in sums.items() if _index_of(name, self.trial.shards) in shards}
-        if wrong or told != _of_shards(self.path, shards):
-            raise ValueError(
-                f"{self.path / SUMS} does not list {wrong[0] if wrong else 'the shards'} as it is; "
-                "move it away and run the same command again"
-            )
-        there = all(disk.is_file(self.path / name) for name in sums if name in top)
-        return there and len(shards) == self.trial.shards
-
-    def _digests(self, files: Iterable[str]) -> dict[str, str]:
-        top = {name: disk.digest(self.path / name) for name in (HEADER, self.kind.configuration, *files)}
-        return {**top, **_of_shards(self.path, self._sums)}
 
 
 def shard_path(folder: Path, index: int) -> Path:
@@ -265,7 +207,7 @@ def final_files(folder: Path) -> list[str]:
 
 @contextlib.contextmanager
 def trial_folder(
-    path: Path, trial: Trial, *, overwrite: bool = False, kind: Kind | None = None
+    path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
 ) -> Iterator[TrialFolder]:
     """Open the folder of a trial, new or begun, for writing.
 
@@ -274,9 +216,9 @@ def trial_folder(
     path : Path
     trial : Trial
     overwrite : bool
-        Begin again, whatever trial the folder holds; the same trial, unfinished, is resumed.
-    kind : Kind, optional
-        Files beside the shards; those of a plain trial by default.
+        Begin again, whatever trial the folder holds; the very same one that is not finished goes on.
+    work : Work, optional
+        What the shards are computed for; a plain trial by default.
 
     Raises
     ------
@@ -285,7 +227,7 @@ def trial_folder(
         to something else, or if the folder cannot be written to. A new folder is gone again if the block fails before
         a shard is done.
     """
-    with opened(TrialFolder(path, trial, plain_trial(trial) if kind is None else kind), overwrite=overwrite) as folder:
+    with opened(TrialFolder(path, trial, plain_trial(trial) if work is None else work), overwrite=overwrite) as folder:
         yield folder
 
 
@@ -304,21 +246,6 @@ def _number(name: str, shards: int | None) -> int | None:
     if not (name.isascii() and name.isdecimal() and len(name) < _DIGITS) or name != f"{int(name):05d}":
         return None
     return int(name) if shards is None or int(name) < shards else None
-
-
-def _index_of(name: str, shards: int) -> int | None:
-    """Number of the shard to which a file belongs; None if it belongs to none."""
-    parts = name.split("/")
-    return _number(parts[1], shards) if len(parts) == 3 and parts[0] == SHARDS else None
-
-
-def _of_shards(folder: Path, shards: Mapping[int, Mapping[str, str]]) -> dict[str, str]:
-    """Digests of the files of shards, by their path relative to the folder of the trial."""
-    return {
-        f"{SHARDS}/{shard_path(folder, index).name}/{name}": value
-        for index, sums in shards.items()
-        for name, value in sums.items()
-    }
 
 
 def _refuse_foreign(folder: Path, shards: int | None) -> None:

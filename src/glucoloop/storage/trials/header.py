@@ -16,6 +16,7 @@ from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
+from glucoloop.storage.origin import Origin
 from glucoloop.storage.strict_json import json_text
 
 HEADER: Final = "trial.json"
@@ -99,22 +100,9 @@ def _check(header: Header) -> None:
         raise TypeError
 
 
-def difference(there: Header, here: Header, folder: Path) -> str | None:
-    """Reason why a trial cannot be resumed in a folder, a sentence with the first difference; None if it can."""
-    if there.version != here.version:
-        return (
-            f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
-            f"go on with {there.version}, or choose another folder with --out"
-        )
-    if there.fingerprint == here.fingerprint:
-        if (there.people, there.shards, json_text(there.config)) != (here.people, here.shards, json_text(here.config)):
-            return f"{folder / HEADER} was changed since glucoloop wrote it; delete {folder} and run the trial again"
-        return None
-    name, before, now = _first_difference(there.config, here.config)
-    return (
-        f"{folder} holds another trial: {name} is {before} there and {now} here; choose another folder with --out, "
-        "or add --overwrite to replace it"
-    )
+def origin_of(header: Header) -> Origin:
+    """What the bits of a trial depend on."""
+    return Origin(header.version, header.config, arithmetic_of(header))
 
 
 def arithmetic_of(header: Header) -> dict[str, str]:
@@ -123,46 +111,8 @@ def arithmetic_of(header: Header) -> dict[str, str]:
     return {**computing, **header.arithmetic}
 
 
-def other_arithmetic(there: Header, here: Header, folder: Path) -> str | None:
-    """Difference between the arithmetic of a folder and that of this process, a sentence without its full stop."""
-    found = arithmetic.difference(arithmetic_of(there), arithmetic_of(here))
-    if found is None:
-        return None
-    name, before, now = found
-    return f"{folder} was computed with {name} {before}, and here it is {now}"
-
-
 def other_tables(there: Header, here: Header, folder: Path) -> Iterator[str]:
     """Notes on tables that are written by another version of a library than the first ones."""
     before, now = (of.libraries.get(_TABLES) for of in (there, here))
     if before != now:
         yield f"{folder} was begun with {_TABLES} {before}, and this is {now}; tables hold the same, in other bytes."
-
-
-def _first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> tuple[str, object, object]:
-    for key in dict.fromkeys([*here, *there]):
-        before, now = there.get(key), here.get(key)
-        if json_text(before) == json_text(now):
-            continue
-        if key == CASES_KEY:
-            return _first_case(before or [], now or [])
-        if isinstance(before, Mapping) and isinstance(now, Mapping):
-            part, before, now = _first_difference(before, now)
-            return f"{key}.{part}", before, now
-        return key, _shown(before), _shown(now)
-    return "the configuration", "another", "as given"
-
-
-def _first_case(there: list[dict[str, Any]], here: list[dict[str, Any]]) -> tuple[str, object, object]:
-    labels = [[case["label"] for case in cases] for cases in (there, here)]
-    if labels[0] != labels[1]:
-        return "the list of cases", ", ".join(labels[0]), ", ".join(labels[1])
-    for before, now in zip(there, here, strict=True):
-        if before != now:
-            part, of_before, of_now = _first_difference(before, now)
-            return f"{part} of case {now['label']!r}", of_before, of_now
-    raise AssertionError("the cases do not differ")
-
-
-def _shown(value: object) -> object:
-    return "not given" if value is None else value

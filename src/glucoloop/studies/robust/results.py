@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -15,11 +15,8 @@ from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 from glucoloop.studies.robust import OBJECTIVES, Bound, Candidate, Checked, SearchEngine, Verdict, judge
 from glucoloop.studies.robust.figure import plot_robust
-from glucoloop.studies.robust.folder import candidate_table
 from glucoloop.studies.robust.keys import Robust
-
-if TYPE_CHECKING:
-    from glucoloop.studies.robust.folder import RobustFolder
+from glucoloop.studies.robust.work import rows_of
 
 
 @dataclass(frozen=True)
@@ -52,16 +49,15 @@ def found_of(
     return Found(candidates=candidates, references=references, bounds=bounds, verdict=verdict, checked=checked)
 
 
-def found_before(asked: Robust, folder: RobustFolder) -> Found:
-    """The same of a finished search, from what was written."""
-    told = folder.summary()
+def found_before(asked: Robust, candidates: Sequence[Candidate], told: Mapping[str, Any]) -> Found:
+    """The same of a finished search, from the candidates and the summary that were written."""
     bounds = [Bound(of["objective"], of["at_most"], of["of"]) for of in told["bounds"]]
     none = np.zeros(0)
     return Found(
-        candidates=folder.candidates,
+        candidates=candidates,
         references={label: _numbers(scores) for label, scores in told["beside"].items()},
         bounds=bounds,
-        verdict=judge(asked.search, bounds, folder.candidates, asked.far.prefer),
+        verdict=judge(asked.search, bounds, candidates, asked.far.prefer),
         checked=[Checked(label, _numbers(scores), none, none, none, 0) for label, scores in told["check"].items()],
     )
 
@@ -85,10 +81,14 @@ def summary_of(asked: Robust, found: Found) -> dict[str, Any]:
 def files_of(asked: Robust, found: Found) -> dict[str, bytes]:
     """The files about the whole search, by name."""
     search = asked.search
-    table = candidate_table(search, found.candidates).with_columns(
-        pl.Series("keeps_the_bounds", found.verdict.keeps),
-        pl.Series("on_the_front", found.verdict.front),
-        pl.Series("chosen", np.arange(len(found.candidates)) == found.verdict.chosen),
+    table = (
+        rows_of(search, asked.far.rounds)
+        .table(found.candidates)
+        .with_columns(
+            pl.Series("keeps_the_bounds", found.verdict.keeps),
+            pl.Series("on_the_front", found.verdict.front),
+            pl.Series("chosen", np.arange(len(found.candidates)) == found.verdict.chosen),
+        )
     )
     figure = plot_robust(
         search, found.candidates, found.verdict, found.bounds, found.references, found.checked, title=_title(asked)
@@ -101,6 +101,25 @@ def files_of(asked: Robust, found: Found) -> dict[str, bytes]:
         **figure_files("front", figure),
         "robust.json": (json_text(with_version(summary_of(asked, found))) + "\n").encode(),
     }
+
+
+def sentences(asked: Robust, found: Found) -> Iterator[str]:
+    """What to read off the tables."""
+    verdict, objectives = found.verdict, asked.search.objectives
+    for bound in found.bounds:
+        whose = "" if bound.of is None else f", what {bound.of} comes to"
+        yield f"Bound: {bound.objective} at most {bound.most:.4g}{whose}."
+    tried, kept = len(found.candidates), int(verdict.keeps.sum())
+    told = f"Of {tried} tunings {kept} {'keeps' if kept == 1 else 'keep'} the bounds"
+    if not verdict.bounded:
+        yield f"{told}; chosen is the one that exceeds them least, candidate {found.chosen.number}."
+        return
+    preferred = f"the least of {asked.far.prefer}" if asked.far.prefer in objectives else "nearest to the least of both"
+    front = f"{int(verdict.front.sum())} make the front of {' and '.join(objectives)}"
+    yield (
+        f"{f'{told}, and {front}' if found.bounds else f'Of {tried} tunings {front}'}; "
+        f"chosen is candidate {found.chosen.number}, {preferred}."
+    )
 
 
 def _title(asked: Robust) -> str:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 import polars as pl
 
 from glucoloop.cohorts.engine import prepare
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_facts import facts
+from glucoloop.storage.resumable import Work
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 from glucoloop.storage.trials.folder import TrialFolder
@@ -19,6 +20,15 @@ from glucoloop.studies.stress.keys import StressTest
 from glucoloop.studies.stress.page import stress_page
 from glucoloop.studies.stress.reasons import reason_of
 from glucoloop.studies.stress.stress import Reason, StressResult, StressRow, Tried, stress_rows
+
+SUMMARY: Final = "summary.json"
+FINAL: Final = ("stress.csv", "stress.parquet", SUMMARY, "stress.html", "figure.pdf", "figure.png", "figure.svg")
+"""Files that are written when all shards are done."""
+
+
+def work_of(asked: StressTest) -> Work:
+    """The work of ``glucoloop stress``, which is kept in the folder of a trial."""
+    return Work(command="stress", what="trial", keys=asked.keys(), final=FINAL, summary=SUMMARY)
 
 
 def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
@@ -58,7 +68,7 @@ def files_of(result: StressResult) -> dict[str, bytes]:
     return {
         "stress.csv": csv(table),
         "stress.parquet": parquet(table),
-        "summary.json": (json_text(with_version(summary_of(result))) + "\n").encode(),
+        SUMMARY: (json_text(with_version(summary_of(result))) + "\n").encode(),
         "stress.html": stress_page(result).encode(),
         **figure_files("figure", plot_stress(result)),
     }
@@ -88,3 +98,25 @@ def _flat(row: StressRow) -> Mapping[str, Any]:
     own = {field.name: getattr(row, field.name) for field in dataclasses.fields(row) if field.name != "tried"}
     cell = {"controller": row.tried.controller, "guarded": row.tried.guarded, "fault": row.tried.fault}
     return {**cell, **own, "worse": len(row.worse), "worse_people": " ".join(map(str, row.worse))}
+
+
+def verdict(result: StressResult) -> Iterator[str]:
+    """For whom, and why, a fault made more than the borne difference with the guard."""
+    guarded = [row for row in result.rows if row.tried.guarded and row.tried.fault]
+    if not guarded:
+        return
+    broken = [row for row in guarded if not row.stands]
+    yield (
+        f"With the guard, in {len(guarded) - len(broken)} of {len(guarded)} cells nobody spends more than 1 % of the "
+        "time more below 60 mg/dl than without the fault."
+    )
+    not_valid = [row for row in result.rows if row.people_below_validity]
+    if not_valid:
+        most = max(not_valid, key=lambda row: row.people_below_validity)
+        yield (
+            f"In {len(not_valid)} of {len(result.rows)} cells glucose was lower than the patient's model is valid for, "
+            f"at most of {most.people_below_validity} of {most.people} people ({most.tried.label}). Read it as severe "
+            "hypoglycemia; its depth means nothing."
+        )
+    for reason in result.reasons:
+        yield f"{reason.tried.label}: person {reason.person}, {reason.more_pct:.1f} % more. {reason.text}"

@@ -1,0 +1,103 @@
+"""Progress of long work: how much is done, at what rate, and how much longer it takes."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from glucoloop.cli.interrupts import leave_if_asked
+
+BETWEEN_LINES_S: Final = 10.0
+_REMEMBERED_S: Final = 30.0
+_Shown = Callable[[float, float], None]
+"""Shows how much is done, and the rate per second."""
+
+
+@contextlib.contextmanager
+def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], None]]:
+    """Show on standard error how much is done while the block works: a bar on a terminal, else a line now and then.
+
+    Parameters
+    ----------
+    total : int
+        How much there is to do.
+    before : int
+        How much of it was done earlier.
+    what : str
+        What is counted: ``"people"``.
+
+    Yields
+    ------
+    callable
+        To be called with how much more is done.
+    """
+    # The last half minute sets the rate: the time of a start, most of it compiling, is soon forgotten.
+    remembered = deque([(time.monotonic(), float(before))])
+    with _bar(total, before, what) if sys.stderr.isatty() else _lines(total, what) as show:
+        done = float(before)
+
+        def more(number: float) -> None:
+            nonlocal done
+            leave_if_asked()
+            now, done = time.monotonic(), done + number
+            remembered.append((now, done))
+            while len(remembered) > 2 and remembered[0][0] < now - _REMEMBERED_S:
+                remembered.popleft()
+            since, then = remembered[0]
+            show(done, (done - then) / max(now - since, 1e-9))
+
+        yield more
+    leave_if_asked()
+
+
+@contextlib.contextmanager
+def _bar(total: int, before: int, what: str) -> Iterator[_Shown]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.fields[told]}"),
+        BarColumn(),
+        TextColumn("{task.percentage:.0f} %"),
+        TimeRemainingColumn(compact=True),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=total - before, told=f"{before} of {total} {what}")
+
+        def show(done: float, rate: float) -> None:
+            told = f"{int(done)} of {total} {what}, {_told(rate)} {what}/s"
+            progress.update(task, completed=done - before, told=told)
+
+        yield show
+
+
+@contextlib.contextmanager
+def _lines(total: int, what: str) -> Iterator[_Shown]:
+    last = time.monotonic()
+
+    def show(done: float, rate: float) -> None:
+        nonlocal last
+        if time.monotonic() - last < BETWEEN_LINES_S:
+            return
+        last = time.monotonic()
+        left = f"{_duration((total - done) / rate)} left" if rate else "waiting"
+        print(f"{int(done)} of {total} {what}, {_told(rate)} {what}/s, {left}", file=sys.stderr)
+
+    yield show
+
+
+def _told(rate: float) -> str:
+    return f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

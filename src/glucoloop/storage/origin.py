@@ -1,0 +1,117 @@
+"""What a folder says of the work in it: of which configuration, by which version and with which arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TypeGuard
+
+import glucoloop
+from glucoloop import arithmetic
+from glucoloop.config.cases import CASES_KEY
+from glucoloop.storage.strict_json import json_text
+
+ARITHMETIC: Final = "arithmetic.json"
+"""Record of the arithmetic, where the first file of a folder does not hold it."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What the bits of the results depend on."""
+
+    version: str | None
+    """Version of glucoloop."""
+    config: Mapping[str, Any]
+    """The configuration as flat keys."""
+    arithmetic: Mapping[str, str] | None
+    """See `glucoloop.arithmetic.identity`; None if the record is gone or damaged."""
+
+    @staticmethod
+    def here(config: Mapping[str, Any]) -> Origin:
+        """The origin of work that begins now."""
+        given = {key: value for key, value in config.items() if value is not None}
+        return Origin(glucoloop.__version__, given, arithmetic.identity())
+
+    def without(self, keys: frozenset[str]) -> Origin:
+        """The same, but for some keys of the configuration."""
+        left = {key: value for key, value in self.config.items() if key not in keys}
+        return Origin(self.version, left, self.arithmetic)
+
+
+def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:
+    """Raise ValueError, with the first difference, if a folder holds work of another version or configuration."""
+    if there.version != here.version:
+        raise ValueError(
+            f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
+            f"go on with {there.version}, or choose another folder with --out"
+        )
+    found = _first_difference(there.config, here.config)
+    if found is not None:
+        name, before, now = found
+        raise ValueError(
+            f"{folder} holds another {what}: {name} is {before} there and {now} here; choose another folder with "
+            "--out, or add --overwrite to replace it"
+        )
+
+
+def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
+    """In what the arithmetic differs from that of this process, as a sentence without its full stop; None: in nothing.
+
+    Raises
+    ------
+    ValueError
+        If it is not known with which arithmetic the folder was computed.
+    """
+    if there.arithmetic is None or here.arithmetic is None:
+        raise ValueError(
+            f"{folder / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
+            "choose another folder with --out, or add --overwrite to begin again"
+        )
+    found = arithmetic.difference(there.arithmetic, here.arithmetic)
+    if found is None:
+        return None
+    name, before, now = found
+    return f"{folder} was computed with {name} {before}, and here it is {now}"
+
+
+def _first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> tuple[str, object, object] | None:
+    for key in dict.fromkeys([*here, *there]):
+        before, now = there.get(key), here.get(key)
+        if _text(before) == _text(now):
+            continue
+        if key == CASES_KEY and _are_cases(before) and _are_cases(now):
+            return _first_case(before, now)
+        if isinstance(before, Mapping) and isinstance(now, Mapping):
+            found = _first_difference(before, now)
+            if found is not None:
+                return f"{key}.{found[0]}", *found[1:]
+        return key, _shown(before), _shown(now)
+    return None
+
+
+def _first_case(there: list[dict[str, Any]], here: list[dict[str, Any]]) -> tuple[str, object, object]:
+    labels = [", ".join(str(case["label"]) for case in cases) for cases in (there, here)]
+    if labels[0] != labels[1]:
+        return "the list of cases", labels[0], labels[1]
+    for before, now in zip(there, here, strict=True):
+        found = _first_difference(before, now)
+        if found is not None:
+            return f"{found[0]} of case {now['label']!r}", *found[1:]
+    raise AssertionError("the cases do not differ")
+
+
+def _are_cases(value: object) -> TypeGuard[list[dict[str, Any]]]:
+    return isinstance(value, list) and all(isinstance(case, dict) and "label" in case for case in value)
+
+
+def _text(value: object) -> str:
+    """A value as it is compared; TOML also has dates, which no configuration has."""
+    try:
+        return json_text(value)
+    except TypeError:
+        return str(value)
+
+
+def _shown(value: object) -> object:
+    return "not given" if value is None else value

@@ -1,0 +1,157 @@
+"""Folder of long work whose units are rows: one table holds the results so far, and is written anew as it grows."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import polars as pl
+
+from glucoloop.config.toml import read_toml
+from glucoloop.storage import disk
+from glucoloop.storage.files import kept_text
+from glucoloop.storage.origin import ARITHMETIC, Origin
+from glucoloop.storage.resumable import ResumableFolder, Work, opened
+from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.tables import TableBounds, parquet, read_parquet
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows(Generic[R]):
+    """What the rows of a study are."""
+
+    file: str
+    """The table of them."""
+    what: str
+    """What they are called in messages: ``"candidates"``."""
+    wanted: int
+    """How many are asked for."""
+    most: int
+    """More of them than this are no table of this program."""
+    schema: Mapping[str, Any]
+    """Type of each column."""
+    cells: Callable[[R], Mapping[str, Any]]
+    """A row as cells, by column."""
+    row: Callable[[Mapping[str, Any], Sequence[R]], R]
+    """The row of some cells, after those before it; ValueError if it cannot follow them."""
+    width: int = 1
+    """Most numbers in a cell."""
+    longest_text: int = 0
+    """Most bytes of the texts in a row."""
+    every_s: float = 0.0
+    """Time between two writings of the table."""
+
+    def table(self, rows: Sequence[R]) -> pl.DataFrame:
+        """All rows; a number that is none is null."""
+        table = pl.DataFrame([dict(self.cells(row)) for row in rows], schema=dict(self.schema))
+        return table.with_columns(pl.col(pl.Float64).fill_nan(None))
+
+    def read(self, place: Path) -> list[R]:
+        """The rows of a table that was written earlier; ValueError if it is not what was written."""
+        bounds = TableBounds(
+            least_rows=0,
+            most_rows=self.most,
+            columns=len(self.schema) - 1 + self.width,
+            longest_text=self.longest_text,
+        )
+        rows: list[R] = []
+        try:
+            table = read_parquet(place, bounds)
+            if any(table.schema[name] != kind for name, kind in self.schema.items()):
+                raise ValueError
+            for cells in table.select(list(self.schema)).rows(named=True):
+                rows.append(self.row(cells, rows))
+        except (pl.exceptions.PolarsError, ValueError, TypeError, KeyError):
+            raise ValueError(f"{place} is damaged; delete it and run the same command again") from None
+        return rows
+
+
+class RowsFolder(ResumableFolder, Generic[R]):
+    """A folder of rows that this process may write to; see `rows_folder`."""
+
+    def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
+        super().__init__(
+            path, work, first=work.configuration, others=(ARITHMETIC,), done=kind.file, done_is_folder=False
+        )
+        self.kind = kind
+        self.rows: list[R] = []
+        self._written = 0
+        self._written_s = time.monotonic()
+
+    @property
+    def anything_done(self) -> bool:
+        """Whether there is a row."""
+        return bool(self.rows)
+
+    @property
+    def progress(self) -> str:
+        """How many rows are written."""
+        return f"{self._written} of {self.kind.wanted} {self.kind.what}"
+
+    def add(self, row: R) -> None:
+        """Keep a row.
+
+        Raises
+        ------
+        ValueError
+            If the table cannot be written; the rows that are written stay.
+        """
+        self.rows.append(row)
+        if time.monotonic() - self._written_s >= self.kind.every_s:
+            self.settle()
+
+    def settle(self) -> None:
+        """Write the rows that are not written yet."""
+        if self._written < len(self.rows):
+            try:
+                self.put_file(self.kind.file, parquet(self.kind.table(self.rows)))
+            except BaseException:
+                del self.rows[self._written :]
+                raise
+            self._written, self._written_s = len(self.rows), time.monotonic()
+
+    def first_files(self) -> dict[str, bytes]:
+        """The configuration, and the record of the arithmetic."""
+        record = (json_text(self.here.arithmetic) + "\n").encode()
+        return {self.first: self.work.text.encode(), ARITHMETIC: record}
+
+    def read_origin(self) -> Origin:
+        """What the configuration and the record say."""
+        place = self.path / self.first
+        config, version = read_toml(kept_text(place, "a configuration"), str(place))
+        record: dict[str, str] | None = None
+        with contextlib.suppress(ValueError, AttributeError, RecursionError):
+            found = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
+            record = {name: str(of) for name, of in found.items()}
+        return Origin(version, config, record)
+
+    def read_done(self) -> None:
+        """Take up the rows."""
+        self.rows = self.kind.read(self.path / self.kind.file) if disk.is_file(self.path / self.kind.file) else []
+        self._written = len(self.rows)
+        if self._written > self.kind.wanted:
+            raise ValueError(
+                f"{self.path} holds {self._written} {self.kind.what}, and {self.kind.wanted} are asked for, which is "
+                "fewer; ask for more, or choose another folder with --out"
+            )
+
+    def refuse_foreign_parts(self) -> None:
+        """Accept everything: the results are one file, in which nothing else can be."""
+
+    def forget(self) -> None:
+        """Begin without a row."""
+        self.rows, self._written = [], 0
+
+
+@contextlib.contextmanager
+def rows_folder(path: Path, work: Work, kind: Rows[R], *, overwrite: bool = False) -> Iterator[RowsFolder[R]]:
+    """Open the folder of work whose units are rows, new or begun, for writing; see `opened`."""
+    with opened(RowsFolder(path, work, kind), overwrite=overwrite) as folder:
+        yield folder
