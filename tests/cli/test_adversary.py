@@ -5,7 +5,7 @@ import json
 import polars as pl
 import pytest
 
-from glucoloop.studies import adversary
+from glucoloop.studies.adversary import work as adversary
 
 SMALL = (
     *("adversary", "--controller", "pid", "--guards", "without", "--error", 30, "--duration", 120, "--people", 3),

@@ -8,11 +8,10 @@ import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
-from glucoloop.cli.robust import _RANGED
 from glucoloop.config import read_run
-from glucoloop.studies.robust import OBJECTIVES, SPACE
+from glucoloop.registry.controllers import ESTIMATING, SEARCHED
 from glucoloop.studies.robust.keys import RANGES, read_robust, robust_key_names
-from glucoloop.studies.robust.objectives import METRICS
+from glucoloop.studies.robust.objectives import METRICS, OBJECTIVES
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
@@ -87,7 +86,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
     best.pop("glucoloop")
     run = read_run(best)
     assert run.case.controller == "meal-mpc"
-    assert {name: run.case.tuning[name] for name in SPACE} == summary["chosen"]["tuning"]
+    assert {name: run.case.tuning[name] for name in summary["chosen"]["tuning"]} == summary["chosen"]["tuning"]
     assert run.situation.noise_variance == 1.45
 
     again = glucoloop("robust", *SMALL, "--at-most", "total-variation=450", "--out", "a", "--json")
@@ -148,10 +147,14 @@ def test_what_is_read_is_told_as_it_was():
     assert set(asked.keys()) <= set(robust_key_names())
 
 
-def test_options_say_what_the_library_does():
-    assert tuple(_RANGED) == RANGES
-    for name, tuned in SPACE.items():
-        assert [float(part) for part in _RANGED[name].split(":")] == [tuned.low, tuned.high]
+def test_what_can_be_searched_are_settings_of_the_controller():
+    assert {*RANGES, *ESTIMATING.estimator_settings} <= {setting.name for setting in SEARCHED.settings}
+    assert [name for name, tuned in RANGES.items() if not tuned.unasked] == [
+        "output_weight",
+        "glucose_floor_mg_dl",
+        "floor_weight",
+        "measurement_variance",
+    ]
 
 
 @pytest.mark.parametrize(

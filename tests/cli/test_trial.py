@@ -279,8 +279,8 @@ def test_question_to_a_trial_that_is_not_finished(glucoloop, tmp_path):
 def test_progress_is_told_in_lines(capsys, monkeypatch):
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
     with progress.counted(1000, 200, "people") as done:
-        done(400)
-        done(400)
+        done(200)
+        done(200)
     first, second = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"400 of 1000 people, [\d.e+]+ people/s, 0 s left", first)
     assert second.startswith("600 of 1000 people")

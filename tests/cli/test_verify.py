@@ -4,8 +4,7 @@ import dataclasses
 
 import pytest
 
-from glucoloop.studies import verification as campaign
-from glucoloop.studies.verification import nonsense
+from glucoloop.studies.verification import campaign, nonsense
 from glucoloop.studies.verification.invariants import CAPS, DOSE, PROMISES
 from glucoloop.studies.verification.nonsense import NonsenseArm, NonsenseResult
 from glucoloop.studies.verification.result import SAME_BITS, Arm, Broken, CampaignResult, Guarding

@@ -10,7 +10,7 @@ from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.report.trial_report import QUANTILES, CaseReport, Distribution, TrialReport, WorstPerson, ranges_pct
 from glucoloop.simulation import Trace
 from glucoloop.studies.stress.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
-from glucoloop.tuning import TuningSurface
+from glucoloop.tuning.surface import TuningSurface
 
 VOID = {"meta", "br", "img", "link", "input", "hr", "col"}
 

@@ -3,9 +3,11 @@ import io
 import numpy as np
 import pytest
 
-from glucoloop.studies.robust import OBJECTIVES, Bound, Candidate, Checked, judge
 from glucoloop.studies.robust.figure import plot_robust
+from glucoloop.studies.robust.front import Bound
 from glucoloop.studies.robust.keys import read_robust
+from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.search import Candidate, Checked, judge
 from glucoloop.studies.robust.table import check_table, robust_table
 
 SEARCH = read_robust({"at_most": ["peak-median=95"]}).search

@@ -7,7 +7,7 @@ import pytest
 
 from glucoloop.control import MPCTuning, StateTuning
 from glucoloop.report.surface import plot_surface
-from glucoloop.tuning import tuning_grid
+from glucoloop.tuning.grid import tuning_grid
 
 
 @pytest.fixture

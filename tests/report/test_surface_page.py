@@ -7,7 +7,7 @@ import numpy as np
 
 from glucoloop.control import MPCTuning
 from glucoloop.report.surface_page import MOST_ROWS, surface_page
-from glucoloop.tuning import tuning_grid
+from glucoloop.tuning.grid import tuning_grid
 
 
 def cells(page):

@@ -17,8 +17,9 @@ from glucoloop.storage.parquet_size import parquet_size
 from glucoloop.storage.rows import rows_folder
 from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
-from glucoloop.studies.robust import OBJECTIVES, Candidate
 from glucoloop.studies.robust.keys import read_robust
+from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.search import Candidate
 from glucoloop.studies.robust.work import rows_of, work_of
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")

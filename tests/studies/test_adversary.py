@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glucoloop.studies.adversary import Effort, ErrorSpace, Harm, generations
+from glucoloop.studies.adversary.attack import Harm
 from glucoloop.studies.adversary.random_errors import random_points
+from glucoloop.studies.adversary.search import Effort, generations
+from glucoloop.studies.adversary.space import ErrorSpace
 
 SPACE = ErrorSpace(samples=24, error=0.2, hold_samples=5, stretches=2, stretch_samples=3)
 

@@ -9,8 +9,11 @@ import pytest
 import glucoloop as gl
 from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
-from glucoloop.studies.adversary import Attack, Effort, ErrorSpace, random_errors, worst_errors
+from glucoloop.studies.adversary.attack import Attack
 from glucoloop.studies.adversary.keys import read_adversary
+from glucoloop.studies.adversary.random_errors import random_errors
+from glucoloop.studies.adversary.search import Effort, worst_errors
+from glucoloop.studies.adversary.space import ErrorSpace
 
 ASKED = read_adversary(
     {

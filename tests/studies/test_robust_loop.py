@@ -14,10 +14,13 @@ from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
+from glucoloop.registry.ranges import Tuned
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
-from glucoloop.studies.robust import Group, Search, SearchEngine, Tuned, TuningLoop, draw_subjects
+from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import METRICS
+from glucoloop.studies.robust.search import Group, Search, SearchEngine
+from glucoloop.studies.robust.subjects import draw_subjects
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0

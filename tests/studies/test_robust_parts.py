@@ -1,34 +1,24 @@
 """Ranges, fronts, objectives and samplers of a search for a robust tuning."""
 
+import dataclasses
 import sys
 
 import numpy as np
 import pytest
 
-from glucoloop.studies.robust import (
-    BOTH,
-    FURTHER,
-    OBJECTIVES,
-    SPACE,
-    Bound,
-    Told,
-    Tuned,
-    choose,
-    keeps,
-    make_sampler,
-    objective,
-    pareto,
-    parse_range,
-    scores,
-)
+from glucoloop.registry.ranges import Tuned, parse_range
+from glucoloop.studies.robust.front import BOTH, Bound, choose, keeps, pareto
+from glucoloop.studies.robust.keys import RANGES
+from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores
+from glucoloop.tuning.samplers import Told, make_sampler
 
 
 def test_ranges_are_read_as_they_are_written():
-    for tuned in (*SPACE.values(), *FURTHER.values()):
-        assert parse_range(tuned.text, tuned.name) == tuned
+    for tuned in RANGES.values():
+        assert parse_range(tuned.text, tuned) == dataclasses.replace(tuned, unasked=True)
         assert (tuned.at(0.0), tuned.at(1.0)) == (tuned.low, tuned.high)
-    assert parse_range(".1:2", "move_weight") == Tuned("move_weight", 0.1, 2.0, log=True)
-    assert parse_range(" 7.5 ", "caution_weight") == 7.5
+    assert parse_range(".1:2", RANGES["move_weight"]) == Tuned("move_weight", 0.1, 2.0, log=True)
+    assert parse_range(" 7.5 ", RANGES["caution_weight"]) == 7.5
     assert Tuned("x", 1.0, 100.0, log=True).at(0.5) == 10.0
     assert Tuned("x", 1.0, 100.0, log=False).at(0.5) == 50.5
     assert Tuned("x", 1.0, 2.0, log=False).rounded(1.23456) == 1.235
@@ -46,7 +36,7 @@ def test_ranges_are_read_as_they_are_written():
 )
 def test_what_is_no_range_is_refused(text, sentence):
     with pytest.raises(ValueError, match=sentence):
-        parse_range(text, "move_weight", "--move-weight")
+        parse_range(text, RANGES["move_weight"], "--move-weight")
 
 
 def test_front_is_what_nobody_beats():

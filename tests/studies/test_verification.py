@@ -22,9 +22,10 @@ from glucoloop.pumps.faults import occlusion
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.loop import Sampled
-from glucoloop.studies.verification import Campaign, campaign, invariants, met, run_campaign
+from glucoloop.studies.verification import campaign, invariants
 from glucoloop.studies.verification import loops as campaign_loops
 from glucoloop.studies.verification import people as campaign_people
+from glucoloop.studies.verification.campaign import Campaign, met, run_campaign
 from glucoloop.studies.verification.invariants import PROMISES, Promises
 from glucoloop.studies.verification.people import able_people, draw_people, draw_random_meals
 from glucoloop.studies.verification.random_faults import KINDS, PUMP_KINDS, random_faults, random_order

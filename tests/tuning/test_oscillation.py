@@ -12,8 +12,7 @@ from glucoloop.control import MPCTuning, design_linear_mpc, design_mpc_se, desig
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
-from glucoloop.tuning import oscillation
-from glucoloop.tuning.oscillation import crossings, turns
+from glucoloop.tuning.oscillation import crossings, oscillation, turns
 
 PAPER = PARKER_1999["setpoint-81", False]
 

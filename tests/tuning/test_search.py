@@ -22,17 +22,12 @@ from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
-from glucoloop.tuning import (
-    TuningSurface,
-    designer,
-    paper_tuning_rank,
-    printed_tuning,
-    search,
-    tuning_grid,
-    tuning_text,
-)
-from glucoloop.tuning.search import _block
+from glucoloop.tuning.designers import designer
+from glucoloop.tuning.grid import tuning_grid
+from glucoloop.tuning.paper import paper_tuning_rank, printed_tuning
+from glucoloop.tuning.search import _block, search
 from glucoloop.tuning.stacking import move_slots, padded, stack
+from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 PAPER = PARKER_1999["setpoint-81", False]
 Q = process_noise(patient(), *PAPER.noise)

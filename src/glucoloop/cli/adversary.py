@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import Given, Option, with_options
+from glucoloop.cli.options import Given, Option, reworded, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage
@@ -83,15 +82,10 @@ _DEFAULTS: Final = {
 }
 
 
-def _options() -> Iterator[Option]:
-    yield from _OWN
-    for option in TRIAL:
-        if option.key not in _NOT_HERE:
-            told, default = _WORDS.get(option.key, option.help), _DEFAULTS.get(option.key, option.default)
-            yield dataclasses.replace(option, help=told, default=default)
-
-
-_OPTIONS: Final = tuple(_options())
+_OPTIONS: Final = (
+    *_OWN,
+    *reworded((option for option in TRIAL if option.key not in _NOT_HERE), help=_WORDS, default=_DEFAULTS),
+)
 
 
 @with_options(_OPTIONS)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OF_OTHERS, OUTPUT, SETTINGS, Given, Option, names, with_options
+from glucoloop.cli.options import CASE, OF_OTHERS, OUTPUT, SETTINGS, Given, Option, names, reworded, with_options
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage, stages
 from glucoloop.cli.study import read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL
-from glucoloop.registry.controllers import CONTROLLERS, all_settings
+from glucoloop.registry.controllers import CONTROLLERS, ESTIMATING, all_settings
 
 if TYPE_CHECKING:
     from glucoloop.studies.detection.detection import Detection
@@ -21,21 +20,13 @@ HELP: Final = (
     "how often there is a false alarm.\n\n"
     "Each day begins at rest and has meals and noise of its own, and as many days again are without a meal. Without "
     "options it is 100 days of one person, two meals a day of 11 to 99 g, noise of variance 1.45, and doses by "
-    "meal-mpc, which rests on the estimator. Another controller, like basal, doses without it.\n\n"
+    f"{ESTIMATING.name}, which rests on the estimator. Another controller, like basal, doses without it.\n\n"
     "  glucoloop detect --out detect\n\n"
     "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
     "  glucoloop detect --population parker2000 --people 100 --meals-per-h 0.1 --out people\n\n"
     "  glucoloop detect --config detect/detect.toml"
 )
 _ESTIMATORS: Final = "Estimators"
-# As `studies.detection.detection.ESTIMATOR_SETTINGS`, which imports numerical libraries.
-_ESTIMATOR_SETTINGS: Final = (
-    "meal_horizon",
-    "meals_per_h",
-    "mean_carbs_g",
-    "disturbance_variance",
-    "measurement_variance",
-)
 _OF_A_TRIAL: Final = (
     *(
         "people",
@@ -66,7 +57,7 @@ _OWN: Final = (
         "estimators",
         "--estimator",
         list[str],
-        f"{', '.join(CONTROLLERS['meal-mpc'].setting('estimator').choices)}; repeat it for more.",
+        f"{', '.join(ESTIMATING.setting('estimator').choices)}; repeat it for more.",
         _ESTIMATORS,
         metavar="NAME",
         default="both",
@@ -87,31 +78,29 @@ _OWN: Final = (
         f"Who doses: {', '.join(CONTROLLERS)}, {OF_OTHERS}.",
         "Controller",
         metavar="NAME",
-        default="meal-mpc",
+        default=ESTIMATING.name,
     ),
 )
 
 
-def _options() -> Iterator[Option]:
-    for option in TRIAL:
-        if option.key in _OF_A_TRIAL:
-            yield dataclasses.replace(
-                option,
-                help=_WORDS.get(option.key, option.help),
-                default=_DEFAULTS.get(option.key, option.default),
-            )
-    yield from _OWN
+def _controller_options() -> Iterator[Option]:
+    """Settings of all controllers, those of the estimators in words of their own."""
     settings = {*all_settings(), SETTINGS} - {"estimator"}
-    for option in CASE:
-        if option.key in _ESTIMATOR_SETTINGS:
-            owner = CONTROLLERS["meal-mpc"].setting(option.key)
-            yield dataclasses.replace(option, help=owner.summary, panel=_ESTIMATORS, default=owner.default.text)
-        elif option.key in settings:
-            yield option
-    yield from OUTPUT
+    own = {name: ESTIMATING.setting(name) for name in ESTIMATING.estimator_settings}
+    return reworded(
+        (option for option in CASE if option.key in settings),
+        help={name: setting.summary for name, setting in own.items()},
+        default={name: setting.default.text for name, setting in own.items()},
+        panel=dict.fromkeys(own, _ESTIMATORS),
+    )
 
 
-_OPTIONS: Final = tuple(_options())
+_OPTIONS: Final = (
+    *reworded((option for option in TRIAL if option.key in _OF_A_TRIAL), help=_WORDS, default=_DEFAULTS),
+    *_OWN,
+    *_controller_options(),
+    *OUTPUT,
+)
 
 
 @with_options(_OPTIONS)

@@ -6,8 +6,9 @@ were not given are not passed on, so that files and defaults apply.
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -68,6 +69,12 @@ class Option:
             return self.kind(value)
         except ValueError:
             raise ValueError(f"{self.name} is {value!r}; give {_NUMBERS[self.kind]}") from None
+
+
+def reworded(options: Iterable[Option], **words: Mapping[str, str | None]) -> Iterator[Option]:
+    """Options with other texts by key, in place of some of theirs: ``help={"people": "Number of people."}``."""
+    for option in options:
+        yield dataclasses.replace(option, **{field: of[option.key] for field, of in words.items() if option.key in of})
 
 
 def names(options: Iterable[Option], given: Given) -> dict[str, str]:
@@ -212,6 +219,12 @@ def _of_part(part: str) -> str:
     )
 
 
+KINDS_OF_FAULTS: Final = (
+    f"Sensor: {_of_part('sensor')}. Pump: {_of_part('pump')}. All faults that come and go take start_min, "
+    "latest_min, duration_min and per_day."
+)
+
+
 SITUATION: Final = (
     PATIENT,
     OPERATING_POINT,
@@ -305,8 +318,7 @@ SITUATION: Final = (
         "--fault",
         list[str],
         "A fault, like 'missing, start_min=120, duration_min=30' or 'spikes, per_day=8, size_mg_dl=-40'; repeat it for "
-        f"more, each around the earlier ones. Sensor: {_of_part('sensor')}. Pump: {_of_part('pump')}. All faults "
-        "that come and go take start_min, latest_min, duration_min and per_day.",
+        f"more, each around the earlier ones. {KINDS_OF_FAULTS}",
         _FAULTS,
         metavar="FAULT",
     ),

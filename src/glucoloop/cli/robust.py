@@ -6,22 +6,23 @@ import dataclasses
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, MEALS, NO_FAULT, Given, Option, names, with_options
+from glucoloop.cli.options import CASE, MEALS, NO_FAULT, Given, Option, names, reworded, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL
-from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.controllers import SEARCHED
 
 if TYPE_CHECKING:
     from glucoloop.storage.rows import RowsFolder
-    from glucoloop.studies.robust import Candidate
     from glucoloop.studies.robust.keys import Robust
     from glucoloop.studies.robust.results import Found
+    from glucoloop.studies.robust.search import Candidate
 
 HELP: Final = (
-    "Search for a tuning of meal-mpc that holds for people and in noise: a trade-off, and the chosen tuning.\n\n"
+    f"Search for a tuning of {SEARCHED.name} that holds for people and in noise: a trade-off, and the chosen "
+    "tuning.\n\n"
     "Each candidate closes the loop of people of a population and of the nominal patient under one noise after "
     "another; many candidates go through one compiled program. Two objectives make a front, and the others can be "
     "bounded. The chosen tuning is checked on people and noise that the search never saw, and written so that "
@@ -35,20 +36,7 @@ HELP: Final = (
     "  glucoloop robust --sampler random --move-weight .1:1 --caution-weight 7.5 --out chance\n\n"
     "  glucoloop run --noise 1.45 --config robust/best.toml"
 )
-_TUNED: Final = "meal-mpc"
-_RANGED: Final = {
-    "move_weight": ".02:2",
-    "caution_weight": ".5:50",
-    "caution_mg_dl": "0:15",
-    "meals_per_h": ".02:5",
-    "mean_carbs_g": "10:150",
-    "disturbance_variance": ".1:1000",
-    "output_weight": None,
-    "glucose_floor_mg_dl": None,
-    "floor_weight": None,
-    "measurement_variance": None,
-}
-"""What can be tuned, with the range that is searched; None: kept unless a range is given."""
+_RANGED: Final = {of.name: of for of in SEARCHED.searched}
 _SHARED: Final = (
     "population",
     "patient",
@@ -149,11 +137,13 @@ _OWN: Final = (
 _TOP: Final = Option("top", "--top", int, "Tunings of the front in the table.", _SEARCH, metavar="N", default="10")
 
 
-def _options() -> Iterator[Option]:
-    settings = {setting.name: setting for setting in controller_entry(_TUNED).settings}
+def _tuning_options() -> Iterator[Option]:
+    """Settings of the controller: ranges of what can be searched, and the others."""
+    settings = {setting.name: setting for setting in SEARCHED.settings}
     for option in CASE:
         if option.key in _RANGED:
-            default = _RANGED[option.key] or f"kept at {settings[option.key].default.text}"
+            usual, kept = _RANGED[option.key], settings[option.key].default.text
+            default = usual.text if usual.unasked else f"kept at {kept}"
             yield dataclasses.replace(
                 option, kind=str, help=settings[option.key].summary, panel=_TUNING, metavar="RANGE", default=default
             )
@@ -162,18 +152,19 @@ def _options() -> Iterator[Option]:
             choices = f" One of {', '.join(setting.choices)}." if setting.choices else ""
             told = f"{setting.summary}{choices}"
             yield dataclasses.replace(option, help=told, panel=_TUNING, default=setting.default.text)
-    yield from (*_OWN, _TOP)
-    for option in TRIAL:
-        if option.key in _SHARED:
-            yield dataclasses.replace(
-                option,
-                help=_WORDS.get(option.key, option.help),
-                panel=_SUBJECTS if option.key == "population" else option.panel,
-                default=_DEFAULTS.get(option.key, option.default),
-            )
 
 
-_OPTIONS: Final = tuple(_options())
+_OPTIONS: Final = (
+    *_tuning_options(),
+    *_OWN,
+    _TOP,
+    *reworded(
+        (option for option in TRIAL if option.key in _SHARED),
+        help=_WORDS,
+        default=_DEFAULTS,
+        panel={"population": _SUBJECTS},
+    ),
+)
 
 
 @with_options(_OPTIONS)
@@ -209,8 +200,8 @@ def _read(keys: Given, of_file: Given) -> Robust:
 
 def _finish(asked: Robust, folder: RowsFolder[Candidate]) -> Found:
     """Try what is missing, choose, and check; of a search that was finished before, tell what was written."""
-    from glucoloop.studies.robust import SearchEngine, bounds_of
     from glucoloop.studies.robust.results import files_of, found_before, found_of
+    from glucoloop.studies.robust.search import SearchEngine, bounds_of
 
     if folder.finished:
         return found_before(asked, folder.rows, folder.summary())

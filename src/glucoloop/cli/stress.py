@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import FAULTS, NO_FAULT, Given, Option, with_options
+from glucoloop.cli.options import FAULTS, KINDS_OF_FAULTS, NO_FAULT, Given, reworded, with_options
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import (
@@ -36,7 +34,7 @@ HELP: Final = (
 )
 _NOT_HERE: Final = ("traces", "guard", NO_FAULT, DASK.key, "mmol")
 _WORDS: Final = {
-    FAULTS: "A fault that is tried alone, in place of the usual ones; repeat it for more. ",
+    FAULTS: f"A fault that is tried alone, in place of the usual ones; repeat it for more. {KINDS_OF_FAULTS}",
     "out": "Folder of the test; one that was begun there goes on.",
     "overwrite": "Begin again, whatever test the folder holds.",
 }
@@ -49,22 +47,10 @@ _DEFAULTS: Final = {
 }
 
 
-def _options() -> Iterator[Option]:
-    for option in TRIAL:
-        if option.key in _NOT_HERE:
-            continue
-        told = option.help
-        if option.key == FAULTS:
-            told = _WORDS[FAULTS] + told[told.index("Sensor:") :]
-        yield dataclasses.replace(
-            option,
-            help=told if option.key == FAULTS else _WORDS.get(option.key, told),
-            default=_DEFAULTS.get(option.key, option.default),
-        )
-    yield GUARDS
-
-
-_OPTIONS: Final = tuple(_options())
+_OPTIONS: Final = (
+    *reworded((option for option in TRIAL if option.key not in _NOT_HERE), help=_WORDS, default=_DEFAULTS),
+    GUARDS,
+)
 
 
 @with_options(_OPTIONS)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator
 from typing import Final
 
-from glucoloop.cli.options import CASE, MEALS, MMOL, OUTPUT, SITUATION, Option
+from glucoloop.cli.options import CASE, MEALS, MMOL, OUTPUT, SITUATION, Option, reworded
 from glucoloop.registry.patients import PATIENTS
 
 _PEOPLE: Final = "People"
@@ -58,40 +56,6 @@ DASK: Final = Option(
     _WORK,
     metavar="ADDRESS",
 )
-
-
-def _shared() -> Iterator[Option]:
-    """Options that a trial has in common with a single run, with help worded for a trial."""
-    words = {
-        "operating_point": "Operating point of the nominal patient, for whom controllers are designed.",
-        "setpoint_mg_dl": "Glucose at which all people rest at the start, and the target; that of the operating "
-        "point by default.",
-        "seed": "The same seed gives the same people, meals and noise.",
-    }
-    panels = {
-        "patient": _PEOPLE,
-        "setpoint_mg_dl": _PEOPLE,
-        "seed": _PEOPLE,
-        "operating_point": _PEOPLE,
-        "announce_meals": _MEALS,
-    }
-    for option in (*SITUATION, *CASE):
-        if option.key not in _NOT_OF_A_TRIAL:
-            yield dataclasses.replace(
-                option, help=words.get(option.key, option.help), panel=panels.get(option.key, option.panel)
-            )
-
-
-def _output() -> Iterator[Option]:
-    words = {
-        "out": "Folder of the trial; an unfinished trial in it is resumed.",
-        "overwrite": "Begin again and replace the trial in the folder.",
-        "json": "Print the summary as one JSON object.",
-    }
-    for option in (*OUTPUT, MMOL):
-        yield dataclasses.replace(option, help=words.get(option.key, option.help))
-
-
 TRIAL: Final = (
     Option("people", "--people", int, "How many.", _PEOPLE, metavar="N", default="1000"),
     Option(
@@ -159,7 +123,19 @@ TRIAL: Final = (
         metavar="nominal|individual",
         default="nominal",
     ),
-    *_shared(),
+    *reworded(
+        (option for option in (*SITUATION, *CASE) if option.key not in _NOT_OF_A_TRIAL),
+        help={
+            "operating_point": "Operating point of the nominal patient, for whom controllers are designed.",
+            "setpoint_mg_dl": "Glucose at which all people rest at the start, and the target; that of the operating "
+            "point by default.",
+            "seed": "The same seed gives the same people, meals and noise.",
+        },
+        panel={
+            **dict.fromkeys(("patient", "setpoint_mg_dl", "seed", "operating_point"), _PEOPLE),
+            "announce_meals": _MEALS,
+        },
+    ),
     Option(
         "traces",
         "--traces",
@@ -189,5 +165,12 @@ TRIAL: Final = (
     ),
     WORKERS,
     DASK,
-    *_output(),
+    *reworded(
+        (*OUTPUT, MMOL),
+        help={
+            "out": "Folder of the trial; an unfinished trial in it is resumed.",
+            "overwrite": "Begin again and replace the trial in the folder.",
+            "json": "Print the summary as one JSON object.",
+        },
+    ),
 )

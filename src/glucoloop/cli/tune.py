@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from glucoloop.control import MPCTuning
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.storage.model_file import ModelFile
-    from glucoloop.tuning import TuningRank, TuningSurface
+    from glucoloop.tuning.surface import TuningRank, TuningSurface
 
 HELP: Final = (
     "Try every tuning of a grid: the same patient, meals, sensor and pump for each, one table, one picture.\n\n"
@@ -182,7 +182,7 @@ def _whole(value: object, name: str, least: int, most: int) -> int:
 
 
 def _default_ranges(run: Run) -> dict[str, str]:
-    from glucoloop.tuning import REFERENCE_FILTERS
+    from glucoloop.tuning.paper import REFERENCE_FILTERS
 
     weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
     filters = REFERENCE_FILTERS.get(run.case.controller)
@@ -210,7 +210,8 @@ def _search(asked: _Asked) -> _Found:
     from glucoloop.cli import closed_loop
     from glucoloop.experiments.surroundings import pump_of, sensor_of
     from glucoloop.simulation import Adaptive, Exponential
-    from glucoloop.tuning import search, usual_tuning
+    from glucoloop.tuning.paper import usual_tuning
+    from glucoloop.tuning.search import search
 
     run, situation = asked.run, asked.run.situation
     made = situation.situation()
@@ -337,7 +338,7 @@ def _table(found: _Found, top: int) -> Table:
 
 
 def _verdict(found: _Found) -> str:
-    from glucoloop.tuning import tuning_text
+    from glucoloop.tuning.surface import tuning_text
 
     printed = found.printed
     told = f"The {printed.called} tuning {tuning_text(printed.tuning)}"

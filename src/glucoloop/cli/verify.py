@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import PATIENT, Given, Option, with_options
 from glucoloop.cli.progress import counted
-from glucoloop.cli.screen import stage
+from glucoloop.cli.screen import show, stage
 from glucoloop.registry.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
-    from glucoloop.studies.verification import Campaign
+    from glucoloop.studies.verification.campaign import Campaign
+    from glucoloop.studies.verification.nonsense import Nonsense, NonsenseResult
+    from glucoloop.studies.verification.result import CampaignResult
 
 HELP: Final = (
     "Close random loops with random faults, and check at every sample what every loop promises.\n\n"
@@ -70,7 +73,7 @@ def command(given: Given) -> None:
         raise ValueError("--nonsense has no patient at all; leave --patient out")
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
-        from glucoloop.studies.verification import Campaign
+        from glucoloop.studies.verification.campaign import Campaign
         from glucoloop.studies.verification.nonsense import Nonsense
 
         if "controllers" in given:
@@ -86,11 +89,9 @@ def command(given: Given) -> None:
             raise ValueError(_called(str(error))) from None
     keep_compiled()
     if nonsense is not None:
-        from glucoloop.cli.verify_nonsense import carry_out
-
-        carry_out(nonsense, as_json=as_json)
+        _check_nonsense(nonsense, as_json=as_json)
     elif campaign is not None:
-        _carry_out(campaign, as_json=as_json)
+        _check_campaign(campaign, as_json=as_json)
 
 
 def _called(told: str) -> str:
@@ -103,20 +104,48 @@ def _called(told: str) -> str:
     return told
 
 
-def _carry_out(campaign: Campaign, *, as_json: bool) -> None:
-    from glucoloop.cli.verify_telling import report, tell
-    from glucoloop.studies.verification import run_campaign
+def _check_campaign(campaign: Campaign, *, as_json: bool) -> NoReturn:
+    from glucoloop.studies.verification.campaign import run_campaign
+    from glucoloop.studies.verification.results import campaign_report, campaign_told
 
     began, loops = time.monotonic(), 2 * sum(campaign.pairs().values())
     with counted(loops, 0, "loops") as progress:
         result = run_campaign(campaign, progress)
     seconds = time.monotonic() - began
     if as_json:
-        from glucoloop.storage.strict_json import json_text, with_version
-
-        print(json_text(with_version(report(campaign, result, seconds))))
+        _print_json(campaign_report(campaign, result, seconds))
     else:
-        tell(campaign, result, seconds)
+        _print(campaign_told(campaign, result, seconds))
+    _leave(result, f"of {loops} loops {result.loops} were checked to the end, and are told")
+
+
+def _check_nonsense(nonsense: Nonsense, *, as_json: bool) -> NoReturn:
+    from glucoloop.studies.verification.nonsense import run_nonsense
+    from glucoloop.studies.verification.results import nonsense_report, nonsense_told
+
+    began, loops = time.monotonic(), nonsense.loops * len(nonsense.controllers)
+    with counted(loops, 0, "loops") as progress:
+        result = run_nonsense(nonsense, progress)
+    seconds = time.monotonic() - began
+    if as_json:
+        _print_json(nonsense_report(result, seconds))
+    else:
+        _print(nonsense_told(result, seconds))
+    _leave(result, f"of {loops} loops {sum(arm.loops for arm in result.arms)} were checked to the end")
+
+
+def _print_json(report: Mapping[str, Any]) -> None:
+    from glucoloop.storage.strict_json import json_text, with_version
+
+    print(json_text(with_version(report)))
+
+
+def _print(told: Iterable[object]) -> None:
+    for part in told:
+        print(part) if isinstance(part, str) else show(part)
+
+
+def _leave(result: CampaignResult | NonsenseResult, checked: str) -> NoReturn:
     if result.interrupted:
-        interrupted(f"interrupted; of {loops} loops {result.loops} were checked to the end, and are told")
+        interrupted(f"interrupted; {checked}")
     sys.exit(0 if result.holds else 1)

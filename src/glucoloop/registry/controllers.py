@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from glucoloop.registry.patients import PatientEntry
 from glucoloop.registry.plugins import added, added_names, loaded
+from glucoloop.registry.ranges import Tuned
 from glucoloop.registry.settings import Setting, Value, known_names, settings_of
 
 _TUNED: Final = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
@@ -48,6 +49,11 @@ class ControllerEntry:
     `padded` as `control.LinearMPC` has them."""
     slow: bool = False
     """Whether a decision takes it so long that studies of many loops close fewer and shorter ones with it."""
+    searched: tuple[Tuned, ...] = ()
+    """Settings that `glucoloop robust` can search, with their usual ranges."""
+    estimator_settings: tuple[str, ...] = ()
+    """Settings of the estimator of unknown meals that the controller holds, which `glucoloop detect` tries. It then has
+    a setting ``estimator``, and a ``model`` and an ``estimator`` as `control.MealMPC` has them."""
 
     def __post_init__(self) -> None:
         for place in (self.design, self.individual, self.record):
@@ -168,6 +174,25 @@ CONTROLLERS: Final[dict[str, ControllerEntry]] = {
             uses_model=False,
             individual="glucoloop.experiments.individual_meal_mpc:individual_meal_mpc",
             slow=True,
+            searched=(
+                Tuned("move_weight", 0.02, 2.0, log=True),
+                Tuned("caution_weight", 0.5, 50.0, log=True),
+                Tuned("caution_mg_dl", 0.0, 15.0, log=False),
+                Tuned("meals_per_h", 0.02, 5.0, log=True),
+                Tuned("mean_carbs_g", 10.0, 150.0, log=True),
+                Tuned("disturbance_variance", 0.1, 1000.0, log=True),
+                Tuned("output_weight", 0.1, 10.0, log=True, unasked=False),
+                Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False, unasked=False),
+                Tuned("floor_weight", 0.5, 50.0, log=True, unasked=False),
+                Tuned("measurement_variance", 0.3, 30.0, log=True, unasked=False),
+            ),
+            estimator_settings=(
+                "meal_horizon",
+                "meals_per_h",
+                "mean_carbs_g",
+                "disturbance_variance",
+                "measurement_variance",
+            ),
         ),
         ControllerEntry(
             name="imc",
@@ -196,6 +221,10 @@ CONTROLLERS: Final[dict[str, ControllerEntry]] = {
 
 TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tunable)
 """Controllers of which `glucoloop tune` tries a grid."""
+SEARCHED: Final = next(entry for entry in CONTROLLERS.values() if entry.searched)
+"""The controller for which `glucoloop robust` searches a tuning."""
+ESTIMATING: Final = next(entry for entry in CONTROLLERS.values() if entry.estimator_settings)
+"""The controller whose estimators of meals `glucoloop detect` tries."""
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from glucoloop._extras import needed_for
-from glucoloop.tuning.space import Tuned
+from glucoloop.registry.ranges import Tuned
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
 """Parzen estimators, an evolutionary algorithm, and chance."""

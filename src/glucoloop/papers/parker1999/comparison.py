@@ -16,7 +16,7 @@ from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, Run, Study, 
 from glucoloop.papers.parker1999.published import UNSETTLED, Entry, published
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
-from glucoloop.tuning import printed_tuning
+from glucoloop.tuning.paper import printed_tuning
 
 _CLOSE: Final = 0.1
 """Relative difference within which a number agrees with the printed one."""

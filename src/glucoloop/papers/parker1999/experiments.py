@@ -22,7 +22,8 @@ from glucoloop.patients import SemilinearPatient, patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import Sensor, dead_time, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, simulate, validate_on
-from glucoloop.tuning import TuningSurface, paper_tuning_surface
+from glucoloop.tuning.paper import paper_tuning_surface
+from glucoloop.tuning.surface import TuningSurface
 
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[str], None]

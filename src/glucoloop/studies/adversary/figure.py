@@ -10,7 +10,7 @@ import numpy as np
 from glucoloop.control import Status
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
-from glucoloop.studies.adversary import Outcome
+from glucoloop.studies.adversary.outcome import Outcome
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -17,7 +17,9 @@ from glucoloop.config.unusual import ask_about_settings
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.settings import Value
-from glucoloop.studies.adversary import Cell, Effort, ErrorSpace
+from glucoloop.studies.adversary.outcome import Cell
+from glucoloop.studies.adversary.search import Effort
+from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.studies.stress.keys import PAPER_CONTROLLERS
 from glucoloop.studies.stress.stress import Guards
 from glucoloop.threefry import LARGEST_COUNTER

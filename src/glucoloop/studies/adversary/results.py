@@ -12,9 +12,9 @@ from glucoloop.control import Status
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
-from glucoloop.studies.adversary import Outcome
 from glucoloop.studies.adversary.figure import plot_adversary
 from glucoloop.studies.adversary.keys import Adversary
+from glucoloop.studies.adversary.outcome import Outcome
 
 
 def row_of(asked: Adversary, of: Outcome) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control import MealMPC
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.case import Case
@@ -23,12 +22,12 @@ from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import virtual_people
-from glucoloop.registry.controllers import complete
+from glucoloop.registry.controllers import ESTIMATING, complete
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.studies.detection.detection import ESTIMATING, Detection
+from glucoloop.studies.detection.detection import Detection
 from glucoloop.studies.detection.scores import in_order
 from glucoloop.units import MIN_PER_DAY
 
@@ -174,8 +173,22 @@ def in_even_blocks(total: int) -> tuple[int, int]:
     return blocks, -(-total // blocks)
 
 
+@runtime_checkable
+class HoldsEstimator(Protocol):
+    """A controller that rests on an estimator of meals."""
+
+    model: Any
+    """`estimation.unknown_meal.FedModel` of the person."""
+    estimator: Any
+    """`estimation.unknown_meal.MealEstimator`"""
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> Self:
+        """The same for a person with a basal rate."""
+        ...
+
+
 class Estimator:
-    """An estimator of unknown meals, as `meal-mpc` of the catalogue is given it, over recorded days.
+    """An estimator of unknown meals, as the controller of the catalogue that rests on it has it, over recorded days.
 
     Parameters
     ----------
@@ -192,10 +205,10 @@ class Estimator:
         trial, grid = detection.trial, day_grid(detection)
         tuning = {**_usual_tuning(detection), **detection.settings, "estimator": name}
         known = trial.cases[0].known_dead_time
-        case = Case(label=name, controller=ESTIMATING, tuning=tuning, known_dead_time=known)
+        case = Case(label=name, controller=ESTIMATING.name, tuning=tuning, known_dead_time=known)
         controller = controller_of(trial, case)
-        if not isinstance(controller, MealMPC):
-            raise TypeError(f"{ESTIMATING} of the catalogue holds no estimator of meals")
+        if not isinstance(controller, HoldsEstimator):
+            raise TypeError(f"{ESTIMATING.name} of the catalogue holds no estimator of meals")
         self._controller = controller
         self._t_min, self._late = jnp.asarray(grid.t_min), trial.dead_time_samples if known else 0
 
@@ -219,7 +232,7 @@ class Estimator:
 
 @functools.partial(jax.jit, static_argnames="late")
 def _of_days(
-    controller: MealMPC, t_min: jax.Array, basal: jax.Array, readings: jax.Array, insulin: jax.Array, late: int
+    controller: HoldsEstimator, t_min: jax.Array, basal: jax.Array, readings: jax.Array, insulin: jax.Array, late: int
 ) -> MealEstimates:
     """The controller's estimator, told of each one's basal rate, along days that trail."""
 
@@ -240,9 +253,4 @@ def _believed(reported: Array, basal: Array) -> Array:
 
 
 def _usual_tuning(detection: Detection) -> dict[str, Any]:
-    return complete(
-        ESTIMATING,
-        {},
-        *detection.trial.whom,
-        noisy=detection.trial.noise_variance > 0.0,
-    )
+    return complete(ESTIMATING.name, {}, *detection.trial.whom, noisy=detection.trial.noise_variance > 0.0)

@@ -8,20 +8,10 @@ from typing import Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals.plan import MealPlan
-from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.controllers import ESTIMATING
 from glucoloop.registry.settings import Value, known_names
 
-ESTIMATING: Final = "meal-mpc"
-"""The controller of the catalogue that holds an estimator, whose settings are the estimator's."""
-ESTIMATORS: Final = controller_entry(ESTIMATING).setting("estimator").choices
-ESTIMATOR_SETTINGS: Final = (
-    "meal_horizon",
-    "meals_per_h",
-    "mean_carbs_g",
-    "disturbance_variance",
-    "measurement_variance",
-)
-"""Those of its settings that are about the estimator."""
+ESTIMATORS: Final = ESTIMATING.setting("estimator").choices
 MOST_RUNS: Final = 100_000
 
 
@@ -46,7 +36,7 @@ class Detection:
     """Of each person."""
     estimators: tuple[str, ...]
     settings: Mapping[str, Value]
-    """Of every estimator, in full; see `ESTIMATOR_SETTINGS`."""
+    """Of every estimator, in full; see `registry.controllers.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
 

@@ -11,14 +11,9 @@ from glucoloop.config.run import STRICT, checked, controllers_of
 from glucoloop.config.trial import SITUATION_KEYS, overlay_trial, read_trial, trial_keys
 from glucoloop.meals.plan import MOST_DAYS
 from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.controllers import ESTIMATING
 from glucoloop.registry.settings import known_names
-from glucoloop.studies.detection.detection import (
-    ESTIMATING,
-    ESTIMATOR_SETTINGS,
-    ESTIMATORS,
-    Detection,
-    check_estimators,
-)
+from glucoloop.studies.detection.detection import ESTIMATORS, Detection, check_estimators
 
 USUAL: Final[Mapping[str, Any]] = {
     "population": "nominal",
@@ -51,7 +46,7 @@ class _Own(BaseModel):
     days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
     estimators: tuple[str, ...] = ESTIMATORS
     threshold: float = 0.5
-    controller: str = ESTIMATING
+    controller: str = ESTIMATING.name
 
 
 def detection_keys(detection: Detection) -> dict[str, Any]:
@@ -91,13 +86,13 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     check_estimators(own.estimators, (names or {}).get("estimators", "estimators"))
     settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
     trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
-    asked = {key: value for key, value in settings.items() if key in ESTIMATOR_SETTINGS}
-    complete = catalogue.complete(ESTIMATING, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
+    asked = {key: value for key, value in settings.items() if key in ESTIMATING.estimator_settings}
+    complete = catalogue.complete(ESTIMATING.name, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
     return Detection(
         trial=trial,
         days=own.days or (USUAL_DAYS if trial.people == 1 else 1),
         estimators=own.estimators,
-        settings={key: complete[key] for key in ESTIMATOR_SETTINGS},
+        settings={key: complete[key] for key in ESTIMATING.estimator_settings},
         threshold=own.threshold,
     )
 
@@ -105,13 +100,16 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
 def _cases(own: _Own, keys: Mapping[str, object], settings: Mapping[str, object]) -> list[dict[str, object]]:
     """A case for each estimator where the controller rests on it, or one case alone."""
     known = {"known_dead_time": keys["known_dead_time"]} if "known_dead_time" in keys else {}
-    if own.controller == ESTIMATING:
+    if catalogue.controller_entry(own.controller).estimator_settings:
         if "estimator" in settings:
-            raise ValueError(f"the controller {ESTIMATING} is tried with each of the estimators; leave estimator out")
+            raise ValueError(
+                f"the controller {own.controller} is tried with each of the estimators; leave estimator out"
+            )
         return [
-            {"label": name, "controller": ESTIMATING, **settings, "estimator": name, **known} for name in own.estimators
+            {"label": name, "controller": own.controller, **settings, "estimator": name, **known}
+            for name in own.estimators
         ]
-    of_controller = {key: value for key, value in settings.items() if key not in ESTIMATOR_SETTINGS}
+    of_controller = {key: value for key, value in settings.items() if key not in ESTIMATING.estimator_settings}
     return [{"label": own.controller, "controller": own.controller, **of_controller, **known}]
 
 

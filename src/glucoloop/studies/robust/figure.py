@@ -10,16 +10,9 @@ import numpy.typing as npt
 
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
-from glucoloop.studies.robust import (
-    AS_IT_WAS,
-    CHOSEN,
-    OBJECTIVES,
-    Bound,
-    Candidate,
-    Checked,
-    Search,
-    Verdict,
-)
+from glucoloop.studies.robust.front import Bound
+from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Search, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -13,12 +13,15 @@ from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.config.unusual import ALLOW_UNUSUAL
 from glucoloop.experiments.case import Case
 from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.ranges import Tuned, parse_range
 from glucoloop.registry.settings import known_names
-from glucoloop.studies.robust import BOTH, FURTHER, OBJECTIVES, SPACE, Group, Search, Tuned, parse_range
+from glucoloop.studies.robust.front import BOTH
+from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.search import Group, Search
 from glucoloop.threefry import LARGEST_COUNTER
 
-TUNED_CONTROLLER: Final = "meal-mpc"
-RANGES: Final = (*SPACE, *FURTHER)
+RANGES: Final = {of.name: of for of in catalogue.SEARCHED.searched}
+"""What can be searched, by the name of the setting."""
 _SITUATION: Final = (
     "population",
     "patient",
@@ -107,7 +110,7 @@ class Robust:
 
 def robust_key_names() -> list[str]:
     """All flat keys of a search."""
-    settings = [setting.name for setting in catalogue.controller_entry(TUNED_CONTROLLER).settings]
+    settings = [setting.name for setting in catalogue.SEARCHED.settings]
     return [*RobustKeys.model_fields, *HowFar.model_fields, *_SITUATION, *_CASE, *settings]
 
 
@@ -138,16 +141,18 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
         )
     for name in own.beside:
         catalogue.controller_entry(name)
-    if len(set(own.beside)) < len(own.beside) or TUNED_CONTROLLER in own.beside:
+    tuned = catalogue.SEARCHED.name
+    if len(set(own.beside)) < len(own.beside) or tuned in own.beside:
         raise ValueError(
             f"{called.get('beside', 'beside')} is {', '.join(own.beside)}; name each controller once, and "
-            f"{TUNED_CONTROLLER} not at all, since it is tuned"
+            f"{tuned} not at all, since it is tuned"
         )
     space, fixed = _space({key: keys[key] for key in RANGES if key in keys}, called)
-    entry = catalogue.controller_entry(TUNED_CONTROLLER)
-    settings = {of.name: keys[of.name] for of in entry.settings if of.name in keys and of.name not in RANGES}
+    settings = {
+        of.name: keys[of.name] for of in catalogue.SEARCHED.settings if of.name in keys and of.name not in RANGES
+    }
     plain = {**_USUAL, **{key: keys[key] for key in (*_SITUATION, *_CASE) if keys.get(key) is not None}}
-    cases = [{"label": TUNED_CONTROLLER, "controller": TUNED_CONTROLLER, **settings, **fixed}]
+    cases = [{"label": tuned, "controller": tuned, **settings, **fixed}]
     cases += [{"label": name, "controller": name} for name in own.beside]
     trial = read_trial({**plain, "people": own.people, "seed": own.people_seed}, cases, names)
     if far.prefer not in (*own.objectives, BOTH):
@@ -170,11 +175,11 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
 
 def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple[Tuned, ...], dict[str, float]]:
     """What is tuned, and what is kept at a number."""
-    space, fixed = dict(SPACE), {}
+    space, fixed = {of.name: of for of in RANGES.values() if of.unasked}, {}
     for key, value in told.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise ValueError(f"{called[key]} is {value!r}; write it like '.1:2', or one number that is kept")
-        read = parse_range(value, key, called[key]) if isinstance(value, str) else float(value)
+        read = parse_range(value, RANGES[key], called[key]) if isinstance(value, str) else float(value)
         if isinstance(read, Tuned):
             space[key] = read
         else:

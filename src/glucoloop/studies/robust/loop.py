@@ -24,11 +24,11 @@ from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.metrics.running import RunningMetrics
+from glucoloop.registry.ranges import Tuned
 from glucoloop.registry.settings import Value
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.robust.objectives import METRICS
 from glucoloop.studies.robust.subjects import Subjects
-from glucoloop.tuning.space import Tuned
 
 Array = npt.NDArray[Any]
 Tuning = Mapping[str, float]

@@ -13,9 +13,11 @@ from glucoloop.config.toml import toml_text
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
-from glucoloop.studies.robust import OBJECTIVES, Bound, Candidate, Checked, SearchEngine, Verdict, judge
 from glucoloop.studies.robust.figure import plot_robust
+from glucoloop.studies.robust.front import Bound
 from glucoloop.studies.robust.keys import Robust
+from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.search import Candidate, Checked, SearchEngine, Verdict, judge
 from glucoloop.studies.robust.work import rows_of
 
 

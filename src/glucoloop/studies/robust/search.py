@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
+from glucoloop.registry.ranges import Tuned
 from glucoloop.registry.settings import Value
 from glucoloop.studies.robust.front import BOTH, Bound, choose, keeps, pareto
 from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores
 from glucoloop.studies.robust.subjects import Subjects, draw_subjects
 from glucoloop.tuning.samplers import Told, make_sampler
-from glucoloop.tuning.space import Tuned
 
 CHOSEN: Final = "chosen"
 AS_IT_WAS: Final = "as it was"

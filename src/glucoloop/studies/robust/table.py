@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from glucoloop.studies.robust import AS_IT_WAS, CHOSEN, OBJECTIVES, Candidate, Checked, Search, Verdict
+from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Search, Verdict
 
 if TYPE_CHECKING:
     from rich.table import Table

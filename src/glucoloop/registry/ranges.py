@@ -1,4 +1,4 @@
-"""Space of a tuning search: the tuned numbers and their bounds."""
+"""Ranges of numbers that a search tunes."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ class Tuned:
         Bounds, both included.
     log : bool
         Whether its logarithm is searched.
+    unasked : bool
+        Whether it is searched for even where no range is given.
 
     Raises
     ------
@@ -33,6 +35,7 @@ class Tuned:
     low: float
     high: float
     log: bool
+    unasked: bool = True
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
@@ -64,38 +67,14 @@ class Tuned:
         return f"{self.low:.12g}:{self.high:.12g}"
 
 
-SPACE: Final[dict[str, Tuned]] = {
-    tuned.name: tuned
-    for tuned in (
-        Tuned("move_weight", 0.02, 2.0, log=True),
-        Tuned("caution_weight", 0.5, 50.0, log=True),
-        Tuned("caution_mg_dl", 0.0, 15.0, log=False),
-        Tuned("meals_per_h", 0.02, 5.0, log=True),
-        Tuned("mean_carbs_g", 10.0, 150.0, log=True),
-        Tuned("disturbance_variance", 0.1, 1000.0, log=True),
-    )
-}
-"""Ranges that are searched unless others are given."""
-FURTHER: Final[dict[str, Tuned]] = {
-    tuned.name: tuned
-    for tuned in (
-        Tuned("output_weight", 0.1, 10.0, log=True),
-        Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False),
-        Tuned("floor_weight", 0.5, 50.0, log=True),
-        Tuned("measurement_variance", 0.3, 30.0, log=True),
-    )
-}
-"""Numbers that are searched only if a range is given; the bounds are examples."""
-
-
-def parse_range(text: str, name: str, called: str | None = None) -> Tuned | float:
+def parse_range(text: str, usual: Tuned, called: str | None = None) -> Tuned | float:
     """Range from a text: ``.1:2``, with both ends; or one number, which is fixed.
 
     Parameters
     ----------
     text : str
-    name : str
-        Name of the setting.
+    usual : Tuned
+        Usual range of the setting, which says whether its logarithm is searched.
     called : str, optional
         Name of the setting for the user.
 
@@ -104,7 +83,7 @@ def parse_range(text: str, name: str, called: str | None = None) -> Tuned | floa
     ValueError
         For a text that is not a range, or bounds that are not possible.
     """
-    called = name if called is None else called
+    called = usual.name if called is None else called
     try:
         numbers = [float(part) for part in text.split(":")]
     except ValueError:
@@ -114,6 +93,6 @@ def parse_range(text: str, name: str, called: str | None = None) -> Tuned | floa
     if len(numbers) == 1:
         return numbers[0]
     try:
-        return Tuned(name, numbers[0], numbers[1], log=({**SPACE, **FURTHER}[name]).log)
+        return Tuned(usual.name, numbers[0], numbers[1], log=usual.log)
     except ValueError as error:
         raise ValueError(f"{called} is {text!r}: {error}") from None

@@ -1,32 +1,57 @@
-"""What a campaign found, as tables, lines and JSON."""
+"""Results of verification, of a campaign or of nonsense: tables and sentences, and the same as JSON."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
-from glucoloop.cli.screen import show
 from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.studies.verification import Campaign, met
+from glucoloop.studies.verification.campaign import Campaign, met
+from glucoloop.studies.verification.nonsense import NonsenseResult
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
 
+if TYPE_CHECKING:
+    from rich.table import Table
 
-def tell(campaign: Campaign, result: CampaignResult, seconds: float) -> None:
-    """Tables on standard output, and a line for each broken loop."""
+
+def campaign_told(campaign: Campaign, result: CampaignResult, seconds: float) -> Iterator[str | Table]:
+    """Tables, and a line for each broken loop."""
     if campaign.person is not None:
-        for line in _meets(campaign, campaign.person):
-            print(line)
-    show(_promises(result))
-    show(_controllers(result))
-    for line in broken_lines(result):
-        print(line)
+        yield from _meets(campaign, campaign.person)
+    promises = _table("Promise", "Loops that broke it")
+    for promise, count in result.violations.items():
+        promises.add_row(promise, str(count))
+    yield promises
+    yield _controllers(result)
+    yield from broken_lines(result)
     more = f"; {result.repeated} of them closed twice" if result.repeated else ""
-    print(f"{result.loops} loops, {result.samples} samples, {seconds:.1f} s{more}.")
-    print(_verdict(result))
+    yield f"{result.loops} loops, {result.samples} samples, {seconds:.1f} s{more}."
+    yield (
+        f"Below 60: mean time below 60 mg/dl. Better, worse: people with a guard who are lower for less or longer than "
+        f"without, by more than {Guarding.MARGIN_PCT:g} % of the run. Most, person: the largest such difference, whose."
+    )
+    yield _verdict(result.violations)
 
 
-def report(campaign: Campaign, result: CampaignResult, seconds: float) -> dict[str, Any]:
+def nonsense_told(result: NonsenseResult, seconds: float) -> Iterator[str | Table]:
+    """A table, and a line for each broken loop."""
+    table = _table("Promise", *(arm.controller for arm in result.arms))
+    for promise in result.violations:
+        table.add_row(promise, *(str(arm.broken[promise]) for arm in result.arms))
+    yield table
+    for arm in result.arms:
+        for promise, loops in arm.told.items():
+            for loop in loops:
+                yield (
+                    f"{arm.controller}, guarded, loop {loop}: {promise}; "
+                    f"glucoloop verify --nonsense 1 --seed {result.seed} --controller {arm.controller} --person {loop}"
+                )
+    yield f"{result.samples} samples of guarded controllers that were told nonsense, {seconds:.1f} s."
+    yield _verdict(result.violations)
+
+
+def campaign_report(campaign: Campaign, result: CampaignResult, seconds: float) -> dict[str, Any]:
     """The same as one JSON object."""
     arms = [dataclasses.asdict(arm) for arm in result.arms]
     for arm, told in zip(arms, result.arms, strict=True):
@@ -48,6 +73,18 @@ def report(campaign: Campaign, result: CampaignResult, seconds: float) -> dict[s
         "arms": arms,
         "guarding": [dataclasses.asdict(of) for of in result.guarding],
         **({"meets": of_person} if of_person else {}),
+    }
+
+
+def nonsense_report(result: NonsenseResult, seconds: float) -> dict[str, Any]:
+    """Plain values for JSON."""
+    return {
+        "seed": result.seed,
+        "samples": result.samples,
+        "seconds": seconds,
+        "interrupted": result.interrupted,
+        "violations": result.violations,
+        "arms": [dataclasses.asdict(arm) for arm in result.arms],
     }
 
 
@@ -89,14 +126,7 @@ def _meets(campaign: Campaign, person: int) -> Iterator[str]:
         )
 
 
-def _promises(result: CampaignResult) -> Any:
-    table = _table("Promise", "Loops that broke it")
-    for promise, count in result.violations.items():
-        table.add_row(promise, str(count))
-    return table
-
-
-def _controllers(result: CampaignResult) -> Any:
+def _controllers(result: CampaignResult) -> Table:
     numbers = ("Loops", "Samples", "Broken", "Below 60, %", "Better", "Worse", "Most, %", "Person")
     table = _table("Controller", "Engine", *numbers)
     of_guard: dict[str, Guarding] = {of.controller: of for of in result.guarding}
@@ -113,7 +143,7 @@ def _controllers(result: CampaignResult) -> Any:
     return table
 
 
-def _table(*columns: str) -> Any:
+def _table(*columns: str) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -124,11 +154,6 @@ def _table(*columns: str) -> Any:
     return table
 
 
-def _verdict(result: CampaignResult) -> str:
-    broken = [promise for promise, count in result.violations.items() if count]
-    figure = (
-        f"Below 60: mean time below 60 mg/dl. Better, worse: people with a guard who are lower for less or longer than "
-        f"without, by more than {Guarding.MARGIN_PCT:g} % of the run. Most, person: the largest such difference, whose."
-    )
-    verdict = f"Broken: {'; '.join(broken)}." if broken else "Every promise was kept."
-    return f"{figure}\n{verdict}"
+def _verdict(violations: Mapping[str, int]) -> str:
+    broken = [promise for promise, count in violations.items() if count]
+    return f"Broken: {'; '.join(broken)}." if broken else "Every promise was kept."
