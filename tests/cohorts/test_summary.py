@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.people import People
+from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.summary import DISTRIBUTIONS, MOST_NAMED, summarise_people
 from glucoloop.metrics import Metrics
 from glucoloop.metrics.control_variability import grid_counts
@@ -33,7 +33,7 @@ def population(seed, people=PEOPLE, unable=0.01):
     metrics["time_below_60_pct"] = np.where(metrics["minimum_mg_dl"] < 60.0, 3.0, 0.0)
     metrics["time_below_60_pct"][~able] = np.nan
     metrics["time_below_validity_pct"] = np.where(able & (metrics["minimum_mg_dl"] < 44.5), 1.0, 0.0 * basal)
-    return People(np.arange(people), able, basal, {"F_LC": rng.random(people)}, metrics, YES_OR_NO)
+    return PeopleRows(np.arange(people), able, basal, {"F_LC": rng.random(people)}, metrics, YES_OR_NO)
 
 
 def dealt(cases, size):

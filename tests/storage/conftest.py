@@ -6,12 +6,15 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
+import polars as pl
 import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import read_trial
 from glucoloop.metrics import Metrics
 from glucoloop.patients.population import draw
+from glucoloop.storage.resumable import Work
+from glucoloop.storage.rows import Rows, rows_folder
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.shard import compute_shard, edges
 from glucoloop.threefry import uniforms
@@ -109,6 +112,58 @@ def tiny(shards, **keys):
 def _tiny():
     """A small trial, and another one of another seed and size."""
     return tiny(2), tiny(3, seed=5)
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    """Work whose rows are numbers: what a study hands to the folder of rows, and nothing computed."""
+
+    wanted: int = 3
+    keys: dict = dataclasses.field(default_factory=lambda: {"seed": 1, "case": [{"label": "a", "gain": 1.0}]})
+
+    def work(self):
+        return Work(
+            command="count",
+            what="count",
+            keys={**self.keys, "rounds": self.wanted},
+            final=("count.json",),
+            summary="count.json",
+            may_change=frozenset({"rounds"}),
+        )
+
+    def rows(self):
+        def row(cells, before):
+            if cells["number"] != len(before):
+                raise ValueError("not in order")
+            return cells["number"]
+
+        return Rows(
+            file="numbers.parquet",
+            what="numbers",
+            wanted=self.wanted,
+            most=100,
+            schema={"number": pl.Int64},
+            cells=lambda number: {"number": number},
+            row=row,
+        )
+
+    def opened(self, path, *, overwrite=False):
+        return rows_folder(path, self.work(), self.rows(), overwrite=overwrite)
+
+    def run(self, path, *, overwrite=False):
+        """What a command does."""
+        with self.opened(path, overwrite=overwrite) as folder:
+            if folder.finished:
+                return
+            for number in range(len(folder.rows), self.wanted):
+                folder.add(number)
+            folder.finish({"count.json": b"{}"})
+
+
+@pytest.fixture(scope="session")
+def counting():
+    """Work whose rows are numbers; called with what differs."""
+    return Numbers
 
 
 @pytest.fixture

@@ -132,6 +132,34 @@ def test_substitute_is_neither_followed_nor_waited_for(tmp_path, tiny, foreign, 
 
 
 @pytest.mark.parametrize("name", SUBSTITUTES)
+def test_substitute_in_a_folder_of_rows(tmp_path, counting, foreign, name):
+    whole, other = counting(), counting(keys={"seed": 2})
+    whole.run(tmp_path / "whole")
+    before = snapshot(foreign)
+    for place in (
+        "lock",
+        "count.toml",
+        "arithmetic.json",
+        "numbers.parquet",
+        ".numbers.parquet.part",
+        SUMS,
+        "count.json",
+    ):
+        for finished, of in ((False, whole), (True, whole), (True, other)):
+            out = tmp_path / f"{place}{finished}{of is whole}"
+            shutil.copytree(tmp_path / "whole", out)
+            if not finished:
+                (out / SUMS).unlink()
+            put(out / place, name, foreign)
+            with within_patience(), contextlib.suppress(ValueError):
+                of.run(out, overwrite=of is other)
+                for file, value in read_sums(out).items():
+                    assert hashlib.sha256((out / file).read_bytes()).hexdigest() == value
+                    assert not (out / file).is_symlink()
+            assert snapshot(foreign) == before, (place, finished, of is whole)
+
+
+@pytest.mark.parametrize("name", SUBSTITUTES)
 @pytest.mark.parametrize("place", [SUMS, "a.txt", ""])
 def test_substitute_in_an_output_folder(tmp_path, foreign, place, name):
     with output_folder(tmp_path / "out", overwrite=False) as made:

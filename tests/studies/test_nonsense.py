@@ -10,7 +10,7 @@ from glucoloop.control import GuardSettings
 from glucoloop.studies.verification import nonsense as module
 from glucoloop.studies.verification.caps import Caps
 from glucoloop.studies.verification.invariants import CAPS
-from glucoloop.studies.verification.nonsense import PROMISES, SAMPLES, Nonsense, run_nonsense
+from glucoloop.studies.verification.nonsense import PROMISES, SAMPLES, NonsenseCheck, run_nonsense
 
 SETTINGS = GuardSettings(max_hour=2.0, max_on_board=0.8, on_board_tau_min=90.0)
 BASAL = 20.0
@@ -57,7 +57,7 @@ def test_after_a_pump_that_gave_more_than_asked_the_caps_bind_again_at_the_basal
 
 
 def test_nothing_is_broken_by_nonsense():
-    result = run_nonsense(Nonsense(samples=50_000, controllers=("imc",)))
+    result = run_nonsense(NonsenseCheck(samples=50_000, controllers=("imc",)))
     assert result.holds
     assert result.samples >= 50_000
     assert result.violations == dict.fromkeys(PROMISES, 0)
@@ -68,14 +68,14 @@ def test_a_guard_that_allows_more_than_it_should_is_found(monkeypatch):
         module, "Caps", lambda settings, limits: Caps(settings=GuardSettings(max_hour=1.2), limits=limits)
     )
     told = []
-    result = run_nonsense(Nonsense(samples=20_000, controllers=("basal",)), told.append)
+    result = run_nonsense(NonsenseCheck(samples=20_000, controllers=("basal",)), told.append)
     [arm] = result.arms
     assert {promise for promise, count in result.violations.items() if count} == {CAPS}
     assert not result.holds
     assert sum(told) == arm.loops == -(-20_000 // SAMPLES)
     # the same loop alone breaks the same promise
     [first, *_] = arm.told[CAPS]
-    alone = run_nonsense(Nonsense(samples=1, controllers=("basal",), loop=first))
+    alone = run_nonsense(NonsenseCheck(samples=1, controllers=("basal",), loop=first))
     assert (alone.samples, alone.violations[CAPS]) == (SAMPLES, 1)
 
 
@@ -93,4 +93,4 @@ def test_a_guard_that_allows_more_than_it_should_is_found(monkeypatch):
 )
 def test_what_cannot_be_tried_is_refused(given, told):
     with pytest.raises(ValueError, match=told):
-        Nonsense(**given)
+        NonsenseCheck(**given)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts import engine
-from glucoloop.cohorts.people import People
+from glucoloop.cohorts.people import PeopleRows
 from glucoloop.studies.stress.keys import read_stress
 from glucoloop.studies.stress.reasons import reason_of
 from glucoloop.studies.stress.stress import StressRow, Tried, stress_rows
@@ -94,7 +94,7 @@ def people(below_60, minimum, able=(True, True, True), **metrics):
     filled |= {"time_below_60_pct": np.array(below_60), "minimum_mg_dl": np.array(minimum)}
     filled |= {"peak_mg_dl": np.full(size, 150.0), "mean_mg_dl": np.full(size, 90.0)}
     filled |= {name: np.array(values, float) for name, values in metrics.items()}
-    return People(
+    return PeopleRows(
         person=np.arange(size), able=np.array(able), basal_insulin_mU_min=np.full(size, 25.0), drawn={}, metrics=filled
     )
 

@@ -316,7 +316,7 @@ class Rogue:
 def closed():
     """Campaigns with a rogue among the controllers; its loops are compiled once."""
     made = {}
-    real = campaign.Loops
+    real = campaign.WatchedLoops
 
     def once(seed, controller, order, horizon, situation):
         guarded = isinstance(controller, Guard)
@@ -327,7 +327,7 @@ def closed():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(campaign, "catalogue_controller", lambda name, patient: Rogue())
         patch.setattr(campaign, "horizon_min", lambda name: 300.0)
-        patch.setattr(campaign, "Loops", once)
+        patch.setattr(campaign, "WatchedLoops", once)
         patch.setattr(campaign_loops, "block_size", lambda engine: 256)
         yield lambda **given: run_campaign(Campaign(seed=5, controllers=("basal",), **given))
 

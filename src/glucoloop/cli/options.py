@@ -74,7 +74,8 @@ class Option:
 def reworded(options: Iterable[Option], **words: Mapping[str, str | None]) -> Iterator[Option]:
     """Options with other texts by key, in place of some of theirs: ``help={"people": "Number of people."}``."""
     for option in options:
-        yield dataclasses.replace(option, **{field: of[option.key] for field, of in words.items() if option.key in of})
+        texts: dict[str, Any] = {field: of[option.key] for field, of in words.items() if option.key in of}
+        yield dataclasses.replace(option, **texts)
 
 
 def names(options: Iterable[Option], given: Given) -> dict[str, str]:

@@ -14,7 +14,7 @@ from glucoloop.cli.interrupts import leave_if_asked
 BETWEEN_LINES_S: Final = 10.0
 _REMEMBERED_S: Final = 30.0
 _Shown = Callable[[float, float], None]
-"""Shows how much is done, and the rate per second."""
+"""Function that shows the amount that is done and the rate per second."""
 
 
 @contextlib.contextmanager
@@ -24,16 +24,16 @@ def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], No
     Parameters
     ----------
     total : int
-        How much there is to do.
+        Amount of work in all.
     before : int
-        How much of it was done earlier.
+        Amount that was done earlier.
     what : str
-        What is counted: ``"people"``.
+        Unit of the amounts: ``"people"``.
 
     Yields
     ------
     callable
-        To be called with how much more is done.
+        Function to be called with the amount that was done since the last call.
     """
     # The last half minute sets the rate: the time of a start, most of it compiling, is soon forgotten.
     remembered = deque([(time.monotonic(), float(before))])

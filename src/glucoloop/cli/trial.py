@@ -38,14 +38,14 @@ _MOST_WORKERS: Final = 4096
 
 @dataclass(frozen=True)
 class Computing:
-    """Where a trial is computed, which is no part of the configuration."""
+    """Place of the computation of a trial, which is no part of the configuration."""
 
     workers: int | None
     dask: str | None
 
 
 def computing(keys: Given) -> Computing:
-    """Take out of the keys where a trial is computed."""
+    """Take the place of the computation out of the keys."""
     workers, dask = keys.pop(WORKERS.key, None), keys.pop(DASK.key, None)
     if workers is not None and not 1 <= workers <= _MOST_WORKERS:
         raise ValueError(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")

@@ -16,7 +16,7 @@ from glucoloop.registry.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
     from glucoloop.studies.verification.campaign import Campaign
-    from glucoloop.studies.verification.nonsense import Nonsense, NonsenseResult
+    from glucoloop.studies.verification.nonsense import NonsenseCheck, NonsenseResult
     from glucoloop.studies.verification.result import CampaignResult
 
 HELP: Final = (
@@ -74,7 +74,7 @@ def command(given: Given) -> None:
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.studies.verification.campaign import Campaign
-        from glucoloop.studies.verification.nonsense import Nonsense
+        from glucoloop.studies.verification.nonsense import NonsenseCheck
 
         if "controllers" in given:
             given["controllers"] = tuple(given["controllers"])
@@ -82,7 +82,7 @@ def command(given: Given) -> None:
         try:
             if "nonsense" in given:
                 named = {"nonsense": "samples", "person": "loop"}
-                nonsense = Nonsense(**{named.get(key, key): value for key, value in given.items()})
+                nonsense = NonsenseCheck(**{named.get(key, key): value for key, value in given.items()})
             else:
                 campaign = Campaign(**given)
         except ValueError as error:
@@ -119,7 +119,7 @@ def _check_campaign(campaign: Campaign, *, as_json: bool) -> NoReturn:
     _leave(result, f"of {loops} loops {result.loops} were checked to the end, and are told")
 
 
-def _check_nonsense(nonsense: Nonsense, *, as_json: bool) -> NoReturn:
+def _check_nonsense(nonsense: NonsenseCheck, *, as_json: bool) -> NoReturn:
     from glucoloop.studies.verification.nonsense import run_nonsense
     from glucoloop.studies.verification.results import nonsense_report, nonsense_told
 

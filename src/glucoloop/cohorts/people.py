@@ -12,7 +12,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class People:
+class PeopleRows:
     """Some people of a trial under one controller, in the order of their numbers."""
 
     person: npt.NDArray[np.int64]
@@ -39,7 +39,7 @@ class People:
         return ever
 
 
-Shard = Mapping[str, People]
+Shard = Mapping[str, PeopleRows]
 """Results of a shard by the label of the controller."""
 Shards = Callable[[], Iterable[Shard]]
 """Function that reads the shards again from the first one, so that only one at a time is in memory."""

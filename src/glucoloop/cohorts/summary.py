@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.cohorts.order_statistics import Floats, Moments, quantiles
-from glucoloop.cohorts.people import People, Shards
+from glucoloop.cohorts.people import PeopleRows, Shards
 from glucoloop.metrics.control_variability import CELLS, grid_counts
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
@@ -129,7 +129,7 @@ class _Naming:
 class _Case:
     """Counts of one controller from the first reading."""
 
-    def __init__(self, people: People) -> None:
+    def __init__(self, people: PeopleRows) -> None:
         self.names = list(people.metrics)
         self.yes_or_no = people.yes_or_no
         self.moments = [Moments() for _ in self.names]
@@ -139,7 +139,7 @@ class _Case:
         self.ever_below = dict.fromkeys(LOW_MG_DL, 0)
         self.cvga = np.zeros((3 * CELLS, 3 * CELLS), np.int64)
 
-    def add(self, people: People) -> None:
+    def add(self, people: PeopleRows) -> None:
         whole = _whole(people)
         self.not_finite.add(people.person[people.able & ~whole])
         self.below_validity.add(people.person[whole & people.below_validity])
@@ -246,18 +246,18 @@ def _distributions(
     return counted
 
 
-def columns(people: People) -> list[Floats]:
+def columns(people: PeopleRows) -> list[Floats]:
     """Values of each metric for the people all of whose metrics are known."""
     whole = _whole(people)
     return [values[whole] for values in people.metrics.values()]
 
 
-def _whole(people: People) -> npt.NDArray[np.bool_]:
+def _whole(people: PeopleRows) -> npt.NDArray[np.bool_]:
     known: npt.NDArray[np.bool_] = people.able & np.isfinite(people.metrics["minimum_mg_dl"])
     return known & np.isfinite(people.metrics["insulin_total_mU"])
 
 
-def _row(people: People, index: int) -> dict[str, Any]:
+def _row(people: PeopleRows, index: int) -> dict[str, Any]:
     """One person, as plain values."""
     drawn = {name: float(values[index]) for name, values in people.drawn.items()}
     metrics = {name: float(values[index]) for name, values in people.metrics.items()}

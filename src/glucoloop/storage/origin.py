@@ -1,4 +1,4 @@
-"""What a folder says of the work in it: of which configuration, by which version and with which arithmetic."""
+"""Origin of the results in a folder: the configuration, the version and the arithmetic that they depend on."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ ARITHMETIC: Final = "arithmetic.json"
 
 @dataclass(frozen=True)
 class Origin:
-    """What the bits of the results depend on."""
+    """Configuration, version and arithmetic on which the bits of the results depend."""
 
     version: str | None
     """Version of glucoloop."""
     config: Mapping[str, Any]
     """The configuration as flat keys."""
     arithmetic: Mapping[str, str] | None
-    """See `glucoloop.arithmetic.identity`; None if the record is gone or damaged."""
+    """Record of `glucoloop.arithmetic.identity`; None if it is gone or damaged."""
 
     @staticmethod
     def here(config: Mapping[str, Any]) -> Origin:
-        """The origin of work that begins now."""
+        """Origin of work that begins now."""
         given = {key: value for key, value in config.items() if value is not None}
         return Origin(glucoloop.__version__, given, arithmetic.identity())
 
     def without(self, keys: frozenset[str]) -> Origin:
-        """The same, but for some keys of the configuration."""
+        """Origin without some keys of the configuration."""
         left = {key: value for key, value in self.config.items() if key not in keys}
         return Origin(self.version, left, self.arithmetic)
 
@@ -56,7 +56,7 @@ def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None
 
 
 def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
-    """In what the arithmetic differs from that of this process, as a sentence without its full stop; None: in nothing.
+    """Difference between the arithmetic of a folder and that of this process, a sentence without its full stop.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _are_cases(value: object) -> TypeGuard[list[dict[str, Any]]]:
 
 
 def _text(value: object) -> str:
-    """A value as it is compared; TOML also has dates, which no configuration has."""
+    """Text of a value for comparison; TOML also has dates, which no configuration has."""
     try:
         return json_text(value)
     except TypeError:

@@ -1,10 +1,10 @@
 """Folder of a long computation: results stay, an interrupted run resumes, and damaged results are refused.
 
-The first file says what the work is; the list of digests, written last, marks it as finished. Between two operations
-on the disk a process may die, and the next one finds what was done, sweeps what was in the making, and goes on.
+The first file describes the work; the list of digests, written last, marks it as finished. A process may die between
+any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
 
-What is done is either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are
-put in their places whole, see `storage.trials.folder`.
+The results are either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are put
+in their places whole, see `storage.trials.folder`.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ _MOVE: Final = "move that away, or choose another folder with --out"
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """Long work that a command does, and the files that it leaves."""
+    """Work of a command that may take long, and the files that it leaves."""
 
     command: str
     """Name of the command, and of its configuration file."""
     what: str
-    """What the work is called in messages: ``"trial"``."""
+    """Name of the work in messages: ``"trial"``."""
     keys: Mapping[str, Any]
-    """The configuration as flat keys."""
+    """Configuration as flat keys."""
     final: tuple[str, ...]
-    """Files that are written when everything is done."""
+    """Names of the files that are written when everything is done."""
     summary: str
-    """The one of them that sums the work up, as JSON."""
+    """Name of the one among them that summarises the work, as JSON."""
     may_change: frozenset[str] = frozenset()
-    """Keys that say how far the work goes, in which it may differ from what is there."""
+    """Keys for how far the work goes, which may differ when it is resumed."""
 
     @property
     def configuration(self) -> str:
-        """File from which the same is done again."""
+        """Name of the file that repeats the work."""
         return f"{self.command}.toml"
 
     @property
     def text(self) -> str:
-        """What stands in it."""
+        """Text of that file."""
         return toml_text(self.keys, f"{self.command} --config {self.configuration}")
 
 
@@ -63,11 +63,11 @@ class ResumableFolder(ABC):
     path : Path
     work : Work
     first : str
-        File that says what the work is: written first, removed last.
+        Name of the file that describes the work: written first, removed last.
     others : tuple of str
-        Further files that stand in the folder from the beginning.
+        Names of further files that stand in the folder from the beginning.
     done : str
-        What is done so far: a file that is written anew as it grows, or a folder of parts.
+        Name of the results so far: a file that is written anew as it grows, or a folder of parts.
     done_is_folder : bool
     """
 
@@ -79,7 +79,7 @@ class ResumableFolder(ABC):
         self.files = (*work.final, *others)
         """Further files, in the order of their removal."""
         self.names = (first, *self.files, done, SUMS, LOCK)
-        """All that may be in the folder."""
+        """All names that may be in the folder."""
         self.here = Origin.here(work.keys)
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
@@ -97,7 +97,7 @@ class ResumableFolder(ABC):
     @property
     @abstractmethod
     def progress(self) -> str:
-        """How far the work is: ``"3 of 5 shards"``."""
+        """Extent of the results, for messages: ``"3 of 5 shards"``."""
 
     @abstractmethod
     def first_files(self) -> dict[str, bytes]:
@@ -105,11 +105,11 @@ class ResumableFolder(ABC):
 
     @abstractmethod
     def read_origin(self) -> Origin:
-        """What the folder says of its work; ValueError if it is damaged."""
+        """Read the origin of the folder; ValueError if its record is damaged."""
 
     @abstractmethod
     def read_done(self) -> None:
-        """Take up what is done so far; ValueError if it is damaged, belongs elsewhere, or is more than is asked for."""
+        """Read the results so far; ValueError if they are damaged, foreign, or more than was asked for."""
 
     @property
     def all_done(self) -> bool:
@@ -117,27 +117,27 @@ class ResumableFolder(ABC):
         return True
 
     def parts(self) -> dict[str, str]:
-        """Digests of the files in the folder of what is done, by the name from this folder."""
+        """Digests of the files in the folder of results, by their path in this folder."""
         return {}
 
     def part_of(self, name: str) -> int | None:
-        """The number of the part of which a file in the list of digests is; None if it is of none."""
+        """Number of the part to which a file in the list of digests belongs; None for another file."""
         return None
 
     @abstractmethod
     def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if what is done, by whatever work, is mixed with what this program does not write."""
+        """Raise ValueError if there is something among the results that this program does not write."""
 
     @abstractmethod
     def settle(self) -> None:
-        """Write what was done and is not written yet."""
+        """Write the results that are not written yet."""
 
     @abstractmethod
     def forget(self) -> None:
-        """Begin with nothing done."""
+        """Begin without any results."""
 
     def create(self) -> None:
-        """Say what the work is, in a folder that holds nothing."""
+        """Describe the work in an empty folder."""
         self.forget()
         self._say()
 
@@ -228,11 +228,11 @@ class ResumableFolder(ABC):
 
     @property
     def _top(self) -> tuple[str, ...]:
-        """The files of the folder itself, of which the list of digests tells."""
+        """Names of the files of the folder itself that the list of digests may hold."""
         return (self.first, *self.files, *(() if self.done_is_folder else (self.done_name,)))
 
     def _is_whole(self, there: Origin) -> bool:
-        """Whether all is there that was asked for.
+        """Whether everything that was asked for is there.
 
         Raises
         ------

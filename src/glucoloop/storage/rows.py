@@ -25,22 +25,22 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, kw_only=True)
 class Rows(Generic[R]):
-    """What the rows of a study are."""
+    """Description of the rows of a study."""
 
     file: str
-    """The table of them."""
+    """Name of the file that holds them."""
     what: str
-    """What they are called in messages: ``"candidates"``."""
+    """Name of the rows in messages: ``"candidates"``."""
     wanted: int
-    """How many are asked for."""
+    """Number of rows that are asked for."""
     most: int
-    """More of them than this are no table of this program."""
+    """Number of rows above which a table is refused unread."""
     schema: Mapping[str, Any]
     """Type of each column."""
     cells: Callable[[R], Mapping[str, Any]]
-    """A row as cells, by column."""
+    """Function that makes cells by column of a row."""
     row: Callable[[Mapping[str, Any], Sequence[R]], R]
-    """The row of some cells, after those before it; ValueError if it cannot follow them."""
+    """Function that makes a row of cells and the rows before it; it raises ValueError if it cannot follow them."""
     width: int = 1
     """Most numbers in a cell."""
     longest_text: int = 0
@@ -49,12 +49,12 @@ class Rows(Generic[R]):
     """Time between two writings of the table."""
 
     def table(self, rows: Sequence[R]) -> pl.DataFrame:
-        """All rows; a number that is none is null."""
+        """Table of rows, with null for a number that is not one."""
         table = pl.DataFrame([dict(self.cells(row)) for row in rows], schema=dict(self.schema))
         return table.with_columns(pl.col(pl.Float64).fill_nan(None))
 
     def read(self, place: Path) -> list[R]:
-        """The rows of a table that was written earlier; ValueError if it is not what was written."""
+        """Read the rows of an earlier table; ValueError if it is not what was written."""
         bounds = TableBounds(
             least_rows=0,
             most_rows=self.most,
@@ -92,7 +92,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
 
     @property
     def progress(self) -> str:
-        """How many rows are written."""
+        """Number of rows that are written, in words."""
         return f"{self._written} of {self.kind.wanted} {self.kind.what}"
 
     def add(self, row: R) -> None:
@@ -118,12 +118,12 @@ class RowsFolder(ResumableFolder, Generic[R]):
             self._written, self._written_s = len(self.rows), time.monotonic()
 
     def first_files(self) -> dict[str, bytes]:
-        """The configuration, and the record of the arithmetic."""
+        """Configuration and record of the arithmetic."""
         record = (json_text(self.here.arithmetic) + "\n").encode()
         return {self.first: self.work.text.encode(), ARITHMETIC: record}
 
     def read_origin(self) -> Origin:
-        """What the configuration and the record say."""
+        """Read the configuration and the record of the arithmetic."""
         place = self.path / self.first
         config, version = read_toml(kept_text(place, "a configuration"), str(place))
         record: dict[str, str] | None = None
@@ -133,7 +133,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         return Origin(version, config, record)
 
     def read_done(self) -> None:
-        """Take up the rows."""
+        """Read the rows."""
         self.rows = self.kind.read(self.path / self.kind.file) if disk.is_file(self.path / self.kind.file) else []
         self._written = len(self.rows)
         if self._written > self.kind.wanted:
@@ -146,7 +146,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         """Accept everything: the results are one file, in which nothing else can be."""
 
     def forget(self) -> None:
-        """Begin without a row."""
+        """Begin without any rows."""
         self.rows, self._written = [], 0
 
 

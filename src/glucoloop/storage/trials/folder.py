@@ -42,7 +42,7 @@ _DIGITS: Final = 20
 
 
 def plain_trial(trial: Trial) -> Work:
-    """The work of ``glucoloop trial``."""
+    """Work of ``glucoloop trial``."""
     return Work(command="trial", what="trial", keys=trial_keys(trial), final=FINAL, summary=SUMMARY)
 
 
@@ -74,7 +74,7 @@ class TrialFolder(ResumableFolder):
 
     @property
     def progress(self) -> str:
-        """How many shards are done."""
+        """Number of finished shards, in words."""
         return f"{self.done} of {self.trial.shards} shards"
 
     def missing(self) -> list[int]:
@@ -110,23 +110,23 @@ class TrialFolder(ResumableFolder):
             yield read_people(self.shard(index), self.trial, index)
 
     def forget(self) -> None:
-        """Begin without a shard."""
+        """Begin without any shards."""
         self._sums, self._there = {}, self._header
 
     def settle(self) -> None:
         """Write nothing more: each shard is written as soon as it is done."""
 
     def first_files(self) -> dict[str, bytes]:
-        """The header, and the configuration."""
+        """Header and configuration."""
         return {HEADER: self._there.text().encode(), self.work.configuration: self.work.text.encode()}
 
     def read_origin(self) -> Origin:
-        """What the header says."""
+        """Read the header."""
         self._there = read_header(self.path)
         return origin_of(self._there)
 
     def read_done(self) -> None:
-        """Take up the shards that are done, and refuse what is damaged or belongs elsewhere."""
+        """Read the finished shards, and refuse damaged or foreign ones."""
         same = [(of.fingerprint, of.people, of.shards) for of in (self._there, self._header)]
         if same[0] != same[1]:
             raise ValueError(
@@ -144,7 +144,7 @@ class TrialFolder(ResumableFolder):
         }
 
     def load(self) -> None:
-        """Take up what is there; see `ResumableFolder.load`."""
+        """Read the results that the folder holds; see `ResumableFolder.load`."""
         super().load()
         self.notes = (*self.notes, *other_tables(self._there, self._header, self.path))
 
@@ -157,7 +157,7 @@ class TrialFolder(ResumableFolder):
         }
 
     def part_of(self, name: str) -> int | None:
-        """The number of the shard of which a file is; None if it is of none."""
+        """Number of the shard to which a file belongs; None for another file."""
         parts = name.split("/")
         return _number(parts[1], self.trial.shards) if len(parts) == 3 and parts[0] == SHARDS else None
 
@@ -218,7 +218,7 @@ def trial_folder(
     overwrite : bool
         Begin again, whatever trial the folder holds; the very same one that is not finished goes on.
     work : Work, optional
-        What the shards are computed for; a plain trial by default.
+        Work for which the shards are computed; a plain trial by default.
 
     Raises
     ------

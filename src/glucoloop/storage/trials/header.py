@@ -101,7 +101,7 @@ def _check(header: Header) -> None:
 
 
 def origin_of(header: Header) -> Origin:
-    """What the bits of a trial depend on."""
+    """Origin of a trial, from its header."""
     return Origin(header.version, header.config, arithmetic_of(header))
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
-from glucoloop.cohorts.people import People
+from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 
@@ -148,7 +148,7 @@ def _trace_tables(
         yield table.with_columns(pl.col(pl.Float32).fill_nan(None))
 
 
-def read_people(folder: Path, trial: Trial, index: int) -> dict[str, People]:
+def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]:
     """The people of a shard, by controller.
 
     Raises
@@ -171,7 +171,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, People]:
             if not (rows["controller"] == case.label).all() or not np.array_equal(rows["person"], person):
                 raise ValueError(f"the rows of {case.label!r} are not those of persons {person[0]} to {person[-1]}")
             of_case = {column.name: column.to_numpy() for column in rows}
-            people[case.label] = People(
+            people[case.label] = PeopleRows(
                 person=of_case["person"],
                 able=of_case["able"],
                 basal_insulin_mU_min=of_case["basal_insulin_mU_min"],

@@ -10,7 +10,7 @@ import numpy as np
 from glucoloop.control import Status
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
-from glucoloop.studies.adversary.outcome import Outcome
+from glucoloop.studies.adversary.outcome import SearchOutcome
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -28,7 +28,7 @@ _SAID: Final = {
 """What a guard says, and its colour."""
 
 
-def plot_adversary(outcomes: Sequence[Outcome], *, title: str | None = None) -> Figure:
+def plot_adversary(outcomes: Sequence[SearchOutcome], *, title: str | None = None) -> Figure:
     """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
 
     Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and
@@ -36,7 +36,7 @@ def plot_adversary(outcomes: Sequence[Outcome], *, title: str | None = None) -> 
 
     Parameters
     ----------
-    outcomes : sequence of Outcome
+    outcomes : sequence of SearchOutcome
     title : str, optional
 
     Returns
@@ -83,7 +83,7 @@ def plot_adversary(outcomes: Sequence[Outcome], *, title: str | None = None) -> 
     return figure
 
 
-def _draw_glucose(axes: Axes, of: Outcome) -> dict[str, Artist]:
+def _draw_glucose(axes: Axes, of: SearchOutcome) -> dict[str, Artist]:
     lane = of.worst.lane
     for bound in (54.0, 70.0):
         axes.axhline(bound, color=GREY, linewidth=0.6, linestyle=(0, (4, 3)), zorder=1)
@@ -104,7 +104,7 @@ def _draw_glucose(axes: Axes, of: Outcome) -> dict[str, Artist]:
     }
 
 
-def _draw_insulin(axes: Axes, of: Outcome) -> dict[str, Artist]:
+def _draw_insulin(axes: Axes, of: SearchOutcome) -> dict[str, Artist]:
     lane = of.worst.lane
     entries: dict[str, Artist] = {}
     for status, (said, colour) in _SAID.items():

@@ -10,18 +10,13 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, Field
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.run import STRICT, Seed, checked, whole_samples
-from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
-from glucoloop.config.unusual import ask_about_settings
 from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.settings import Value
-from glucoloop.studies.adversary.outcome import Cell
+from glucoloop.studies.adversary.outcome import ErrorSearch
 from glucoloop.studies.adversary.search import Effort
 from glucoloop.studies.adversary.space import ErrorSpace
-from glucoloop.studies.stress.keys import PAPER_CONTROLLERS
-from glucoloop.studies.stress.stress import Guards
+from glucoloop.studies.guarded import PAPER_CONTROLLERS, WITH_GUARD, Guards, guarded_trial_keys, read_guarded_trial
 from glucoloop.threefry import LARGEST_COUNTER
 
 GENERATIONS: Final = 300
@@ -73,7 +68,7 @@ class Adversary:
             generations=own.generations or usual, starts=own.starts, population=own.sequences, seed=own.search_seed
         )
 
-    def groups(self) -> Iterator[tuple[Trial, list[Cell]]]:
+    def groups(self) -> Iterator[tuple[Trial, list[ErrorSearch]]]:
         """Searches that share a loop: those of one controller, guarded or not."""
         trial, own = self.base, self.own
         spaces = [
@@ -87,10 +82,13 @@ class Adversary:
             for error in own.errors_pct
         ]
         for case in trial.cases:
-            for guarded in {"both": (False, True), "with": (True,), "without": (False,)}[own.guards]:
+            for guarded in WITH_GUARD[own.guards]:
                 tried = dataclasses.replace(case, guard=dict(self.limits) if guarded else None)
                 alone = dataclasses.replace(trial, cases=(tried,))
-                yield alone, [Cell(case=tried, space=space, effort=self._effort(case.controller)) for space in spaces]
+                yield (
+                    alone,
+                    [ErrorSearch(case=tried, space=space, effort=self._effort(case.controller)) for space in spaces],
+                )
 
     @property
     def lanes(self) -> int:
@@ -102,22 +100,13 @@ class Adversary:
         """Of all searches together."""
         return sum(cell.effort.generations for cell in self.cells())
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[ErrorSearch]:
         """All searches, in order."""
         return [cell for _, cells in self.groups() for cell in cells]
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same search is read."""
-        trial = {key: value for key, value in trial_keys(self.base).items() if key not in _NOT_WRITTEN}
-        # tables stand at the end of a file
-        cases = trial.pop(CASES_KEY)
-        own = self.own.model_dump(mode="json")
-        return {**trial, **own, **self.limits, CASES_KEY: cases}
-
-
-def adversary_key_names() -> list[str]:
-    """The keys that a search has and a trial has not."""
-    return [*AdversaryKeys.model_fields, *GUARD]
+        return guarded_trial_keys(self.base, self.own.model_dump(mode="json"), self.limits, _NOT_WRITTEN)
 
 
 def read_adversary(
@@ -136,23 +125,21 @@ def read_adversary(
     ValueError
         For a key that is unknown, wrong or at odds with another.
     """
-    called = {key: (names or {}).get(key, key) for key in keys}
-    for key in _REFUSED:
-        if key in keys:
-            raise ValueError(f"{called[key]} is no part of a search for the worst errors; leave it out")
     own = checked(AdversaryKeys, {key: keys[key] for key in AdversaryKeys.model_fields if key in keys}, names)
     if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
         told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
-        raise ValueError(f"{called['errors_pct']} is {told}; give one largest error or more, each once")
-    given = {key: value for key, value in keys.items() if key in GUARD}
-    limits = complete_guard(given)
-    others = {key: value for key, value in keys.items() if key not in adversary_key_names()}
-    plain = overlay_trial(_USUAL, others, names)
-    if not cases and not plain.get(CONTROLLERS_KEY):
-        plain[CONTROLLERS_KEY] = list(SEARCHED)
-    base = read_trial(plain, cases, names)
-    if not base.allow_unusual:
-        ask_about_settings(GUARD.values(), given, names)
+        called = (names or {}).get("errors_pct", "errors_pct")
+        raise ValueError(f"{called} is {told}; give one largest error or more, each once")
+    base, limits = read_guarded_trial(
+        keys,
+        cases,
+        names,
+        what="a search for the worst errors",
+        usual=_USUAL,
+        controllers=SEARCHED,
+        own=AdversaryKeys.model_fields,
+        refused=_REFUSED,
+    )
     asked = Adversary(base=base, own=own, limits=limits)
     asked.cells()  # refuses a part of a sample
     return asked

@@ -23,7 +23,7 @@ Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Cell:
+class ErrorSearch:
     """One search: a controller, guarded or not, the largest error, and how hard is searched."""
 
     case: Case
@@ -52,10 +52,10 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SearchOutcome:
     """What came of one search."""
 
-    cell: Cell
+    cell: ErrorSearch
     engine: str
     """That closed the loops: native or xla."""
     peak_without_errors_mg_dl: float
@@ -66,12 +66,12 @@ class Outcome:
 
 
 def search_all(
-    groups: Iterable[tuple[Trial, Sequence[Cell]]],
+    groups: Iterable[tuple[Trial, Sequence[ErrorSearch]]],
     person: int | None,
     *,
     before: Mapping[str, Sequence[Array]] | None = None,
-    told: Callable[[Cell, Generation], None] | None = None,
-) -> Iterator[Outcome]:
+    told: Callable[[ErrorSearch, Generation], None] | None = None,
+) -> Iterator[SearchOutcome]:
     """The outcomes of searches, each as soon as it is known.
 
     Parameters
@@ -105,7 +105,7 @@ def search_all(
             smaller = cell.space, generation.best
             never = np.full((cell.space.stretches, 1), float(cell.space.samples))
             without = attack.on_one(who, np.zeros((cell.space.samples, 1)), never)
-            yield Outcome(
+            yield SearchOutcome(
                 cell=cell,
                 engine=attack.engine,
                 peak_without_errors_mg_dl=float(without.peak_mg_dl[0]),

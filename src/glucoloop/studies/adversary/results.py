@@ -14,10 +14,10 @@ from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 from glucoloop.studies.adversary.figure import plot_adversary
 from glucoloop.studies.adversary.keys import Adversary
-from glucoloop.studies.adversary.outcome import Outcome
+from glucoloop.studies.adversary.outcome import SearchOutcome
 
 
-def row_of(asked: Adversary, of: Outcome) -> dict[str, Any]:
+def row_of(asked: Adversary, of: SearchOutcome) -> dict[str, Any]:
     """Plain values about one search."""
     harm, worst = of.random.harm, of.worst
     return {
@@ -43,7 +43,7 @@ def summary_of(asked: Adversary, rows: Sequence[dict[str, Any]]) -> dict[str, An
     return {"config": asked.keys(), "searches": list(rows)}
 
 
-def files_of(asked: Adversary, outcomes: Sequence[Outcome], rows: Sequence[dict[str, Any]]) -> dict[str, bytes]:
+def files_of(asked: Adversary, outcomes: Sequence[SearchOutcome], rows: Sequence[dict[str, Any]]) -> dict[str, bytes]:
     """The files about all searches, by name."""
     table = pl.DataFrame([{key: value for key, value in row.items() if key != "stuck_from_min"} for row in rows])
     return {
@@ -54,7 +54,7 @@ def files_of(asked: Adversary, outcomes: Sequence[Outcome], rows: Sequence[dict[
     }
 
 
-def trace_table(outcomes: Sequence[Outcome]) -> pl.DataFrame:
+def trace_table(outcomes: Sequence[SearchOutcome]) -> pl.DataFrame:
     """The worst loops, a row for each sample: glucose, reading, its error, insulin, and how the dose came about."""
     return pl.concat(
         pl.DataFrame(

@@ -15,7 +15,7 @@ import polars as pl
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows, RowsFolder
 from glucoloop.studies.adversary.keys import Adversary
-from glucoloop.studies.adversary.outcome import Cell, Outcome, search_all
+from glucoloop.studies.adversary.outcome import ErrorSearch, SearchOutcome, search_all
 from glucoloop.studies.adversary.search import Generation
 
 SUMMARY: Final = "adversary.json"
@@ -66,7 +66,7 @@ def rows_of(asked: Adversary) -> Rows[Scores]:
     )
 
 
-def search_on(asked: Adversary, folder: RowsFolder[Scores] | None, done: Callable[[], None]) -> list[Outcome]:
+def search_on(asked: Adversary, folder: RowsFolder[Scores] | None, done: Callable[[], None]) -> list[SearchOutcome]:
     """Carry out the searches, from where the folder has them on, and keep each generation there.
 
     Parameters
@@ -81,7 +81,7 @@ def search_on(asked: Adversary, folder: RowsFolder[Scores] | None, done: Callabl
         before.setdefault(row.search, []).append(row.score)
     known = {search: len(scores) for search, scores in before.items()}
 
-    def told(cell: Cell, generation: Generation) -> None:
+    def told(cell: ErrorSearch, generation: Generation) -> None:
         if generation.number < known.get(cell.name, 0):
             return
         if folder is not None:

@@ -75,7 +75,7 @@ class Days:
     """(samples, days) free of noise."""
 
 
-class Loop:
+class DayLoop:
     """A controller of a trial with its loop, compiled, for days of its people.
 
     Parameters

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from glucoloop.meals import Eaten, absorb, emptying_mg_min, meal_model_of
 from glucoloop.patients.population import virtual_people
 from glucoloop.studies.detection.days import (
+    DayLoop,
     Days,
     Estimator,
-    Loop,
     day_grid,
     in_even_blocks,
     who_and_when,
@@ -89,7 +89,7 @@ def evaluate(detection: Detection, progress: Progress | None = None) -> Detectio
     for name in detection.estimators:
         label = detection.case(name)
         if label not in recorded:
-            loop = Loop(detection, label)
+            loop = DayLoop(detection, label)
             recorded[label] = [], []
             for fasting in (False, True):
                 if not fasting and not detection.trial.plan.meals:

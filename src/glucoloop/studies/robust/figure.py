@@ -12,7 +12,7 @@ from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.studies.robust.front import Bound
 from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Search, Verdict
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Choice, Search
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -30,7 +30,7 @@ _MARKERS: Final = ("D", "s", "^", "v", "P", "X")
 def plot_robust(
     search: Search,
     candidates: Sequence[Candidate],
-    verdict: Verdict,
+    verdict: Choice,
     bounds: Sequence[Bound],
     references: Mapping[str, Mapping[str, float]],
     checked: Sequence[Checked],
@@ -44,7 +44,7 @@ def plot_robust(
     ----------
     search : Search
     candidates : sequence of Candidate
-    verdict : Verdict
+    verdict : Choice
     bounds : sequence of Bound
         Those on an objective of the front are drawn.
     references : mapping
@@ -110,7 +110,7 @@ def _draw_front(
     search: Search,
     values: npt.NDArray[np.float64],
     finite: npt.NDArray[np.bool_],
-    verdict: Verdict,
+    verdict: Choice,
     entries: dict[str, Artist],
 ) -> None:
     out, kept = finite & ~verdict.keeps, verdict.keeps
@@ -150,7 +150,7 @@ def _draw_marks(
     search: Search,
     candidates: Sequence[Candidate],
     values: npt.NDArray[np.float64],
-    verdict: Verdict,
+    verdict: Choice,
     references: Mapping[str, Mapping[str, float]],
     styles: Mapping[str, dict[str, Any]],
     entries: dict[str, Artist],
@@ -188,7 +188,7 @@ def _zoom(
     search: Search,
     values: npt.NDArray[np.float64],
     finite: npt.NDArray[np.bool_],
-    verdict: Verdict,
+    verdict: Choice,
     references: Mapping[str, Mapping[str, float]],
 ) -> None:
     """The front and the marks, and as much of the others as does not push these together."""

@@ -125,7 +125,7 @@ class Checked:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Choice:
     """Which candidates are any good."""
 
     keeps: npt.NDArray[np.bool_]
@@ -242,7 +242,7 @@ def bounds_of(search: Search, references: Mapping[str, Mapping[str, float]]) -> 
     )
 
 
-def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidate], prefer: str = BOTH) -> Verdict:
+def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidate], prefer: str = BOTH) -> Choice:
     """Which candidates keep the bounds, which make the front, and which is chosen.
 
     Parameters
@@ -269,10 +269,10 @@ def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidat
         sums = [sum(max(bound.violation(of.scores), 0.0) for bound in bounds) for of in candidates]
         excess = np.where(finite & np.isfinite(sums), sums, np.inf)
         choose(values[finite], search.objectives, prefer)  # refuses what cannot be preferred
-        return Verdict(keeps=kept, front=front, chosen=int(np.argmin(excess)), bounded=False)
+        return Choice(keeps=kept, front=front, chosen=int(np.argmin(excess)), bounded=False)
     front[eligible[pareto(values[eligible])]] = True
     on_it = np.flatnonzero(front)
-    return Verdict(
+    return Choice(
         keeps=kept, front=front, chosen=int(on_it[choose(values[on_it], search.objectives, prefer)]), bounded=True
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Search, Verdict
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Choice, Search
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,7 +29,7 @@ _HEADS: Final = {
 def robust_table(
     search: Search,
     candidates: Sequence[Candidate],
-    verdict: Verdict,
+    verdict: Choice,
     references: Mapping[str, Mapping[str, float]],
     *,
     top: int = 10,
@@ -40,7 +40,7 @@ def robust_table(
     ----------
     search : Search
     candidates : sequence of Candidate
-    verdict : Verdict
+    verdict : Choice
     references : mapping
         Scores by label.
     top : int

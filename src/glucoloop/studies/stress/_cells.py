@@ -68,7 +68,7 @@ def legend_shades(rows: Iterable[StressRow]) -> list[Shade]:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class RowQuantity:
     """One number of a row, with its heading and format."""
 
     group: str
@@ -89,31 +89,31 @@ def _whole(name: str) -> Callable[[StressRow], str]:
 
 
 QUANTITIES: Final = (
-    Quantity("Time below 60 (%)", "mean", _pct("below_60_mean_pct")),
-    Quantity("Time below 60 (%)", "worst", _pct("below_60_worst_pct")),
-    Quantity("Time below 54 (%)", "mean", _pct("below_54_mean_pct")),
-    Quantity("Time below 54 (%)", "worst", _pct("below_54_worst_pct")),
-    Quantity("Ever below (%)", "60", _pct("ever_below_60_pct")),
-    Quantity("Ever below (%)", "54", _pct("ever_below_54_pct")),
-    Quantity("Model not valid", "people", _whole("people_below_validity")),
-    Quantity("Glucose (mg/dl)", "lowest", _mg_dl("lowest_mg_dl")),
-    Quantity("Glucose (mg/dl)", "of person", _whole("lowest_person")),
-    Quantity("Glucose (mg/dl)", "highest", _mg_dl("highest_mg_dl")),
-    Quantity("Events", "low", _whole("low_events")),
-    Quantity("Events", "very low", _whole("very_low_events")),
-    Quantity("Samples (%)", "saturated", _pct("saturated_pct")),
-    Quantity("Samples (%)", "missing", _pct("missing_pct")),
-    Quantity("Samples (%)", "rejected", _pct("rejected_pct")),
-    Quantity("Samples (%)", "fallback", _pct("fallback_pct")),
-    Quantity("Samples (%)", "suspended", _pct("suspended_pct")),
-    Quantity("Samples (%)", "limited", _pct("dose_limited_pct")),
-    Quantity("Worse off", "people", lambda row: f"{len(row.worse)}" if row.people else NOT_AVAILABLE),
-    Quantity("Worse off", "most (%)", _pct("worst_more_pct")),
+    RowQuantity("Time below 60 (%)", "mean", _pct("below_60_mean_pct")),
+    RowQuantity("Time below 60 (%)", "worst", _pct("below_60_worst_pct")),
+    RowQuantity("Time below 54 (%)", "mean", _pct("below_54_mean_pct")),
+    RowQuantity("Time below 54 (%)", "worst", _pct("below_54_worst_pct")),
+    RowQuantity("Ever below (%)", "60", _pct("ever_below_60_pct")),
+    RowQuantity("Ever below (%)", "54", _pct("ever_below_54_pct")),
+    RowQuantity("Model not valid", "people", _whole("people_below_validity")),
+    RowQuantity("Glucose (mg/dl)", "lowest", _mg_dl("lowest_mg_dl")),
+    RowQuantity("Glucose (mg/dl)", "of person", _whole("lowest_person")),
+    RowQuantity("Glucose (mg/dl)", "highest", _mg_dl("highest_mg_dl")),
+    RowQuantity("Events", "low", _whole("low_events")),
+    RowQuantity("Events", "very low", _whole("very_low_events")),
+    RowQuantity("Samples (%)", "saturated", _pct("saturated_pct")),
+    RowQuantity("Samples (%)", "missing", _pct("missing_pct")),
+    RowQuantity("Samples (%)", "rejected", _pct("rejected_pct")),
+    RowQuantity("Samples (%)", "fallback", _pct("fallback_pct")),
+    RowQuantity("Samples (%)", "suspended", _pct("suspended_pct")),
+    RowQuantity("Samples (%)", "limited", _pct("dose_limited_pct")),
+    RowQuantity("Worse off", "people", lambda row: f"{len(row.worse)}" if row.people else NOT_AVAILABLE),
+    RowQuantity("Worse off", "most (%)", _pct("worst_more_pct")),
 )
 """All quantities of a cell, in order."""
 
 
-def grouped() -> Iterator[tuple[str, list[Quantity]]]:
+def grouped() -> Iterator[tuple[str, list[RowQuantity]]]:
     """The quantities under the heads that they share."""
     for group in dict.fromkeys(quantity.group for quantity in QUANTITIES):
         yield group, [quantity for quantity in QUANTITIES if quantity.group == group]

@@ -8,18 +8,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.run import faults_told
-from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
-from glucoloop.config.unusual import ask_about_settings
-from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.settings import Value
-from glucoloop.studies.stress.stress import STANDARD_FAULTS, Guards, Stress, stress_of
+from glucoloop.studies.guarded import PAPER_CONTROLLERS, WITH_GUARD, Guards, guarded_trial_keys, read_guarded_trial
+from glucoloop.studies.stress.stress import STANDARD_FAULTS, Stress, stress_of
 
-PAPER_CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se")
-GUARDS: Final[tuple[Guards, ...]] = ("both", "with", "without")
-STRESS_KEYS: Final = ("faults", "guards", *GUARD)
-"""What a stress test has, and a trial has not or means otherwise."""
+GUARDS: Final = tuple(WITH_GUARD)
+STRESS_KEYS: Final = ("faults", "guards")
+"""Keys that a stress test has, and a trial has not or means otherwise."""
 _USUAL: Final[Mapping[str, Any]] = {
     "people": 100,
     "duration_min": 600.0,
@@ -44,10 +40,8 @@ class StressTest:
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same test is read."""
-        keys = {key: value for key, value in trial_keys(self.base).items() if key not in _REFUSED}
-        # tables stand at the end of a file
-        cases = keys.pop(CASES_KEY)
-        return {**keys, "faults": list(self.faults), "guards": self.guards, **self.limits, CASES_KEY: cases}
+        own = {"faults": list(self.faults), "guards": self.guards}
+        return guarded_trial_keys(self.base, own, self.limits, _REFUSED)
 
 
 def read_stress(
@@ -66,20 +60,19 @@ def read_stress(
         For a key that is unknown, wrong or at odds with another.
     """
     called = {key: (names or {}).get(key, key) for key in keys}
-    for key in _REFUSED:
-        if key in keys:
-            raise ValueError(f"{called[key]} is no part of a stress test; leave it out")
     guards = keys.get("guards", "both")
     if guards not in GUARDS:
         raise ValueError(f"{called['guards']} is {guards!r}; give {', '.join(GUARDS[:-1])} or {GUARDS[-1]}")
-    given = {key: value for key, value in keys.items() if key in GUARD}
-    limits = complete_guard(given)
-    plain = overlay_trial(_USUAL, {key: value for key, value in keys.items() if key not in STRESS_KEYS}, names)
-    if not cases and not plain.get(CONTROLLERS_KEY):
-        plain[CONTROLLERS_KEY] = list(PAPER_CONTROLLERS)
-    base = read_trial(plain, cases, names)
-    if not base.allow_unusual:
-        ask_about_settings(GUARD.values(), given, names)
+    base, limits = read_guarded_trial(
+        keys,
+        cases,
+        names,
+        what="a stress test",
+        usual=_USUAL,
+        controllers=PAPER_CONTROLLERS,
+        own=STRESS_KEYS,
+        refused=_REFUSED,
+    )
     if "shard_people" not in keys:
         # Slow controllers under many faults: so that not much is lost when a run is cut short.
         base = dataclasses.replace(base, shard_people=min(base.people, _SHARD_PEOPLE))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +18,8 @@ from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
 from glucoloop.registry.settings import Value
+from glucoloop.studies.guarded import WITH_GUARD, Guards
 
-Guards = Literal["both", "with", "without"]
 NO_FAULT: Final = ""
 MOST_MORE_PCT: Final = 1.0
 """Of the time below 60 mg/dl: as much more of it than without the fault is borne."""
@@ -111,7 +111,7 @@ def stress_of(base: Trial, faults: Sequence[str], guards: Guards, limits: Mappin
     cases: list[Case] = []
     tried: list[Tried] = []
     for case in base.cases:
-        for guarded in {"both": (False, True), "with": (True,), "without": (False,)}[guards]:
+        for guarded in WITH_GUARD[guards]:
             for fault in (NO_FAULT, *faults):
                 cell = Tried(controller=case.label, guarded=guarded, fault=fault)
                 own = (fault,) if fault else ()

@@ -23,7 +23,7 @@ from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.verification.invariants import PROMISES
-from glucoloop.studies.verification.loops import Array, Closed, Loops, Numbers, Progress
+from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops
 from glucoloop.studies.verification.people import able_people, draw_people, draw_random_meals, population_of
 from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
@@ -194,14 +194,14 @@ def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, 
         below: list[Array] = []
         for guard in (False, True):
             controller = with_guard(bare, {} if guard else None, situation.limits)
-            loops = Loops(campaign.seed, controller, order, horizon_min(name), situation)
+            loops = WatchedLoops(campaign.seed, controller, order, horizon_min(name), situation)
             closed = loops.close(person, progress)
             below.append(closed.below_60_pct)
             arm = _arm(campaign, name, guard, loops, person, closed)
             yield arm, _guarding(name, person, below[0], below[1]) if guard else None
 
 
-def _arm(campaign: Campaign, name: str, guard: bool, loops: Loops, person: Numbers, closed: Closed) -> Arm:
+def _arm(campaign: Campaign, name: str, guard: bool, loops: WatchedLoops, person: Numbers, closed: Closed) -> Arm:
     again = np.arange(person.size)[::REPEATED][::-1]
     if again.size == person.size:  # nobody would stand elsewhere than before
         again = again[:0]

@@ -50,7 +50,7 @@ class Closed:
     """(n,) hash of all observations: equal for equal bits."""
 
 
-class Loops:
+class WatchedLoops:
     """The loops of one controller, with a guard or without."""
 
     def __init__(

@@ -52,7 +52,7 @@ _READINGS: Final = np.array([np.nan, np.inf, -np.inf, 0.0, 19.9, 20.0, 31.0, 64.
 
 
 @dataclass(frozen=True)
-class Nonsense:
+class NonsenseCheck:
     """Definition of a nonsense test.
 
     Raises
@@ -292,12 +292,12 @@ def _overwritten(state: Any, word: jax.Array, value: jax.Array) -> Any:
     return jax.tree.unflatten(structure, new)
 
 
-def run_nonsense(nonsense: Nonsense, progress: Progress | None = None) -> NonsenseResult:
+def run_nonsense(nonsense: NonsenseCheck, progress: Progress | None = None) -> NonsenseResult:
     """Run a nonsense test.
 
     Parameters
     ----------
-    nonsense : Nonsense
+    nonsense : NonsenseCheck
     progress : callable, optional
         Called with each number of finished loops. If it raises KeyboardInterrupt, the run ends early and returns the
         results so far, marked as interrupted.
