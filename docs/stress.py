@@ -1,8 +1,8 @@
 """Turn stress tests into the tables that ``guide/guard.md`` shows.
 
-    glucoloop stress --people 1000 --controller imc --controller mpc --controller mpc-se --out three
-    glucoloop stress --people 1000 --controller nlqdmc-se --guards with --out fourth
-    python docs/stress.py three/summary.json fourth/summary.json
+    glucoloop stress --people 300 --controller imc --controller mpc --controller mpc-se --out three
+    glucoloop stress --people 100 --controller nlqdmc-se --controller meal-mpc --guards with --out others
+    python docs/stress.py three/summary.json others/summary.json
 
 It rewrites ``guide/stress_figures.md``: the faults from the folders, and what the guard costs a day without one from a
 trial that it carries out.
@@ -21,7 +21,7 @@ from glucoloop.config.trial import read_trial
 from glucoloop.registry.guard import complete_guard
 from glucoloop.studies.stress._faults import short_names
 
-NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE"}
+NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}
 PEOPLE, SEED = 1000, 0
 
 
@@ -34,13 +34,14 @@ def cell(rows):
 
 
 def faults(summaries):
-    rows = {}
+    rows, people = {}, {}
     for summary in summaries:
         for row in summary["rows"]:
             rows.setdefault(row["fault"], {}).setdefault(row["controller"], {})[row["guarded"]] = row
+            people[row["controller"]] = row["people"]
     controllers = [name for name in NAMES if any(name in of for of in rows.values())]
     names = short_names([fault for fault in rows if fault])
-    lines = [f"| Fault | {' | '.join(NAMES[name] for name in controllers)} |"]
+    lines = [f"| Fault | {' | '.join(f'{NAMES[name]}, of {people[name]}' for name in controllers)} |"]
     lines.append(f"| :--- |{' ---: |' * len(controllers)}")
     for fault, of in rows.items():
         if fault:
@@ -89,9 +90,9 @@ def main(paths):
     )
     text = "\n".join(
         [
-            "People of 1000 who spend more than 1 % of the time more below 60 mg/dl than without the fault, without "
-            "the guard → with it; in brackets the largest such difference with it, in % of the time. NLQDMC/SE was "
-            "tried with the guard alone.",
+            "People who spend more than 1 % of the time more below 60 mg/dl than without the fault, without the guard "
+            "→ with it; in brackets the largest such difference with it, in % of the time. Where there is one number, "
+            "the controller was tried with the guard alone.",
             "",
             faults(summaries),
             "",
