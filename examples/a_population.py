@@ -9,10 +9,11 @@ controller = gl.design_linear_mpc(gl.identify(gl.patient()).model)
 run = gl.simulate_people(people, controller)
 
 undershoot = run.metrics.undershoot_mg_dl
-print(f"{people.able.sum()} people; undershoot: median {np.median(undershoot):.1f}, worst {undershoot.max():.1f} mg/dl")
+median, worst = np.median(undershoot), undershoot.max()
+print(f"{people.feasible.sum()} people; undershoot: median {median:.1f}, worst {worst:.1f} mg/dl")
 
-worst = int(undershoot.argmax())
-basal = people.basal_insulin_mU_min[worst]
-print(f"Person {people.draw.person[worst]} has the lowest glucose; the basal rate is {basal:.1f} mU/min.")
+lowest = int(undershoot.argmax())
+basal = people.basal_insulin_mU_min[lowest]
+print(f"Person {people.draw.person[lowest]} has the lowest glucose; the basal rate is {basal:.1f} mU/min.")
 for parameter, values in people.draw.values.items():
-    print(f"    {parameter:18} {values[worst]:8.3f}")
+    print(f"    {parameter:18} {values[lowest]:8.3f}")

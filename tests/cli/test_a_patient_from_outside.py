@@ -45,7 +45,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
 def test_its_people_rest_where_they_are_to(outside):
     people = virtual_people(population("varied", patient="person-1"), 1, np.arange(40))
     assert set(people.draw.values) == {"sensitivity", "clearance_ml_min", "tau_1_min", "EGP"}
-    held = people.able
+    held = people.feasible
     assert 20 < held.sum() <= 40
     still = people.patient.derivative(0.0, people.rest, _fasting(people.basal_insulin_mU_min))
     np.testing.assert_allclose(np.asarray(still)[:, held], 0.0, atol=1e-12)

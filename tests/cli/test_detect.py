@@ -50,7 +50,7 @@ def done(detection):
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
     fasted = dataclasses.replace(fed, eating=alarm)
     results = [score(detection, name, "basal", fed, fasted) for name in detection.estimators]
-    return DetectionResult(estimators=tuple(results), days=1, unable=0)
+    return DetectionResult(estimators=tuple(results), days=1, infeasible=0)
 
 
 @pytest.fixture

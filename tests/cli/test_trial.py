@@ -71,7 +71,7 @@ def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_pa
     monkeypatch.setattr("glucoloop.cli.trial_results.plot_trial", lambda report: Figure())
     glucoloop("trial", *TWO, "--traces", "all", "--out", "a")
     [report] = reports
-    assert (report.people, report.unable, report.setpoint_mg_dl) == (40, 0, pytest.approx(81.1))
+    assert (report.people, report.infeasible, report.setpoint_mg_dl) == (40, 0, pytest.approx(81.1))
     assert report.facts["Seed"] == "3"
     people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet").filter(controller="pid")
     traces = pl.read_parquet(tmp_path / "a/shards/*/traces.parquet").filter(controller="pid")
@@ -136,13 +136,13 @@ def test_json_is_the_summary_and_a_finished_trial_is_told_again(glucoloop, tmp_p
 def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
     answer = glucoloop("trial", *SMALL, "--setpoint", 180, "--out", "a", "--mmol")
     summary = json.loads((tmp_path / "a/summary.json").read_text())
-    unable = summary["unable"]["person"]
-    assert 0 < len(unable) < 40
-    assert f"Of 40 people {len(unable)} have no basal rate for 180 mg/dl: person {unable[0]}, " in answer.out
+    infeasible = summary["unable"]["person"]
+    assert 0 < len(infeasible) < 40
+    assert f"Of 40 people {len(infeasible)} have no basal rate for 180 mg/dl: person {infeasible[0]}, " in answer.out
     assert "basal: least glucose" in answer.out
     assert "mmol/l" in answer.out
     people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet")
-    assert people.filter(~pl.col("able"))["person"].to_list() == unable
+    assert people.filter(~pl.col("able"))["person"].to_list() == infeasible
 
 
 @pytest.mark.usefixtures("_plain")

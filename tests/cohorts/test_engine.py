@@ -62,7 +62,7 @@ def result(prepared, small_blocks):
 
 def assert_same(found, expected, places=slice(None)):
     np.testing.assert_array_equal(found.person, expected.person[places])
-    np.testing.assert_array_equal(found.able, expected.able[places])
+    np.testing.assert_array_equal(found.feasible, expected.feasible[places])
     np.testing.assert_array_equal(found.basal_insulin_mU_min, expected.basal_insulin_mU_min[places])
     for name in ("drawn", "metrics"):
         ours, theirs = getattr(found, name), getattr(expected, name)
@@ -94,17 +94,17 @@ def test_counts_of_parts_add_up(prepared, result):
 
 
 def test_who_cannot_rest_is_named_and_not_counted(result):
-    np.testing.assert_array_equal(result.able, ~np.isin(NUMBERS, [11, 530, 902]))
-    np.testing.assert_array_equal(np.isfinite(result.basal_insulin_mU_min), result.able)
-    able = int(result.able.sum())
-    np.testing.assert_array_equal(result.glucose_counts.sum(axis=1), able)
-    np.testing.assert_array_equal(result.insulin_counts.sum(axis=1), able)
+    np.testing.assert_array_equal(result.feasible, ~np.isin(NUMBERS, [11, 530, 902]))
+    np.testing.assert_array_equal(np.isfinite(result.basal_insulin_mU_min), result.feasible)
+    feasible = int(result.feasible.sum())
+    np.testing.assert_array_equal(result.glucose_counts.sum(axis=1), feasible)
+    np.testing.assert_array_equal(result.insulin_counts.sum(axis=1), feasible)
     for name, values in result.metrics.items():
         if values.dtype.kind == "f" and not name.startswith("insulin"):
-            np.testing.assert_array_equal(np.isfinite(values), result.able, err_msg=name)
+            np.testing.assert_array_equal(np.isfinite(values), result.feasible, err_msg=name)
     for name in ("settled_2pct", "settled_5pct", "glucose_satisfied", "constraints_satisfied"):
-        assert not result.metrics[name][~result.able].any()
-    assert np.isnan(result.glucose_mg_dl[:, ~result.able]).all()
+        assert not result.metrics[name][~result.feasible].any()
+    assert np.isnan(result.glucose_mg_dl[:, ~result.feasible]).all()
 
 
 def test_counts_are_histograms_of_the_traces(result):
@@ -112,7 +112,7 @@ def test_counts_are_histograms_of_the_traces(result):
         (result.glucose_counts, result.glucose_mg_dl, glucose_edges()),
         (result.insulin_counts, result.insulin_mU_min, insulin_edges(66.9)),
     ):
-        for row, values in zip(counts, traces[:, result.able], strict=True):
+        for row, values in zip(counts, traces[:, result.feasible], strict=True):
             np.testing.assert_array_equal(row, np.histogram(values.astype(float), edges)[0])
 
 
@@ -159,10 +159,12 @@ def test_each_person_is_a_run_of_his_own(trial, prepared, result):
 
 def test_without_feedback_everybody_gets_his_basal_rate(prepared, result):
     found = run_people(prepared, "basal", NUMBERS, traces=True, threads=1)
-    basal = found.basal_insulin_mU_min[found.able].astype(np.float32)
-    np.testing.assert_allclose(found.insulin_mU_min[:, found.able], np.broadcast_to(basal, (20, basal.size)), rtol=1e-6)
+    basal = found.basal_insulin_mU_min[found.feasible].astype(np.float32)
+    np.testing.assert_allclose(
+        found.insulin_mU_min[:, found.feasible], np.broadcast_to(basal, (20, basal.size)), rtol=1e-6
+    )
     np.testing.assert_array_equal(found.basal_insulin_mU_min, result.basal_insulin_mU_min)
-    assert np.all(found.metrics["samples_saturated"][found.able] == 0)
+    assert np.all(found.metrics["samples_saturated"][found.feasible] == 0)
 
 
 def test_what_was_prepared_last_is_kept(trial, prepared):

@@ -18,22 +18,22 @@ YES_OR_NO = frozenset(
 )
 
 
-def population(seed, people=PEOPLE, unable=0.01):
+def population(seed, people=PEOPLE, infeasible=0.01):
     rng = np.random.default_rng(seed)
-    # Whether somebody is able, and his rate, do not depend on the controller.
+    # Whether a person is feasible, and the basal rate, do not depend on the controller.
     common = np.random.default_rng(99)
-    able = common.random(people) >= unable
-    basal = np.where(able, common.normal(40.0, 15.0, people), np.nan)
+    feasible = common.random(people) >= infeasible
+    basal = np.where(feasible, common.normal(40.0, 15.0, people), np.nan)
     metrics = {
-        field.name: np.where(able, rng.gamma(2.0, 10.0, people), np.nan) for field in dataclasses.fields(Metrics)
+        field.name: np.where(feasible, rng.gamma(2.0, 10.0, people), np.nan) for field in dataclasses.fields(Metrics)
     }
-    metrics |= {name: np.where(able, rng.random(people) < 0.3, np.nan) for name in YES_OR_NO}
-    metrics["minimum_mg_dl"] = np.where(able, rng.normal(65.0, 8.0, people), np.nan)
+    metrics |= {name: np.where(feasible, rng.random(people) < 0.3, np.nan) for name in YES_OR_NO}
+    metrics["minimum_mg_dl"] = np.where(feasible, rng.normal(65.0, 8.0, people), np.nan)
     metrics["peak_mg_dl"] = metrics["minimum_mg_dl"] + rng.gamma(2.0, 40.0, people)
     metrics["time_below_60_pct"] = np.where(metrics["minimum_mg_dl"] < 60.0, 3.0, 0.0)
-    metrics["time_below_60_pct"][~able] = np.nan
-    metrics["time_below_validity_pct"] = np.where(able & (metrics["minimum_mg_dl"] < 44.5), 1.0, 0.0 * basal)
-    return PeopleRows(np.arange(people), able, basal, {"F_LC": rng.random(people)}, metrics, YES_OR_NO)
+    metrics["time_below_60_pct"][~feasible] = np.nan
+    metrics["time_below_validity_pct"] = np.where(feasible & (metrics["minimum_mg_dl"] < 44.5), 1.0, 0.0 * basal)
+    return PeopleRows(np.arange(people), feasible, basal, {"F_LC": rng.random(people)}, metrics, YES_OR_NO)
 
 
 def dealt(cases, size):
@@ -43,7 +43,7 @@ def dealt(cases, size):
         return dataclasses.replace(
             people,
             person=people.person[rows],
-            able=people.able[rows],
+            feasible=people.feasible[rows],
             basal_insulin_mU_min=people.basal_insulin_mU_min[rows],
             drawn={name: values[rows] for name, values in people.drawn.items()},
             metrics={name: values[rows] for name, values in people.metrics.items()},
@@ -69,13 +69,13 @@ def summary(cases):
 def test_metrics_are_those_of_all_people(cases, summary):
     for label, people in cases.items():
         for name, values in people.metrics.items():
-            able, told = values[people.able], summary.cases[label].metrics[name]
+            feasible, told = values[people.feasible], summary.cases[label].metrics[name]
             if name in YES_OR_NO:
-                assert told == {"people": able.sum(), "share_pct": pytest.approx(100.0 * able.mean())}
+                assert told == {"people": feasible.sum(), "share_pct": pytest.approx(100.0 * feasible.mean())}
                 continue
             expected = {
-                "mean": able.mean(), "sd": able.std(ddof=1), "min": able.min(), "max": able.max(),
-                **{f"p{p}": np.percentile(able, p) for p in (1, 5, 25, 75, 95, 99)}, "median": np.median(able),
+                "mean": feasible.mean(), "sd": feasible.std(ddof=1), "min": feasible.min(), "max": feasible.max(),
+                **{f"p{p}": np.percentile(feasible, p) for p in (1, 5, 25, 75, 95, 99)}, "median": np.median(feasible),
             }  # fmt: skip
             assert told == pytest.approx(expected, rel=1e-12)
 
@@ -83,8 +83,8 @@ def test_metrics_are_those_of_all_people(cases, summary):
 def test_who_is_not_able_and_who_is_beyond_the_pump_are_named(cases, summary):
     people = cases["mpc"]
     assert summary.people == PEOPLE
-    assert list(summary.unable.person) == np.flatnonzero(~people.able).tolist()
-    assert summary.unable.count == (~people.able).sum()
+    assert list(summary.infeasible.person) == np.flatnonzero(~people.feasible).tolist()
+    assert summary.infeasible.count == (~people.feasible).sum()
     assert list(summary.beyond_pump.person) == np.flatnonzero(people.basal_insulin_mU_min > 66.9).tolist()
 
 
@@ -120,19 +120,19 @@ def test_worst_are_those_with_the_least_glucose(cases, summary):
 
 def test_low_glucose_grid_and_distributions_count_people(cases, summary):
     people = cases["mpc"]
-    case, minimum = summary.cases["mpc"], people.metrics["minimum_mg_dl"][people.able]
+    case, minimum = summary.cases["mpc"], people.metrics["minimum_mg_dl"][people.feasible]
     for limit in (60, 54):
         assert case.ever_below[limit] == {
             "people": (minimum < limit).sum(),
             "share_pct": pytest.approx(100.0 * (minimum < limit).mean()),
         }
-    np.testing.assert_array_equal(case.cvga_counts, grid_counts(minimum, people.metrics["peak_mg_dl"][people.able]))
+    np.testing.assert_array_equal(case.cvga_counts, grid_counts(minimum, people.metrics["peak_mg_dl"][people.feasible]))
     assert set(case.distributions) == set(DISTRIBUTIONS)
     for metric, counted in case.distributions.items():
         other = summary.cases["pid"].distributions[metric]
         np.testing.assert_array_equal(counted.edges, other.edges)
-        assert counted.counts.sum() == people.able.sum()
-        inside = people.metrics[metric][people.able].clip(counted.edges[0], counted.edges[-1])
+        assert counted.counts.sum() == people.feasible.sum()
+        inside = people.metrics[metric][people.feasible].clip(counted.edges[0], counted.edges[-1])
         np.testing.assert_array_equal(counted.counts, np.histogram(inside, counted.edges)[0])
 
 
@@ -149,24 +149,24 @@ def test_dealing_changes_rounding_alone(cases, summary, size):
 
 def test_people_whose_glucose_is_not_finite_are_named_and_left_out(cases):
     people = cases["mpc"]
-    lost = np.flatnonzero(people.able)[[3, 8]]
+    lost = np.flatnonzero(people.feasible)[[3, 8]]
     metrics = {name: values.copy() for name, values in people.metrics.items()}
     metrics["minimum_mg_dl"][lost] = np.nan
     broken = dataclasses.replace(people, metrics=metrics)
     case = summarise_people(dealt({"mpc": broken}, 700), max_insulin_mU_min=66.9).cases["mpc"]
     assert list(case.not_finite.person) == lost.tolist()
-    assert case.metrics["gri"]["max"] == np.delete(people.metrics["gri"], lost)[np.delete(people.able, lost)].max()
+    assert case.metrics["gri"]["max"] == np.delete(people.metrics["gri"], lost)[np.delete(people.feasible, lost)].max()
 
 
 def test_many_are_counted_and_the_first_named():
-    told = summarise_people(dealt({"mpc": population(1, unable=0.5)}, 700), max_insulin_mU_min=66.9)
-    assert told.unable.count > 1200
-    assert len(told.unable.person) == MOST_NAMED
+    told = summarise_people(dealt({"mpc": population(1, infeasible=0.5)}, 700), max_insulin_mU_min=66.9)
+    assert told.infeasible.count > 1200
+    assert len(told.infeasible.person) == MOST_NAMED
 
 
-def test_nobody_able():
-    told = summarise_people(dealt({"mpc": population(1, unable=1.1)}, 700), max_insulin_mU_min=66.9)
-    assert told.unable.count == PEOPLE
+def test_nobody_feasible():
+    told = summarise_people(dealt({"mpc": population(1, infeasible=1.1)}, 700), max_insulin_mU_min=66.9)
+    assert told.infeasible.count == PEOPLE
     assert told.cases["mpc"].worst == []
     assert np.isnan(told.cases["mpc"].metrics["gri"]["median"])
     with pytest.raises(ValueError, match="nobody to summarise"):

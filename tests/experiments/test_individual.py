@@ -91,7 +91,7 @@ def test_no_design_where_there_is_nothing_to_design(people):
 def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
     persons = [11, 12]  # of seed 0 at 120 mg/dl nothing holds the first
     found = virtual_people(population("parker2000"), 0, persons, setpoint_mg_dl=120.0)
-    assert found.able.tolist() == [False, True]
+    assert found.feasible.tolist() == [False, True]
     one = case("mpc")
     together = individual_design(trial_of(one), one, found)(found)
     assert np.isnan(np.asarray(together.step_response)[:, 0]).all()

@@ -103,7 +103,7 @@ def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
 @pytest.mark.long
 def test_somebody_without_a_basal_rate_does_not_disturb_the_others(known):
     found = virtual_people(population("parker2000"), 0, [11, 12], setpoint_mg_dl=120.0)
-    assert found.able.tolist() == [False, True]
+    assert found.feasible.tolist() == [False, True]
     gain, lag = known(found)
     assert (gain[0], lag[0]) == (1.0, 1.0)
     assert np.isfinite((gain[1], lag[1])).all()

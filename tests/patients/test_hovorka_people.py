@@ -74,9 +74,9 @@ def test_the_published_population_varies_as_printed(published, people):
 
 def test_almost_everybody_can_be_held_at_the_usual_setpoint(people):
     basal = people.basal_insulin_mU_min
-    assert people.able.mean() > 0.99
-    assert 5.0 < np.median(basal[people.able]) < 9.0  # 0.3 to 0.5 U/h
-    x = people.rest[:, people.able]
+    assert people.feasible.mean() > 0.99
+    assert 5.0 < np.median(basal[people.feasible]) < 9.0  # 0.3 to 0.5 U/h
+    x = people.rest[:, people.feasible]
     assert (x >= 0.0).all()
     insulin, glucose = sound(x, np.full(x.shape[1], 120.0))
     assert np.all(insulin)
@@ -87,11 +87,11 @@ def test_almost_everybody_can_be_held_at_the_usual_setpoint(people):
 def test_who_cannot_be_held_has_no_rate():
     scarce = of(Variation(parameter="EGP_0", distribution="uniform", centre=0.0105, spread=0.002))
     people = virtual_people(scarce, 3, np.arange(50))
-    assert 0 < people.able.sum() < 50
+    assert 0 < people.feasible.sum() < 50
     rests_below = people.draw.values["EGP_0"] < 0.0097  # of what is used without insulin
-    np.testing.assert_array_equal(people.able, ~rests_below)
-    assert np.isnan(people.rest[:, ~people.able]).all()
-    assert np.isnan(people.basal_insulin_mU_min[~people.able]).all()
+    np.testing.assert_array_equal(people.feasible, ~rests_below)
+    assert np.isnan(people.rest[:, ~people.feasible]).all()
+    assert np.isnan(people.basal_insulin_mU_min[~people.feasible]).all()
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def test_lognormal_spreads_as_it_says():
 @pytest.mark.parametrize("who", ["people", "heavy_and_light"])
 def test_everybody_rests_at_the_setpoint_under_his_basal_rate(who, rates, request):
     found = request.getfixturevalue(who)
-    assert found.able.all()
+    assert found.feasible.all()
     np.testing.assert_allclose(rates(found.patient, found.rest, found.basal_insulin_mU_min), 0.0, atol=1e-11)
     np.testing.assert_allclose(found.rest[ARTERIAL_GLUCOSE], 81.1, rtol=1e-13)
     assert (found.rest[GLUCOSE] > 0.0).all()
@@ -110,7 +110,7 @@ def test_a_person_is_the_same_in_any_company(people, n):
 
 def test_nobody_drawn_is_nobody():
     none = virtual_people(population("parker2000"), 3, [])
-    assert none.basal_insulin_mU_min.shape == none.able.shape == (0,)
+    assert none.basal_insulin_mU_min.shape == none.feasible.shape == (0,)
     assert none.rest.shape == (19, 0)
 
 
@@ -140,11 +140,11 @@ def test_who_has_no_basal_rate_is_told_and_kept():
     """At 170 mg/dl some rest below the setpoint even without insulin."""
     people = virtual_people(population("parker2000"), 3, np.arange(1024), setpoint_mg_dl=170.0)
     without_insulin = np.asarray(rest_under(people.patient.parameters, 0.0)[ARTERIAL_GLUCOSE])
-    assert 0 < (~people.able).sum() < 1024
-    assert np.array_equal(people.able, without_insulin >= 170.0)
-    assert np.isnan(people.basal_insulin_mU_min[~people.able]).all()
-    assert np.isnan(people.rest[:, ~people.able]).all()
-    assert (people.basal_insulin_mU_min[people.able] >= 0.0).all()
+    assert 0 < (~people.feasible).sum() < 1024
+    assert np.array_equal(people.feasible, without_insulin >= 170.0)
+    assert np.isnan(people.basal_insulin_mU_min[~people.feasible]).all()
+    assert np.isnan(people.rest[:, ~people.feasible]).all()
+    assert (people.basal_insulin_mU_min[people.feasible] >= 0.0).all()
 
 
 def test_who_cannot_feed_his_brain_has_no_basal_rate():
@@ -152,8 +152,8 @@ def test_who_cannot_feed_his_brain_has_no_basal_rate():
     light = Population("light", (uniform("weight_kg", centre=38.0),))
     people = virtual_people(light, 0, np.arange(200))
     weight = people.draw.values["weight_kg"]
-    assert np.array_equal(people.able, 81.1 - (70.0 / 5.9 + 70.0 * 2.1 / 4.5) * 70.0 / weight > 0.0)
-    assert 0 < people.able.sum() < 200
+    assert np.array_equal(people.feasible, 81.1 - (70.0 / 5.9 + 70.0 * 2.1 / 4.5) * 70.0 / weight > 0.0)
+    assert 0 < people.feasible.sum() < 200
 
 
 def test_values_become_constants():

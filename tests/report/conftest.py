@@ -171,7 +171,7 @@ def make_report(make_case):
             "title": "Trial of two",
             "setpoint_mg_dl": 81.1,
             "people": 12400,
-            "unable": 3,
+            "infeasible": 3,
             "facts": {"Population": "parker2000", "Seed": "1"},
             "cases": cases,
         }

@@ -175,7 +175,7 @@ def test_a_trial_in_which_nobody_could_be_tried_makes_a_page(report, make_case, 
         time_in_range_pct=dict.fromkeys(RANGES, np.nan),
         worst=[],
     )
-    page = trial_page(dataclasses.replace(report, unable=report.people, cases={"none": empty}))
+    page = trial_page(dataclasses.replace(report, infeasible=report.people, cases={"none": empty}))
     assert "n/a" in page
     reader(page)
 

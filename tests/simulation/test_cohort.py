@@ -338,7 +338,7 @@ def test_meals_of_ones_own_are_asked_for(noisy):
 def test_people_whose_volumes_and_flows_differ(nominal, mpc):
     """Their glucose transport is not that of the exponentials; the difference is integrated with the rest."""
     virtual = virtual_people(TRANSPORT, 2, np.arange(8))
-    assert virtual.able.all()
+    assert virtual.feasible.all()
     run = day_cohort(nominal, virtual, mpc).run(people_of(virtual))
     scenario = Scenario(MEALS, 1440.0)
     errors = []

@@ -21,7 +21,7 @@ from glucoloop.threefry import uniforms
 
 
 def pretend(trial):
-    """What `engine.run_people` would say, made up; one person in a hundred is not able."""
+    """What `engine.run_people` would say, made up; one person in a hundred is not feasible."""
     bins = edges(trial)
 
     def count(values, quantity):
@@ -32,8 +32,8 @@ def pretend(trial):
     def simulate(label, person, traces):
         drawn = uniforms(trial.seed, f"pretend {label}", person)
         luck = uniforms(trial.seed, "luck", person)
-        able = luck > 0.01
-        missing = np.where(able, 0.0, np.nan)
+        feasible = luck > 0.01
+        missing = np.where(feasible, 0.0, np.nan)
         t_min = trial.sample_time_min * np.arange(trial.samples + 1)[:, None]
         glucose = (81.1 + 60.0 * drawn * np.sin(t_min / 90.0)).astype(np.float32)
         insulin = np.maximum(20.0 + 30.0 * drawn * np.cos(t_min[:-1] / 90.0), 0.0).astype(np.float32)
@@ -54,12 +54,12 @@ def pretend(trial):
         }
         return SimpleNamespace(
             person=person,
-            able=able,
+            feasible=feasible,
             drawn=dict(draw(trial.population, trial.seed, person).values),
             basal_insulin_mU_min=15.0 + 60.0 * luck + missing,
             metrics=metrics,
-            glucose_counts=count(glucose[:, able], "glucose"),
-            insulin_counts=count(insulin[:, able], "insulin"),
+            glucose_counts=count(glucose[:, feasible], "glucose"),
+            insulin_counts=count(insulin[:, feasible], "insulin"),
             glucose_mg_dl=glucose if traces else None,
             insulin_mU_min=insulin if traces else None,
         )

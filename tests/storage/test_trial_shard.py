@@ -24,25 +24,25 @@ def test_people_are_rows_with_their_parameters_and_metrics(make_trial, pretend):
     for label in ("mpc", "pid"):
         rows, said = table.filter(pl.col("controller") == label), pretend(trial)(label, person, False)
         assert np.array_equal(rows["person"], person)
-        assert np.array_equal(rows["able"], said.able)
+        assert np.array_equal(rows["able"], said.feasible)
         np.testing.assert_array_equal(rows["basal_insulin_mU_min"], said.basal_insulin_mU_min)
         np.testing.assert_array_equal(rows["M_IHGP_strength"], said.drawn["M_IHGP.strength"])
         for name, values in said.metrics.items():
             assert rows[name].to_list() == [
-                value if able else None for value, able in zip(values.tolist(), said.able, strict=True)
+                value if feasible else None for value, feasible in zip(values.tolist(), said.feasible, strict=True)
             ]
 
 
 def test_who_is_not_able_is_a_row_of_nulls_and_in_no_count(make_trial, pretend):
     trial = make_trial(people=2000, shard_people=2000)
     made = tables(trial, 0, pretend(trial))
-    unable = made["people.parquet"].filter(~pl.col("able"))
-    assert unable.height > 4
-    assert unable["F_LC"].null_count() == 0
+    infeasible = made["people.parquet"].filter(~pl.col("able"))
+    assert infeasible.height > 4
+    assert infeasible["F_LC"].null_count() == 0
     for name in ("basal_insulin_mU_min", "minimum_mg_dl", "settled_2pct", "samples_missing"):
-        assert unable[name].null_count() == unable.height
+        assert infeasible[name].null_count() == infeasible.height
     counts = made["bands.parquet"].group_by("controller", "quantity", "t_min").agg(pl.col("count").sum())
-    assert set(counts["count"]) == {2000 - unable.height // 2}
+    assert set(counts["count"]) == {2000 - infeasible.height // 2}
 
 
 @pytest.mark.parametrize("traces", ["none", 5, 70, "all"])
@@ -77,7 +77,7 @@ def test_shard_is_read_back(make_trial, pretend, tmp_path):
     assert people.metrics.keys() == said.metrics.keys()
     np.testing.assert_array_equal(people.metrics["minimum_mg_dl"], said.metrics["minimum_mg_dl"])
     np.testing.assert_array_equal(
-        people.metrics["settled_2pct"], np.where(said.able, said.metrics["settled_2pct"], np.nan)
+        people.metrics["settled_2pct"], np.where(said.feasible, said.metrics["settled_2pct"], np.nan)
     )
     assert "settled_2pct" in people.yes_or_no
     assert "minimum_mg_dl" not in people.yes_or_no

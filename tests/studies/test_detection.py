@@ -191,9 +191,9 @@ def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
     assert (one.trial.people, one.days, one.estimators) == (1, 100, ("moving-horizon", "kalman"))
     assert (many.trial.people, many.days) == (30, 1)
     assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.estimators)
-    person, day_of, unable = who_and_when(dataclasses.replace(many, days=2))
+    person, day_of, infeasible = who_and_when(dataclasses.replace(many, days=2))
     assert day_of.tolist() == [0, 1] * (person.size // 2)
-    assert person.size // 2 + unable == 30
+    assert person.size // 2 + infeasible == 30
 
 
 def test_settings_of_the_estimator_are_not_the_controllers():

@@ -82,7 +82,7 @@ def test_the_worst_person_is_simulated_again(asked, prepared, results):
 # ------------------------------------------------------------------------------------------- rows, by hand
 
 
-def people(below_60, minimum, able=(True, True, True), **metrics):
+def people(below_60, minimum, feasible=(True, True, True), **metrics):
     size = len(below_60)
     filled = {
         name: np.zeros(size)
@@ -95,7 +95,11 @@ def people(below_60, minimum, able=(True, True, True), **metrics):
     filled |= {"peak_mg_dl": np.full(size, 150.0), "mean_mg_dl": np.full(size, 90.0)}
     filled |= {name: np.array(values, float) for name, values in metrics.items()}
     return PeopleRows(
-        person=np.arange(size), able=np.array(able), basal_insulin_mU_min=np.full(size, 25.0), drawn={}, metrics=filled
+        person=np.arange(size),
+        feasible=np.array(feasible),
+        basal_insulin_mU_min=np.full(size, 25.0),
+        drawn={},
+        metrics=filled,
     )
 
 

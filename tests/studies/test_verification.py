@@ -27,7 +27,7 @@ from glucoloop.studies.verification import loops as campaign_loops
 from glucoloop.studies.verification import people as campaign_people
 from glucoloop.studies.verification.campaign import Campaign, met, run_campaign
 from glucoloop.studies.verification.invariants import PROMISES, Promises
-from glucoloop.studies.verification.people import able_people, draw_people, draw_random_meals
+from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people
 from glucoloop.studies.verification.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
 from glucoloop.studies.verification.result import SAME_BITS
 from glucoloop.studies.verification.watched import (
@@ -288,9 +288,9 @@ def test_people_are_of_two_populations_by_turns_and_eat_up_to_four_meals():
     assert (t_min.min() > 0.0) & (t_min.max() < 300.0)
     assert set((carbs_g > 0.0).sum(axis=0)) == {0, 1, 2, 3, 4}
     assert (carbs_g[carbs_g > 0.0].min() > 5.0) & (carbs_g.max() < 120.0)
-    able = able_people(9, 30)
-    assert able.size == 30
-    assert np.isfinite(draw_people(9, able).basal_insulin_mU_min).all()
+    feasible = feasible_people(9, 30)
+    assert feasible.size == 30
+    assert np.isfinite(draw_people(9, feasible).basal_insulin_mU_min).all()
 
 
 # a campaign
@@ -431,7 +431,7 @@ def test_what_cannot_be_tried_is_refused(given, told):
 def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
     def nobody(seed, person, patient):
         drawn = draw_people(seed, person, patient)
-        return dataclasses.replace(drawn, able=np.zeros_like(drawn.able))
+        return dataclasses.replace(drawn, feasible=np.zeros_like(drawn.feasible))
 
     monkeypatch.setattr(campaign, "draw_people", nobody)
     with pytest.raises(ValueError, match="no basal rate holds person 3 of seed 1 at the setpoint; give another person"):
@@ -441,7 +441,7 @@ def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
 def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
     def odd(seed, person, patient):
         drawn = draw_people(seed, person, patient)
-        return dataclasses.replace(drawn, able=np.asarray(person) % 2 == 1)
+        return dataclasses.replace(drawn, feasible=np.asarray(person) % 2 == 1)
 
     monkeypatch.setattr(campaign_people, "draw_people", odd)
-    np.testing.assert_array_equal(able_people(1, 700), 1 + 2 * np.arange(700))
+    np.testing.assert_array_equal(feasible_people(1, 700), 1 + 2 * np.arange(700))

@@ -208,8 +208,8 @@ def _finish(asked: Robust, folder: RowsFolder[Candidate]) -> Found:
     with stage("Drawing people, and trying what stands beside"):
         engine = SearchEngine(asked.search)
         references = engine.references()
-    if engine.subjects.unable:
-        note([f"{engine.subjects.unable} of {asked.own.people} people have no basal rate and are left out."])
+    if engine.subjects.infeasible:
+        note([f"{engine.subjects.infeasible} of {asked.own.people} people have no basal rate and are left out."])
     bounds = bounds_of(asked.search, references)
     with counted(folder.kind.wanted, len(folder.rows), "candidates") as more:
         for candidate in engine.candidates(asked.far.rounds, bounds, folder.rows[:]):

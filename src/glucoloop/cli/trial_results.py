@@ -47,7 +47,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         title=f"{trial.population.name}, {trial.people} people",
         setpoint_mg_dl=setpoint,
         people=summary.people,
-        unable=summary.unable.count,
+        infeasible=summary.infeasible.count,
         facts=facts(trial),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)

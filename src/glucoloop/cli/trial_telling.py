@@ -70,10 +70,10 @@ def _table(summary: Mapping[str, Any]) -> Table:
 
 def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
     """Notes on people who are left out, and on people whose basal rate is beyond the pump."""
-    unable, beyond = summary["unable"], summary["basal_beyond_pump"]
+    infeasible, beyond = summary["unable"], summary["basal_beyond_pump"]
     setpoint = f"{summary['setpoint_mg_dl']:g} mg/dl"
-    if unable["count"]:
-        yield f"Of {summary['people']} people {unable['count']} have no basal rate for {setpoint}: {_persons(unable)}."
+    if count := infeasible["count"]:
+        yield f"Of {summary['people']} people {count} have no basal rate for {setpoint}: {_persons(infeasible)}."
     if beyond["count"]:
         yield f"{beyond['count']} people would need more than the pump gives to rest there: {_persons(beyond)}."
     for label, of in summary["controllers"].items():

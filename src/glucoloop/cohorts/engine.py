@@ -39,7 +39,7 @@ class PeopleResult:
 
     person: npt.NDArray[np.int64]
     """(n,) numbers of the people."""
-    able: npt.NDArray[np.bool_]
+    feasible: npt.NDArray[np.bool_]
     """(n,) whether a basal rate holds the person at the setpoint; without one the metrics are NaN."""
     drawn: Mapping[str, npt.NDArray[np.float64]]
     """(n,) drawn values of each parameter."""
@@ -217,15 +217,17 @@ def _run_block(
             meal_t_min=first_meal_min,
             precision=of_case.loop.cohort.precision,
         )
-    able = drawn.able[:n]
+    feasible = drawn.feasible[:n]
     glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
     # the metrics are not numbers where anything in the run was not
     known = (
-        able & np.isfinite(np.asarray(metrics.mean_mg_dl)[:n]) & np.isfinite(np.asarray(metrics.insulin_total_mU)[:n])
+        feasible
+        & np.isfinite(np.asarray(metrics.mean_mg_dl)[:n])
+        & np.isfinite(np.asarray(metrics.insulin_total_mU)[:n])
     )
     return PeopleResult(
         person=person[:n],
-        able=able,
+        feasible=feasible,
         drawn={name: values[:n] for name, values in drawn.draw.values.items()},
         basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
         metrics={field.name: np.asarray(getattr(metrics, field.name))[:n] for field in dataclasses.fields(metrics)},
@@ -270,7 +272,7 @@ def _joined(parts: list[PeopleResult]) -> PeopleResult:
 
     return PeopleResult(
         person=np.concatenate([p.person for p in parts]),
-        able=np.concatenate([p.able for p in parts]),
+        feasible=np.concatenate([p.feasible for p in parts]),
         drawn={name: np.concatenate([p.drawn[name] for p in parts]) for name in first.drawn},
         basal_insulin_mU_min=np.concatenate([p.basal_insulin_mU_min for p in parts]),
         metrics={name: np.concatenate([p.metrics[name] for p in parts]) for name in first.metrics},

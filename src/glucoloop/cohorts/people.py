@@ -17,7 +17,7 @@ class PeopleRows:
 
     person: npt.NDArray[np.int64]
     """(n,) numbers of the people."""
-    able: npt.NDArray[np.bool_]
+    feasible: npt.NDArray[np.bool_]
     """(n,) whether a basal rate holds the person at the setpoint; without one the run cannot start."""
     basal_insulin_mU_min: Floats
     """(n,) basal rates, NaN for people without one."""

@@ -136,8 +136,8 @@ def simulate_people(
         told = np.repeat(told_g[:, None], place.size, axis=1) if told_otherwise else None
         return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=told)
 
-    runs = in_blocks(run, np.arange(people.able.size), block_size(loop.engine), threads)
-    kept = people.able.size
+    runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
+    kept = people.feasible.size
 
     def joined(parts: list[Array]) -> Array:
         return np.concatenate(parts, axis=-1)[..., :kept]

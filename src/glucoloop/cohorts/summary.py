@@ -83,7 +83,7 @@ class TrialSummary:
     """Results of a trial."""
 
     people: int
-    unable: Named
+    infeasible: Named
     """People for whom no basal rate holds the setpoint."""
     beyond_pump: Named
     """People whose basal rate exists but exceeds the largest rate of the pump."""
@@ -93,8 +93,8 @@ class TrialSummary:
         """Plain values for JSON."""
         return {
             "people": self.people,
-            "able": self.people - self.unable.count,
-            "unable": _named(self.unable),
+            "able": self.people - self.infeasible.count,
+            "unable": _named(self.infeasible),
             "basal_beyond_pump": _named(self.beyond_pump),
             "controllers": {
                 label: {
@@ -141,7 +141,7 @@ class _Case:
 
     def add(self, people: PeopleRows) -> None:
         whole = _whole(people)
-        self.not_finite.add(people.person[people.able & ~whole])
+        self.not_finite.add(people.person[people.feasible & ~whole])
         self.below_validity.add(people.person[whole & people.below_validity])
         for moment, values in zip(self.moments, columns(people), strict=True):
             moment.add(values)
@@ -154,13 +154,13 @@ class _Case:
         self.worst = heapq.nsmallest(WORST, [*self.worst, *found], key=lambda one: one[:2])
 
     def summary(self, found: Floats, distributions: Mapping[str, Histogram]) -> CaseSummary:
-        able = self.moments[0].count
+        feasible = self.moments[0].count
         return CaseSummary(
             metrics={
                 name: _share(moment) if name in self.yes_or_no else _spread(moment, values)
                 for name, moment, values in zip(self.names, self.moments, found.tolist(), strict=True)
             },
-            ever_below={limit: _of(count, able) for limit, count in self.ever_below.items()},
+            ever_below={limit: _of(count, feasible) for limit, count in self.ever_below.items()},
             below_validity=self.below_validity.named(),
             not_finite=self.not_finite.named(),
             worst=[row for _, _, row in self.worst],
@@ -189,20 +189,20 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
         If there is no shard.
     """
     cases: dict[str, _Case] = {}
-    unable, beyond = _Naming(), _Naming()
+    infeasible, beyond = _Naming(), _Naming()
     people = 0
     for shard in shards():
         for label, of_label in shard.items():
             cases.setdefault(label, _Case(of_label)).add(of_label)
-        first = next(iter(shard.values()))  # who is able, and at which rate, does not depend on the controller
+        first = next(iter(shard.values()))  # who has a basal rate, and which, does not depend on the controller
         people += first.person.size
-        unable.add(first.person[~first.able])
-        beyond.add(first.person[first.able & (first.basal_insulin_mU_min > max_insulin_mU_min)])
+        infeasible.add(first.person[~first.feasible])
+        beyond.add(first.person[first.feasible & (first.basal_insulin_mU_min > max_insulin_mU_min)])
     if not cases:
         raise ValueError("there is nobody to summarise; finish a shard first")
     return TrialSummary(
         people=people,
-        unable=unable.named(),
+        infeasible=infeasible.named(),
         beyond_pump=beyond.named(),
         cases=dict(zip(cases, _summaries(shards, cases), strict=True)),
     )
@@ -253,7 +253,7 @@ def columns(people: PeopleRows) -> list[Floats]:
 
 
 def _whole(people: PeopleRows) -> npt.NDArray[np.bool_]:
-    known: npt.NDArray[np.bool_] = people.able & np.isfinite(people.metrics["minimum_mg_dl"])
+    known: npt.NDArray[np.bool_] = people.feasible & np.isfinite(people.metrics["minimum_mg_dl"])
     return known & np.isfinite(people.metrics["insulin_total_mU"])
 
 

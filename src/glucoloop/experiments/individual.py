@@ -154,7 +154,7 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         # a block is filled up by repetition, and nobody is designed for twice
         numbers, first, place = np.unique(people.draw.person, return_index=True, return_inverse=True)
         designed: list[Any] = [None] * numbers.size
-        for which in np.flatnonzero(people.able[first]):
+        for which in np.flatnonzero(people.feasible[first]):
             designed[which] = controller_of(situation, case, of_people(people.patient, first[which]))
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:

@@ -88,7 +88,7 @@ def by_record(situation: Situation, example: VirtualPeople) -> Known:
         glucose = experiment.run(people.patient, people.rest, basal + away, keys)
         # somebody without a basal rate has no record, and is taken for the nominal person
         found = identify_gain_and_lag(
-            np.where(people.able, away, 0.0),
+            np.where(people.feasible, away, 0.0),
             glucose - np.asarray(people.patient.setpoint_mg_dl),
             response,
             sample_time_min=situation.sample_time_min,
@@ -100,7 +100,7 @@ def by_record(situation: Situation, example: VirtualPeople) -> Known:
 
 
 def _by_none(people: VirtualPeople) -> tuple[Floats, Floats]:
-    return np.ones(people.able.size), np.ones(people.able.size)
+    return np.ones(people.feasible.size), np.ones(people.feasible.size)
 
 
 def impulse_response(model: LinearModel, memory: int) -> Floats:

@@ -143,7 +143,7 @@ class VirtualPeople:
     """``(n,)`` basal rate; NaN where no rate holds the setpoint with glucose above zero everywhere."""
     rest: Values
     """``(states, n)`` state at rest under the basal rate; NaN where there is none."""
-    able: npt.NDArray[np.bool_]
+    feasible: npt.NDArray[np.bool_]
     """``(n,)`` whether a basal rate exists."""
 
     def at(self, place: npt.NDArray[np.intp]) -> VirtualPeople:
@@ -154,7 +154,7 @@ class VirtualPeople:
             patient=of_people(self.patient, place),
             basal_insulin_mU_min=self.basal_insulin_mU_min[place],
             rest=self.rest[:, place],
-            able=self.able[place],
+            feasible=self.feasible[place],
         )
 
 
@@ -184,7 +184,7 @@ def virtual_people(
     Returns
     -------
     VirtualPeople
-        All persons: one without a basal rate has NaN for it and is not `able`.
+        All persons: one without a basal rate has NaN for it and is not `feasible`.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def virtual_people(
         patient=people,
         basal_insulin_mU_min=basal,
         rest=rest,
-        able=np.isfinite(basal),
+        feasible=np.isfinite(basal),
     )
 
 

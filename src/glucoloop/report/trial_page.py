@@ -78,9 +78,9 @@ def count(people: int) -> str:
 
 def _lead(report: TrialReport) -> str:
     people = f"{count(report.people)} virtual {'person' if report.people == 1 else 'people'}"
-    if report.unable:
+    if report.infeasible:
         people += (
-            f", of whom {count(report.unable)} {'has' if report.unable == 1 else 'have'} no basal rate for the "
+            f", of whom {count(report.infeasible)} {'has' if report.infeasible == 1 else 'have'} no basal rate for the "
             "setpoint and so could not be tried; all that follows is of the others"
         )
     facts = {"Setpoint": f"{report.setpoint_mg_dl:g} mg/dl"} | dict(report.facts)

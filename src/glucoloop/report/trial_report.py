@@ -93,7 +93,7 @@ class TrialReport:
     setpoint_mg_dl: float
     people: int
     """Number of people asked for."""
-    unable: int
+    infeasible: int
     """Number of people without a basal rate, who are in none of the other numbers."""
     facts: Mapping[str, str]
     """Settings of the trial by name: population, seed, days."""

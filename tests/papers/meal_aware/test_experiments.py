@@ -59,7 +59,7 @@ def test_people_are_those_of_a_trial():
     loops = found.loops["people"]["basal"]
     assert loops.run.tolist() == [0, 1, 2]
     assert sum(told) == 3
-    assert loops.unable == 0
+    assert loops.infeasible == 0
     # without a controller everybody follows his own basal rate
     drawn = virtual_people(population("parker2000"), 11, [0, 1, 2])
     np.testing.assert_allclose(loops.insulin_mU_min, np.tile(drawn.basal_insulin_mU_min, (120, 1)), rtol=1e-6)

@@ -91,7 +91,7 @@ class Loops:
     insulin_mU_min: Floats
     """(samples, runs) rates delivered from each sample to the next."""
     setpoint_mg_dl: float
-    unable: int = 0
+    infeasible: int = 0
     """Number of people without a basal rate for the setpoint, who are not among the runs."""
     quiet: Oscillation | None = None
     """Oscillation of the same controller without noise, where it is evaluated."""
@@ -256,23 +256,25 @@ def _loops_of_people(situation: Situation, name: str, asked: Asked, progress: Pr
         person = np.arange(start, min(start + together, asked.people))
         parts.append(engine.run_people(prepared, name, person, traces=True))
         progress(person.size)
-    able = np.concatenate([part.able for part in parts])
+    feasible = np.concatenate([part.feasible for part in parts])
     glucose, insulin = (
-        np.concatenate([np.asarray(getattr(part, what), float) for part in parts], axis=1)[:, able]
+        np.concatenate([np.asarray(getattr(part, what), float) for part in parts], axis=1)[:, feasible]
         for what in ("glucose_mg_dl", "insulin_mU_min")
     )
-    found = {key: np.concatenate([part.metrics[key] for part in parts])[able].astype(float) for key in parts[0].metrics}
+    found = {
+        key: np.concatenate([part.metrics[key] for part in parts])[feasible].astype(float) for key in parts[0].metrics
+    }
     grid, setpoint = prepared.grid, prepared.setpoint_mg_dl
     t_min = np.append(grid.t_min, trial.plan.horizon_min)
     return Loops(
-        run=np.concatenate([part.person for part in parts])[able],
+        run=np.concatenate([part.person for part in parts])[feasible],
         numbers=numbers_of(found, t_min, glucose, setpoint),
         t_min=t_min,
         glucose_mg_dl=glucose,
         insulin_t_min=grid.t_min,
         insulin_mU_min=insulin,
         setpoint_mg_dl=setpoint,
-        unable=int((~able).sum()),
+        infeasible=int((~feasible).sum()),
     )
 
 

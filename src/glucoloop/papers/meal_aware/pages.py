@@ -131,7 +131,7 @@ def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
                 "keys": dict(situation.keys),
                 "runs": runs_told(study, situation.name),
                 "bound_mg_dl": study.bounds[situation.name].bound if situation.name in study.bounds else None,
-                "unable": next(iter(study.loops[situation.name].values())).unable,
+                "unable": next(iter(study.loops[situation.name].values())).infeasible,
                 "controllers": {name: spread(loops) for name, loops in study.loops[situation.name].items()},
                 "distance_to_bound_mg_dl": distances(study, situation),
             }
@@ -239,9 +239,9 @@ def _situation(study: Study, situation: Situation, svg: str) -> str:
         f"<figcaption>{html.escape(caption(situation))}</figcaption></figure>"
     )
     about = [f"{runs_told(study, situation.name).capitalize()}{'' if one else '; median (5 to 95 %)'}."]
-    unable = next(iter(loops.values())).unable
-    if unable:
-        about.append(f"{unable} of them have no basal rate for the setpoint, and are not counted.")
+    infeasible = next(iter(loops.values())).infeasible
+    if infeasible:
+        about.append(f"{infeasible} of them have no basal rate for the setpoint, and are not counted.")
     if from_bound:
         bound = study.bounds[situation.name]
         about.append(f"Bound of the largest deviation: {bound.bound:.2f} mg/dl.")

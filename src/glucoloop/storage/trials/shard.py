@@ -89,20 +89,20 @@ def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[
 
 
 def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
-    able = pl.Series(result.able)
+    feasible = pl.Series(result.feasible)
     metrics = [pl.Series(name, values).to_frame() for name, values in result.metrics.items()]
     table = pl.DataFrame(
         {
             "person": result.person,
             "controller": pl.repeat(label, result.person.size, eager=True),
-            "able": able,
+            "able": feasible,
             "basal_insulin_mU_min": result.basal_insulin_mU_min,
             **{column_name(name): values for name, values in result.drawn.items()},
         }
     )
     table = pl.concat([table, *metrics], how="horizontal")
     names = list(result.metrics)
-    # Of somebody who is not able nothing is known, not even that he is never below 60 mg/dl.
+    # Nothing is known of a person without a basal rate, not even that glucose is never below 60 mg/dl.
     table = table.with_columns(pl.when("able").then(pl.col(names)))
     return table.with_columns(pl.col(pl.Float64).fill_nan(None))
 
@@ -173,7 +173,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
             of_case = {column.name: column.to_numpy() for column in rows}
             people[case.label] = PeopleRows(
                 person=of_case["person"],
-                able=of_case["able"],
+                feasible=of_case["able"],
                 basal_insulin_mU_min=of_case["basal_insulin_mU_min"],
                 drawn={name: of_case[column] for name, column in drawn.items()},
                 metrics={name: of_case[name] for name in metrics},

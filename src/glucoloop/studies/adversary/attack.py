@@ -167,16 +167,16 @@ class Attack:
             )
         else:
             drawn = self._drawn(np.array([person]))
-        if not drawn.able.all():
+        if not drawn.feasible.all():
             who = "the nominal patient" if person is None else f"person {person} of seed {self._trial.seed}"
             raise ValueError(f"no basal rate holds {who} at {self._setpoint:g} mg/dl; give another person or setpoint")
         return drawn
 
-    def able(self, number: int) -> Array:
+    def feasible(self, number: int) -> Array:
         """Numbers of the people with a basal rate among the first people of the trial."""
         person = self._trial.first_person + np.arange(number)
         with one_at_a_time:
-            return person[self._drawn(person).able]
+            return person[self._drawn(person).feasible]
 
     def on_one(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> Harm:
         """Harm of sequences of errors to one person.

@@ -43,6 +43,6 @@ def random_errors(attack: Attack, space: ErrorSpace, people: int, seed: int) -> 
         Number of people of the population; those without a basal rate are left out.
     seed : int
     """
-    person = attack.able(people)
+    person = attack.feasible(people)
     points = random_points(space, seed, person)
     return RandomErrors(person=person, harm=attack.on_people(person, space.errors(points), space.stuck_from(points)))

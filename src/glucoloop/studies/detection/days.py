@@ -161,10 +161,10 @@ def who_and_when(detection: Detection) -> tuple[npt.NDArray[np.int64], npt.NDArr
     """Person and day of every run, of those whom a basal rate holds at the setpoint, and how many it does not hold."""
     trial = detection.trial
     person = trial.first_person + np.arange(trial.people, dtype=np.int64)
-    able = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl).able
-    held = person[able]
+    feasible = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl).feasible
+    held = person[feasible]
     day = np.arange(detection.days, dtype=np.int64)
-    return np.repeat(held, day.size), np.tile(day, held.size), int((~able).sum())
+    return np.repeat(held, day.size), np.tile(day, held.size), int((~feasible).sum())
 
 
 def in_even_blocks(total: int) -> tuple[int, int]:

@@ -76,7 +76,7 @@ def evaluate(detection: Detection, progress: Progress | None = None) -> Detectio
         For a design that is not possible, or if no basal rate holds any of the people at the setpoint.
     """
     tell = progress or (lambda what: None)
-    person, day, unable = who_and_when(detection)
+    person, day, infeasible = who_and_when(detection)
     if not person.size:
         setpoint = detection.trial.target_mg_dl
         raise ValueError(
@@ -108,7 +108,7 @@ def evaluate(detection: Detection, progress: Progress | None = None) -> Detectio
         tell(f"{name}: estimates")
         controller = next(case.controller for case in detection.trial.cases if case.label == label)
         results.append(score(detection, name, controller, fed, fasted))
-    return DetectionResult(estimators=tuple(results), days=person.size, unable=unable)
+    return DetectionResult(estimators=tuple(results), days=person.size, infeasible=infeasible)
 
 
 def _estimated(estimator: Estimator, days: Days, size: int) -> Estimated:

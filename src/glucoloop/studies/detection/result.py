@@ -160,7 +160,7 @@ class DetectionResult:
     estimators: tuple[EstimatorResult, ...]
     days: int
     """Number of days with meals; there are as many without a meal."""
-    unable: int
+    infeasible: int
     """People without a basal rate that holds them at the setpoint, who are left out."""
 
 

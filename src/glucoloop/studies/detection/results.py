@@ -24,7 +24,7 @@ def report(detection: Detection, result: DetectionResult) -> dict[str, Any]:
     return {
         "config": detection_keys(detection),
         "days": result.days,
-        "unable": result.unable,
+        "unable": result.infeasible,
         "estimators": {of.estimator: of.summary() for of in result.estimators},
         "curves": {
             of.estimator: {name: _plain(values) for name, values in of.curve.columns().items()}
@@ -63,8 +63,8 @@ def notes(detection: Detection, result: DetectionResult) -> Iterator[str]:
         f"quantile. A meal is detected above a probability of {detection.threshold:g}; errors of the size are those of "
         "meals that are detected by then."
     )
-    if result.unable:
-        people = "1 person has" if result.unable == 1 else f"{result.unable} people have"
+    if result.infeasible:
+        people = "1 person has" if result.infeasible == 1 else f"{result.infeasible} people have"
         yield f"{people} no basal rate that holds them at the setpoint, and take no part."
     late = detection.trial.dead_time_samples * detection.trial.sample_time_min
     if late and not detection.trial.cases[0].known_dead_time:

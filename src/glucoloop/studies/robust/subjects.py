@@ -29,7 +29,7 @@ class Subjects:
     """(subjects,) random key of each sensor."""
     people: int
     """Number of subjects that are people."""
-    unable: int
+    infeasible: int
     """People who were drawn but have no basal rate, and were left out."""
 
     def at(self, place: npt.NDArray[np.intp]) -> Subjects:
@@ -78,8 +78,8 @@ def draw_subjects(
         If none of the people has a basal rate.
     """
     drawn = virtual_people(population, people_seed, np.arange(people), setpoint_mg_dl=setpoint_mg_dl)
-    able = np.flatnonzero(drawn.able)
-    if not able.size:
+    feasible = np.flatnonzero(drawn.feasible)
+    if not feasible.size:
         raise ValueError(
             f"none of the {people} people of {population.name} has a basal rate that holds {setpoint_mg_dl:g} mg/dl; "
             "choose another population or setpoint"
@@ -87,7 +87,7 @@ def draw_subjects(
     leaves, tree = jax.tree.flatten(drawn.patient)
     own = jax.tree.leaves(nominal)
     joined = [
-        jnp.concatenate([many[able], jnp.broadcast_to(jnp.asarray(one, float), seeds)]) if trails else many
+        jnp.concatenate([many[feasible], jnp.broadcast_to(jnp.asarray(one, float), seeds)]) if trails else many
         for many, one, trails in zip(leaves, own, varying(drawn.patient, nominal), strict=True)
     ]
     basal = np.asarray(nominal.basal_insulin_mU_min, float)
@@ -95,9 +95,9 @@ def draw_subjects(
     noise = jax.vmap(jax.random.key)(jnp.arange(first_seed, first_seed + seeds, dtype=jnp.uint32))
     return Subjects(
         patient=jax.tree.unflatten(tree, joined),
-        rest=np.concatenate([drawn.rest[:, able], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
-        basal_insulin_mU_min=np.append(drawn.basal_insulin_mU_min[able], np.full(seeds, basal)),
-        key=jnp.concatenate([keys_of_people(people_seed, drawn.draw.person[able]), noise]),
-        people=int(able.size),
-        unable=people - int(able.size),
+        rest=np.concatenate([drawn.rest[:, feasible], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
+        basal_insulin_mU_min=np.append(drawn.basal_insulin_mU_min[feasible], np.full(seeds, basal)),
+        key=jnp.concatenate([keys_of_people(people_seed, drawn.draw.person[feasible]), noise]),
+        people=int(feasible.size),
+        infeasible=people - int(feasible.size),
     )

@@ -176,7 +176,7 @@ def stress_rows(stress: Stress, shards: Iterator[Shard]) -> list[StressRow]:
     kept: dict[str, list[dict[str, npt.NDArray[Any]]]] = {cell.label: [] for cell in stress.tried}
     for shard in shards:
         for label, people in shard.items():
-            known = people.able & np.isfinite(people.metrics["mean_mg_dl"])
+            known = people.feasible & np.isfinite(people.metrics["mean_mg_dl"])
             part = {name: people.metrics[name] for name in _COLUMNS} | {
                 "person": people.person,
                 "known": known,

@@ -24,7 +24,7 @@ from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.verification.invariants import PROMISES
 from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops
-from glucoloop.studies.verification.people import able_people, draw_people, draw_random_meals, population_of
+from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people, population_of
 from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
 from glucoloop.threefry import checked_counter
@@ -178,10 +178,10 @@ def run_campaign(campaign: Campaign, progress: Progress | None = None) -> Campai
 def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, Guarding | None]]:
     pairs = campaign.pairs()
     if campaign.person is None:
-        people = able_people(campaign.seed, max(pairs.values()), campaign.patient)
+        people = feasible_people(campaign.seed, max(pairs.values()), campaign.patient)
     else:
         people = np.array([campaign.person])
-        if not draw_people(campaign.seed, people, campaign.patient).able.all():
+        if not draw_people(campaign.seed, people, campaign.patient).feasible.all():
             raise ValueError(
                 f"no basal rate holds person {campaign.person} of seed {campaign.seed} at the setpoint; "
                 "give another person"

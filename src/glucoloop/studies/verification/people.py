@@ -53,11 +53,11 @@ def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.n
         patient=jax.tree.map(choose, *(one.patient for one in each)),
         basal_insulin_mU_min=choose_values(*(one.basal_insulin_mU_min for one in each)),
         rest=choose_values(*(one.rest for one in each)),
-        able=choose_values(*(one.able for one in each)),
+        feasible=choose_values(*(one.feasible for one in each)),
     )
 
 
-def able_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> npt.NDArray[np.int64]:
+def feasible_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> npt.NDArray[np.int64]:
     """Numbers of the first people who have a basal rate.
 
     Raises
@@ -70,8 +70,8 @@ def able_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> np
         if sum(map(len, found)) >= wanted:
             return np.concatenate(found)[:wanted]
         with one_at_a_time:
-            able = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).able
-        found.append(start + np.flatnonzero(able))
+            feasible = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).feasible
+        found.append(start + np.flatnonzero(feasible))
     raise ValueError(f"seed {seed} has fewer than {wanted} people; give fewer loops")
 
 

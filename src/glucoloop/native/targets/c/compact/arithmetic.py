@@ -31,8 +31,8 @@ FUNCTIONS: Final[dict[str, Callable[[Any], Any]]] = {
 }
 ELEMENTWISE: Final = frozenset({
     *FUNCTIONS, "add", "add_any", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "sqrt", "floor", "pow",
-    "integer_pow", "square", "sign", "is_finite", "lt", "le", "gt", "ge", "eq", "ne", "lt_to", "and", "or", "xor", "not",
-    "select_n", "clamp", "convert_element_type",
+    "integer_pow", "square", "sign", "is_finite", "lt", "le", "gt", "ge", "eq", "ne", "lt_to", "and", "or", "xor",
+    "not", "select_n", "clamp", "convert_element_type",
 })  # fmt: skip
 SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
 """Operations that hand on what they are given."""
