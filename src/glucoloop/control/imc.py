@@ -24,14 +24,14 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 @pytree
 class IMCState:
-    """What the controller remembers; deviations from where it woke."""
+    """State of the controller; deviations from its initial operating point."""
 
     model_mg_dl: jax.Array
     """Output of the internal model."""
     filtered_mg_dl: jax.Array
     """Filtered change of glucose asked of the model."""
     pending_mU_min: jax.Array
-    """(delay, ...) delivered rates that the model has not felt yet, the oldest first."""
+    """(delay, ...) delivered rates that have not reached the model's output yet, the oldest first."""
     error_mg_dl: jax.Array
     basal_mU_min: jax.Array
     insulin_mU_min: jax.Array
@@ -49,7 +49,7 @@ class IMC:
     sample_time_min: float = static()
 
     def init(self, observation: Observation) -> IMCState:
-        """At rest under what the pump delivers."""
+        """State of a controller at rest under the delivered rate."""
         delivered = rate_at_start(observation, self.limits.min_mU_min)
         zero = jnp.zeros_like(delivered)
         return IMCState(
@@ -62,7 +62,7 @@ class IMC:
         )
 
     def step(self, state: IMCState, observation: Observation) -> tuple[IMCState, Decision]:
-        """Feel what was delivered, compare the model with the reading, invert the model without its dead time."""
+        """Advance the model with the delivered rate, compare it with the reading, invert it without its dead time."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         line = jnp.concatenate([state.pending_mU_min, (delivered - state.basal_mU_min)[None]])
         model = self.pole * state.model_mg_dl + self.gain * line[0]
@@ -112,7 +112,7 @@ def design_imc(
     gain : float
         K, mg/dl per mU/min; below 0, since insulin lowers glucose.
     tau_min : float
-        Above 0.
+        Time constant tau, above 0.
     delay_min : float
         A whole number of samples; the hold itself is not counted.
     limits : DoseLimits

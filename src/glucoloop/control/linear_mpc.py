@@ -27,7 +27,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 @pytree
 class LinearMPCState:
-    """What the controller remembers."""
+    """State of the controller."""
 
     free_response: jax.Array
     """(M, ...) glucose deviation at this sample and after, from all moves made before it."""
@@ -48,23 +48,23 @@ class LinearMPC:
 
     @property
     def gain(self) -> jax.Array:
-        """(p,) the controller in closed form: the move for a unit error at each sample ahead."""
+        """Closed-form gain ``(p,)``: the move for a unit error at each sample ahead."""
         return self.plan.gain
 
     @property
     def horizons(self) -> tuple[int, int]:
-        """Moves that are planned and samples that are looked ahead, as the arrays have them."""
+        """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.plan.hessian.shape[0], self.plan.gain.shape[0]
 
     def padded(self, moves: int, horizon: int) -> LinearMPC:
-        """The same with room for more moves and more samples, none of which has any weight."""
+        """The same controller with room for more moves and more samples, none of which has any weight."""
         S = self.step_response
         # Where the model ends, its answer stays, and so do the samples that the controller now looks at in vain.
         longer = jnp.pad(S, (0, max(0, horizon + 1 - S.shape[0])), mode="edge")
         return dataclasses.replace(self, step_response=longer, plan=self.plan.padded(moves, horizon))
 
     def init(self, observation: Observation) -> LinearMPCState:
-        """At rest under what the pump delivers; the first reading is all that is known of glucose."""
+        """State of a controller at rest under the delivered rate, with glucose at the first reading."""
         reading = observation.glucose_mg_dl
         return LinearMPCState(
             free_response=jnp.zeros((self.step_response.shape[0], *reading.shape), reading.dtype),
@@ -73,7 +73,7 @@ class LinearMPC:
         )
 
     def step(self, state: LinearMPCState, observation: Observation) -> tuple[LinearMPCState, Decision]:
-        """Take in what was delivered and read, and decide on one move."""
+        """Include the delivered rate and the reading, and decide on one move."""
         # The pump's word, not our command: what it clipped must not wind up in the prediction.
         delivered = delivered_since(observation, state.insulin_mU_min)
         free = _after_move(state.free_response, self.step_response, delivered - state.insulin_mU_min)
@@ -124,10 +124,10 @@ def design_linear_mpc(
     Parameters
     ----------
     model : StepResponseModel
-        As identified, or delayed to tell the controller of a dead time.
+        Model as identified, or delayed by a dead time that the controller is to know.
     tuning : MPCTuning
     limits : DoseLimits
-        Of the pump.
+        Limits of the pump.
     constraints : {"clip", "qp"}
         ``"clip"``: the closed form, its rate clipped and then its magnitude, as in the paper. ``"qp"``: the exact
         minimiser within the limits of every planned move.
@@ -169,7 +169,7 @@ def linear_mpc_of_people(
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> LinearMPC:
-    """The controllers of many people, who trail, each on a step response of his own.
+    """Controllers of many people, who trail, each on the person's own step response.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def linear_mpc_of_people(
 
 
 def _long_enough(step_response: Any, tuning: MPCTuning) -> Any:
-    """A step response that goes on at its last value to the end of the prediction horizon."""
+    """Step response extended at its last value to the end of the prediction horizon."""
     missing = max(0, tuning.prediction_horizon + 1 - step_response.shape[0])
     xp: Any = jnp if is_traced(step_response) else np
     return xp.concatenate([step_response, xp.repeat(step_response[-1:], missing, axis=0)])

@@ -1,4 +1,4 @@
-"""Nonlinear model predictive control that estimates meals nobody announced, and plays them out.
+"""Nonlinear model predictive control with estimation and forecast of meals that are not announced.
 
 The meal is that of Lehmann and Deutsch (1992), estimated as in `estimation.unknown_meal`. One quadratic program at each
 sample, linearised along a forecast, is the real-time iteration of M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J.
@@ -45,20 +45,20 @@ _LEAST_VARIANCE: Final = 0.01
 
 @pytree
 class MealMPCState:
-    """What the controller remembers."""
+    """State of the controller."""
 
     estimator: Any
     delivered_mU_min: jax.Array
     """(dead time + 1,) rates of the last samples, the latest last."""
     announced_g: jax.Array
-    """(dead time,) what was announced at the last samples, the latest last."""
+    """(dead time,) announced carbohydrate of the last samples, the latest last."""
     planned: jax.Array
-    """(m,) moves that were planned for the sample to come and those after it, along which the model is linearised."""
+    """(m,) moves planned for the coming sample and those after it, along which the model is linearised."""
 
 
 @pytree
 class _Ahead:
-    """A forecast under way."""
+    """State of a forecast."""
 
     x: jax.Array
     stomach: Stomach
@@ -74,9 +74,9 @@ class MealMPC:
     model: IndividualModel
     estimator: MealEstimator
     expected: Expectation
-    """What the estimator expects of meals when nothing tells of any."""
+    """Expectation of the estimator about meals at rest."""
     ends: jax.Array
-    """Chance that a meal under way ends in a sample."""
+    """Probability that a meal under way ends in a sample."""
     output_weight: jax.Array | float
     move_weight: jax.Array | float
     caution_weight: jax.Array | float
@@ -91,25 +91,25 @@ class MealMPC:
     dead_time_samples: int = static()
     sample_time_min: float = static()
     heals: ClassVar[bool] = True
-    """A step leaves a finite state whatever the one before was, so that a guard need not look."""
+    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
     def with_basal(self, insulin_mU_min: jax.Array) -> MealMPC:
-        """The same controller for somebody else, whose basal rate is the one given.
+        """The same controller for a person with the given basal rate.
 
-        Who needs little insulin is likely to answer to it strongly: over the people of `parker2000` the gain goes about
-        with the square root of the basal rate, inversely, and so it is taken.
+        A person who needs little insulin is likely to respond strongly to it: over the people of `parker2000` the gain
+        is about inversely proportional to the square root of the basal rate, and so it is taken.
         """
         scale = jnp.sqrt(self.model.nominal.insulin_mU_min / insulin_mU_min)
         return self.for_person(insulin_mU_min, scale)
 
     def for_person(self, insulin_mU_min: ArrayLike, gain: ArrayLike = 1.0, lag: ArrayLike = 1.0) -> MealMPC:
-        """The same controller for somebody else: a basal rate, and gain and lag of insulin relative to the model's."""
+        """The same controller for another person: a basal rate, and gain and lag of insulin relative to the model's."""
         numbers = (jnp.asarray(number, float) for number in (insulin_mU_min, gain, lag))
         insulin, gain, lag = jnp.broadcast_arrays(*numbers)
         return dataclasses.replace(self, model=individual_model(self.model.nominal, insulin, gain, lag))
 
     def init(self, observation: Observation) -> MealMPCState:
-        """At rest under what the pump delivers; glucose that this does not explain is taken for a disturbance."""
+        """State of a controller at rest under the delivered rate; unexplained glucose counts as a disturbance."""
         known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)
         delivered = jnp.clip(delivered, self.limits.min_mU_min, self.limits.max_mU_min)
         sensed = Sensed(
@@ -126,14 +126,14 @@ class MealMPC:
         )
 
     def step(self, state: MealMPCState, observation: Observation) -> tuple[MealMPCState, Decision]:
-        """Estimate the person when the reading was taken, predict to this sample, plan, and make the first move."""
+        """Estimate the state at the time of the reading, predict to this sample, plan, and make the first move."""
         state, decision, _ = self.explained_step(state, observation)
         return state, decision
 
     def explained_step(
         self, state: MealMPCState, observation: Observation
     ) -> tuple[MealMPCState, Decision, MealEstimate]:
-        """As `step`, with the estimate on which the dose rests: of the moment that the reading speaks of."""
+        """Decision of `step`, with the estimate on which the dose rests, of the time of the reading."""
         known = is_known(observation)
         delivered = delivered_since(observation, state.delivered_mU_min[-1])
         rates = jnp.append(state.delivered_mU_min[1:], delivered)
@@ -158,7 +158,7 @@ class MealMPC:
         return state, decide(wanted, delivered, self.limits, known, converged), estimate
 
     def _sample(self, at: _Ahead, insulin: jax.Array, goes_on: jax.Array) -> _Ahead:
-        """One sample of a forecast; `goes_on` is the chance that a meal under way is still served in it."""
+        """One sample of a forecast; `goes_on` is the probability that a meal under way is still served in it."""
         h = self.sample_time_min
         eating = at.eating * goes_on
         announced, served = serve(at.announced, h)
@@ -168,7 +168,7 @@ class MealMPC:
         return _Ahead(x=x, stomach=stomach, announced=announced, eating=eating, disturbance=disturbance)
 
     def _to_this_sample(self, estimate: MealEstimate, rates: jax.Array, announced: jax.Array) -> _Ahead:
-        """Through the known dead time, under the rates that were delivered since."""
+        """Predict through the known dead time, under the rates that were delivered since."""
         at = _Ahead(
             x=estimate.x,
             stomach=estimate.stomach,
@@ -182,7 +182,7 @@ class MealMPC:
         return at
 
     def _forecasts(self, now: _Ahead, rates: jax.Array) -> jax.Array:
-        """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: as is likely, and if a meal ends now."""
+        """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now."""
         goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
 
         def one(at: _Ahead, insulin: jax.Array) -> tuple[_Ahead, jax.Array]:
@@ -195,7 +195,7 @@ class MealMPC:
     def _plan(
         self, now: _Ahead, estimate: MealEstimate, moves: jax.Array, setpoint: jax.Array, delivered: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """Moves better than the ones given, and whether they are the minimiser of the last quadratic program."""
+        """Moves that improve the given ones, and whether they are the minimiser of the last quadratic program."""
         m, p = self.move_horizon, self.prediction_horizon
         uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating))
         weight = jnp.concatenate([jnp.full(p, self.caution_weight * uncertain), jnp.full(p, self.floor_weight)])
@@ -250,11 +250,11 @@ def design_meal_mpc(
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
 ) -> MealMPC:
-    """Predictive control on a nonlinear model, with the meals that glucose tells of and those that are announced.
+    """Predictive control on a nonlinear model, with estimated and announced meals.
 
-    At each sample an estimator says where the person is, how likely it is that he is being served a meal, and what is
-    in his stomach and gut. From there the nonlinear model predicts glucose twice: as it is to be expected, a meal under
-    way ending with the chance that is usual, and as it would be if that meal ended at this moment. The moves solve::
+    At each sample an estimator gives the state of the person, the probability that a meal is being served, and the
+    content of stomach and gut. From there the nonlinear model predicts glucose twice: its expected value, where a meal
+    under way ends with its usual probability, and its value if that meal ended at this moment. The moves solve::
 
         min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2 + w^2 P (1 - P) |max(0, r - c - G_end)|^2
                         + w_f^2 |max(0, floor - G_end)|^2
@@ -276,16 +276,16 @@ def design_meal_mpc(
     Parameters
     ----------
     model : FedModel
-        The person as the controller imagines him; `simulation.internal_model.nonlinear_model` makes one of a patient.
+        Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient.
     tuning : MealTuning, optional
     limits : DoseLimits
     habits : MealHabits, optional
-        What is known of meals beforehand.
+        Prior knowledge of meals.
     estimator : {"moving-horizon", "kalman"}
     meal_horizon : int
         Samples over which the moving-horizon estimator searches for the beginning or the end of a meal.
     disturbance_variance : float
-        Of the moving-horizon estimator: how much the unexplained appearance walks from sample to sample, (mg/min)^2.
+        Variance of the change of the unexplained appearance per sample, in the moving-horizon estimator, (mg/min)^2.
     measurement_variance : float
         R of a reading, (mg/dl)^2.
     dead_time_samples : int

@@ -34,7 +34,7 @@ OFFSET_FREE: Final = ("held-innovation", "output-disturbance", "input-disturbanc
 
 @pytree
 class MPCSEState:
-    """What the controller remembers."""
+    """State of the controller."""
 
     estimate: jax.Array
     """(n, ...) filtered state, a deviation from the model's operating point."""
@@ -50,7 +50,7 @@ class MPCSE:
     Gamma: jax.Array
     C: jax.Array
     kalman_gain: jax.Array
-    """(n,) steady, filter form."""
+    """(n,) steady Kalman gain in filter form."""
     rest: jax.Array
     """(n,) state at rest per unit of insulin."""
     free_state: jax.Array
@@ -60,21 +60,21 @@ class MPCSE:
     free_innovation: jax.Array
     """(p,) free response to the innovation, if it is held."""
     reference: jax.Array
-    """(p,) ``phi_r^(i-s)``."""
+    """(p,) factors ``phi_r^(i-s)`` of the reference."""
     plan: MovePlan
     basal_mU_min: jax.Array
     basal_glucose_mg_dl: jax.Array
     sample_time_min: float = static()
     heals: ClassVar[bool] = True
-    """A step leaves a finite state whatever the one before was, so that a guard need not look."""
+    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
     @property
     def horizons(self) -> tuple[int, int]:
-        """Moves that are planned and samples that are looked ahead, as the arrays have them."""
+        """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.plan.hessian.shape[0], self.plan.gain.shape[0]
 
     def padded(self, moves: int, horizon: int) -> MPCSE:
-        """The same with room for more moves and more samples, none of which has any weight."""
+        """The same controller with room for more moves and more samples, none of which has any weight."""
         more_samples = horizon - self.horizons[1]
         return dataclasses.replace(
             self,
@@ -86,11 +86,11 @@ class MPCSE:
         )
 
     def with_basal(self, insulin_mU_min: jax.Array) -> MPCSE:
-        """The same controller for somebody else, whose basal rate is the one given: deviations are from that."""
+        """The same controller for a person with the given basal rate, from which deviations are taken."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
 
     def init(self, observation: Observation) -> MPCSEState:
-        """At rest under what the pump delivers."""
+        """State of a controller at rest under the delivered rate."""
         delivered = rate_at_start(observation, self.basal_mU_min)
         return MPCSEState(
             estimate=jnp.multiply.outer(self.rest, delivered - self.basal_mU_min), insulin_mU_min=delivered
@@ -177,7 +177,7 @@ def design_mpc_se(
     measurement_variance : float
         R, (mg/dl)^2.
     offset_free : {"held-innovation", "output-disturbance", "input-disturbance", "none"}
-        What removes a lasting error. ``"held-innovation"``: the correction K e is repeated at each sample ahead, the
+        Way of removing a lasting error. ``"held-innovation"``: the correction K e is repeated at each sample ahead, the
         reading of the paper that its numbers need. It brings the estimate C z to the setpoint, so that of a lasting
         disturbance the part ``(1 - C K) e`` of the innovation is left: little where readings are trusted.
         ``"output-disturbance"`` and ``"input-disturbance"``: an integrating state is estimated beside the others, on
@@ -188,9 +188,9 @@ def design_mpc_se(
         Dead time that the controller knows of: as many rows of zeros enter A and the horizon grows by as many, while
         the filter is unchanged, as in the paper.
     constraints : {"clip", "qp"}
-        As in `design_linear_mpc`.
+        Argument as in `design_linear_mpc`.
     glucose_floor_mg_dl, floor_weight : float
-        As in `design_linear_mpc`.
+        Argument as in `design_linear_mpc`.
 
     Raises
     ------
@@ -252,13 +252,13 @@ class FilteredModels:
     """Models of many people with the gains of their filters, people trailing."""
 
     Phi: Matrix
-    """(n, n, people)"""
+    """(n, n, people) transition matrices."""
     Gamma: Matrix
-    """(n, people)"""
+    """(n, people) effects of insulin."""
     C: Matrix
-    """(n, people)"""
+    """(n, people) output rows."""
     kalman_gain: Matrix
-    """(n, people)"""
+    """(n, people) Kalman gains in filter form."""
     rest: Matrix
     """(n, people) state at rest per unit of insulin."""
 
@@ -277,7 +277,7 @@ def mpc_se_of_people(
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> MPCSE:
-    """The controllers of many people, who trail, from their models and Kalman gains.
+    """Controllers of many people, who trail, from their models and Kalman gains.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 @pytree
 class NLQDMCState:
-    """What the controller remembers."""
+    """State of the controller."""
 
     estimate: jax.Array
     """(n,) filtered state."""
@@ -44,32 +44,32 @@ class NLQDMC:
 
     model: NonlinearModel
     process_noise: jax.Array
-    """(n, n) Q."""
+    """(n, n) covariance Q of the process noise."""
     measurement_variance: jax.Array | float
     reference: jax.Array
-    """(p,) ``phi_r^(i-s)``."""
+    """(p,) factors ``phi_r^(i-s)`` of the reference."""
     output_weight: jax.Array | float
-    """Gamma_y; one, or (p,) one for each sample ahead."""
+    """Weight Gamma_y; one, or (p,) one for each sample ahead."""
     move_weight: jax.Array | float
     limits: DoseLimits
     planned: jax.Array | float = 1.0
-    """(m,) 1 for a move that is planned and 0 for one that is left out; one number counts for all."""
+    """(m,) indicator, 1 for a planned move and 0 for one that is left out; one number counts for all."""
     beyond_model_mU_min: jax.Array | float = 0.0
-    """By how much the person's basal rate exceeds the model's; the model is given the rate less this."""
+    """Difference of the person's basal rate from the model's, which is subtracted from the rate given to the model."""
     floor: GlucoseFloor | None = None
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
     heals: ClassVar[bool] = True
-    """A step leaves a finite state whatever the one before was, so that a guard need not look."""
+    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
     @property
     def horizons(self) -> tuple[int, int]:
-        """Moves that are planned and samples that are looked ahead, as the arrays have them."""
+        """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.move_horizon, self.reference.shape[0]
 
     def padded(self, moves: int, horizon: int) -> NLQDMC:
-        """The same with room for more moves and more samples, none of which has any weight."""
+        """The same controller with room for more moves and more samples, none of which has any weight."""
         own_moves, own_horizon = self.horizons
         more_moves, more_samples = moves - own_moves, horizon - own_horizon
         weight = jnp.broadcast_to(jnp.asarray(self.output_weight, float), (own_horizon,))
@@ -84,11 +84,11 @@ class NLQDMC:
         )
 
     def with_basal(self, insulin_mU_min: jax.Array) -> NLQDMC:
-        """The same controller for somebody else, whose basal rate is the one given."""
+        """The same controller for a person with the given basal rate."""
         return dataclasses.replace(self, beyond_model_mU_min=insulin_mU_min - self.model.insulin_mU_min)
 
     def init(self, observation: Observation) -> NLQDMCState:
-        """At rest at the model's operating point."""
+        """State of a controller at rest at the model's operating point."""
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
         return NLQDMCState(estimate=self.model.state, insulin_mU_min=rate_at_start(observation, basal))
 
@@ -167,7 +167,7 @@ def design_nlqdmc_se(
     Parameters
     ----------
     model : NonlinearModel
-        The person as the controller imagines him; `simulation.internal_model.nonlinear_model` makes one of a patient.
+        Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient.
     process_noise : (n,) or (n, n) array
         Q, per sample; a vector is its diagonal.
     tuning : StateTuning

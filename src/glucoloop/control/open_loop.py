@@ -1,4 +1,4 @@
-"""No controller: a constant rate, the baseline of every comparison."""
+"""Open loop at a constant rate, the baseline of every comparison."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 @pytree
 class OpenLoop:
-    """Goes on with the rate that it finds; see `design_open_loop`."""
+    """Keeps the initial rate; see `design_open_loop`."""
 
     insulin_mU_min: jax.Array | None
     limits: DoseLimits
     sample_time_min: float = static()
 
     def init(self, observation: Observation) -> jax.Array:
-        """The rate to keep."""
+        """State of the controller: the rate to keep."""
         if self.insulin_mU_min is None:
             return rate_at_start(observation, self.limits.min_mU_min)
         return jnp.broadcast_to(self.insulin_mU_min, observation.delivered_mU_min.shape)
 
     def step(self, state: jax.Array, observation: Observation) -> tuple[jax.Array, Decision]:
-        """Keep it; the reading is not looked at, but a missing one is reported."""
+        """Keep the rate; the reading is not used, but a missing one is reported."""
         delivered = delivered_since(observation, state)
         return state, decide(state, delivered, self.limits, is_known(observation))
 
@@ -43,12 +43,12 @@ def design_open_loop(
     *,
     sample_time_min: float = 5.0,
 ) -> OpenLoop:
-    """Constant infusion.
+    """Open loop with a constant infusion.
 
     Parameters
     ----------
     insulin_mU_min : float, optional
-        The rate; by default that at which the loop starts, the patient's basal rate.
+        Rate; by default that at which the loop starts, the patient's basal rate.
     limits : DoseLimits
     sample_time_min : float
 

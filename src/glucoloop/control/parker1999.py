@@ -22,7 +22,7 @@ IMC_STEP_MU_MIN: Final = 11.165
 
 @dataclass(frozen=True)
 class PaperTuning:
-    """What the paper's controllers are tuned to in one setting."""
+    """Tuning of the paper's controllers in one setting."""
 
     mpc: MPCTuning
     mpc_se: StateTuning
@@ -30,9 +30,9 @@ class PaperTuning:
     glucose_noise: float
     """Process noise of each glucose state, (mg/dl)^2 per sample."""
     other_noise: float
-    """Of the insulin states and the slow insulin effects."""
+    """Process noise of the insulin states and the slow insulin effects."""
     glucagon_noise: float
-    """Of glucagon and its slow effect."""
+    """Process noise of glucagon and its slow effect."""
 
     @property
     def noise(self) -> tuple[float, float, float]:
@@ -61,4 +61,4 @@ PARKER_1999: Final = {
     ("fasting-81", False): _tuning(0, False, (10.0, 0.01, 0.1)),
     ("fasting-81", True): _tuning(0, True, (0.3, 0.1, 0.03)),
 }
-"""By operating point, and whether readings are noisy."""
+"""Tunings by operating point, and by whether readings are noisy."""

@@ -32,9 +32,9 @@ class PIDTuning:
     gain_mU_min_per_mg_dl : float
         Insulin for each mg/dl above the setpoint, above 0.
     integral_time_min : float
-        Above 0; infinite for no integral action.
+        Integral time, above 0; infinite for no integral action.
     derivative_time_min : float
-        0 or more.
+        Derivative time, 0 or more.
 
     Raises
     ------
@@ -70,11 +70,11 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
     Parameters
     ----------
     gain : float
-        Of the model, mg/dl per mU/min; below 0, since insulin lowers glucose.
+        Gain of the model, mg/dl per mU/min; below 0, since insulin lowers glucose.
     tau_min, delay_min : float
-        Its lag and dead time.
+        Lag and dead time of the model.
     closed_loop_min : float
-        Time constant wanted of the loop, above 0.
+        Desired time constant of the loop, above 0.
 
     Raises
     ------
@@ -117,7 +117,7 @@ class PID:
     sample_time_min: float = static()
 
     def init(self, observation: Observation) -> PIDState:
-        """The first reading stands for the ones before."""
+        """State in which earlier readings equal the first one."""
         reading = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
         return PIDState(
             last_mg_dl=reading,
@@ -127,7 +127,7 @@ class PID:
         )
 
     def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:
-        """Move from what the pump delivers, so that nothing winds up."""
+        """Change the rate from the delivered one, so that the integral does not wind up."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         known = is_known(observation)
         y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
@@ -169,7 +169,7 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
     tuning : PIDTuning
     limits : DoseLimits
     sample_time_min : float
-        Above 0.
+        Sample time, above 0.
 
     Raises
     ------

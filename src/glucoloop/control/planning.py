@@ -1,4 +1,4 @@
-"""The optimisation that every predictive controller here shares: moves that bring glucose to a reference.
+"""Optimisation shared by all predictive controllers here: moves that bring glucose to a reference.
 
 Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, eq. (15), (16), (20).
 """
@@ -48,20 +48,20 @@ def minimise_within(
 
 @pytree
 class GlucoseFloor:
-    """The constraint (19) with slack: what predicted glucose lacks of a floor is squared, weighted and added."""
+    """Constraint (19) with slack: the violation of a floor by predicted glucose is squared, weighted and added."""
 
     glucose_mg_dl: jax.Array | float
     weight: jax.Array | float
-    """w; one, or (p,) one for each sample ahead."""
+    """Weight w; one, or (p,) one for each sample ahead."""
 
     def padded(self, own_horizon: int, horizon: int) -> GlucoseFloor:
-        """The same for a longer horizon, whose further samples have no weight."""
+        """The same floor for a longer horizon, whose further samples have no weight."""
         weight = jnp.broadcast_to(jnp.asarray(self.weight, float), (own_horizon,))
         return dataclasses.replace(self, weight=jnp.pad(weight, (0, horizon - own_horizon)))
 
 
 def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
-    """A floor under predicted glucose, or None at 0 mg/dl, which asks for nothing.
+    """A floor under predicted glucose, or None at 0 mg/dl.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def minimise_above(
     delivered_mU_min: jax.Array,
     limits: DoseLimits,
 ) -> tuple[jax.Array, jax.Array]:
-    """As `minimise_within`, with ``w^2 |e|^2 / 2`` added for what the predicted glucose lacks of the floor.
+    """Minimise as `minimise_within`, with ``w^2 |e|^2 / 2`` added for the violation e of the floor.
 
     Parameters
     ----------
@@ -117,18 +117,18 @@ def minimise_above(
 
 @pytree
 class MovePlan:
-    """Moves ``du`` that minimise ``Gamma_y^2 |error - A du|^2 + Gamma_u^2 |du|^2``, made ready."""
+    """Precomputed solution for the moves ``du`` that minimise ``Gamma_y^2 |error - A du|^2 + Gamma_u^2 |du|^2``."""
 
     gain: jax.Array
     """(p,) first row of ``(Gamma_y^2 A'A + Gamma_u^2 I)^-1 Gamma_y^2 A'``."""
     hessian: jax.Array
-    """(m, m) ``Gamma_y^2 A'A + Gamma_u^2 I``."""
+    """(m, m) Hessian ``Gamma_y^2 A'A + Gamma_u^2 I``."""
     gradient: jax.Array
-    """(m, p) ``-Gamma_y^2 A'``."""
+    """(m, p) gradient ``-Gamma_y^2 A'``."""
     limits: DoseLimits
     floor: GlucoseFloor | None = None
     response: jax.Array | None = None
-    """(p, m) A; only if there is a floor."""
+    """(p, m) dynamic matrix A, only if there is a floor."""
     constraints: str = static()
 
     def first_move(
@@ -155,7 +155,7 @@ class MovePlan:
         return self.gain @ error_mg_dl, jnp.ones(jnp.shape(delivered_mU_min), bool)
 
     def padded(self, moves: int, horizon: int) -> MovePlan:
-        """The same with room for more moves and more samples, none of which has any weight."""
+        """The same plan with room for more moves and more samples, none of which has any weight."""
         own_moves, own_horizon = self.gradient.shape
         more_moves, more_samples = moves - own_moves, horizon - own_horizon
         idle = np.diag(np.repeat([0.0, 1.0], [own_moves, more_moves]))
@@ -177,16 +177,16 @@ def plan_moves(
     constraints: str,
     floor: GlucoseFloor | None = None,
 ) -> MovePlan:
-    """Solve once for the moves that any error calls for.
+    """Precompute the moves for any error.
 
     Parameters
     ----------
     step_response : (p or more,) array
-        S_1 .. of the model.
+        Coefficients S_1 .. of the model.
     tuning : MPCTuning
     limits : DoseLimits
     constraints : {"clip", "qp"}
-        Without meaning if there is a floor: the quadratic program is then solved within the limits.
+        Treatment of the limits, ignored if there is a floor: the quadratic program is then solved within the limits.
     floor : GlucoseFloor, optional
 
     Raises
@@ -220,7 +220,7 @@ def plans_of_people(
     constraints: str,
     floor: GlucoseFloor | None = None,
 ) -> MovePlan:
-    """The plan of each of many people, who trail.
+    """Plans of many people, who trail.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def plans_of_people(
     Returns
     -------
     MovePlan
-        A person whose response does not determine the moves has a plan that is not finite, so that his rate is kept.
+        Plans; that of a person whose response does not determine the moves is not finite, so that the rate is kept.
     """
     # NumPy compiles nothing; what JAX differentiates or maps has to be its own.
     xp: Any = jnp if is_traced(step_response, tuning.output_weight, tuning.move_weight) else np

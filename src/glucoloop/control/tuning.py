@@ -24,7 +24,7 @@ def check_sample_time(sample_time_min: float) -> None:
 
 
 def check_gain(gain: ArrayLike) -> None:
-    """Refuse a model in which insulin raises glucose: a controller designed on it would give more insulin to a low.
+    """Refuse a model in which insulin raises glucose, since its controller would give more insulin at low glucose.
 
     A gain that JAX traces has no value yet, and passes.
     """
@@ -37,6 +37,6 @@ def check_gain(gain: ArrayLike) -> None:
 
 
 NOISE_FREE: Final = MPCTuning(move_horizon=2, prediction_horizon=8, output_weight=1.0, move_weight=0.0)
-"""Sec. IV: the least sum of squared errors without noise."""
+"""Tuning of Sec. IV with the least sum of squared errors without noise."""
 NOISY: Final = MPCTuning(move_horizon=2, prediction_horizon=10, output_weight=3.0, move_weight=1.0)
-"""Sec. IV: detuned for noise of variance 1.45."""
+"""Tuning of Sec. IV for noise of variance 1.45."""

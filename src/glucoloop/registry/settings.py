@@ -1,4 +1,4 @@
-"""What can be set about a part: its name, type, meaning and usual value.
+"""Settings of a part: name, type, meaning and usual value.
 
 Nothing in this package imports a numerical library, so that help is shown at once.
 """
@@ -28,21 +28,21 @@ class Default:
 
     noise_free: Value
     noisy: Value | None = None
-    """None: as without noise."""
+    """Value with noisy readings, or None for the same as without noise."""
 
     def value(self, *, noisy: bool) -> Value:
-        """The value for a run."""
+        """Value for a run with or without noise."""
         return self.noisy if noisy and self.noisy is not None else self.noise_free
 
     @property
     def text(self) -> str:
-        """For help: ``8`` or ``8, with noise 10``."""
+        """Text for help: ``8`` or ``8, with noise 10``."""
         noisy = "" if self.noisy in (None, self.noise_free) else f", with noise {_told(self.noisy)}"
         return f"{_told(self.noise_free)}{noisy}"
 
 
 Tunings = Mapping[str, Mapping[str, Default]]
-"""Controller -> setting -> its usual value for a patient, where that is another than the controller's own."""
+"""Usual values of settings for a patient, by controller and setting, where they differ from the controller's own."""
 
 
 def _told(value: Value | None) -> str:
@@ -53,23 +53,23 @@ def _told(value: Value | None) -> str:
 
 @dataclass(frozen=True)
 class Setting:
-    """One thing that can be set about a controller.
+    """One setting of a part.
 
     The same name may stand in several entries, each with its default, but always with one type.
     """
 
     name: str
-    """As in a configuration file; the option is the same with dashes."""
+    """Name in a configuration file; the option is the same with dashes."""
     type: type[int] | type[float] | type[str] | type[bool]
     summary: str
-    """With the paper's symbol, if it has one."""
+    """Description, with the paper's symbol if it has one."""
     default: Default
     choices: tuple[str, ...] = ()
     quantity: Quantity | None = None
-    """The range in which people mean it; None: any value that its type allows."""
+    """Quantity with its plausible range, or None if all values of the type are plausible."""
 
     def check(self, value: object) -> Value:
-        """The value in the setting's type; its bounds are the design's to check.
+        """Value converted to the setting's type; its bounds are checked by the design.
 
         Raises
         ------
@@ -219,7 +219,7 @@ def _check_bounds(record: Any) -> None:
 
 
 def known_names(unknown: str, known: Iterable[str]) -> str:
-    """What to say after an unknown name: the one that was probably meant, and the others unless they are many."""
+    """Text about known names after an unknown one: the most similar one, and the others unless they are many."""
     names = list(known)
     if not names:
         return "there are none"

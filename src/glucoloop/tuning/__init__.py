@@ -1,1 +1,1 @@
-"""Tuning searches: every tuning of a grid in the loop, and which of them are any good."""
+"""Tuning searches: every tuning of a grid in the loop, and the acceptable ones among them."""

@@ -12,9 +12,9 @@ from typing import Final, TypeVar
 from glucoloop.control.settings import MPCTuning, StateTuning
 
 MOST_VALUES: Final = 1000
-"""Of one range."""
+"""Largest number of values of one range."""
 MOST_TUNINGS: Final = 100_000
-"""Of a grid, with those that are left out."""
+"""Largest number of tunings of a grid, with those that are left out."""
 
 _NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})")
 
@@ -22,7 +22,7 @@ Number = TypeVar("Number", int, float)
 
 
 def parse_integers(text: str, name: str = "the range") -> tuple[int, ...]:
-    """Whole numbers as people write them: ``1:4`` with both ends, ``2:16:2`` in steps, ``2,5,8``, or ``1:3,8``.
+    """Whole numbers from a text: ``1:4`` with both ends, ``2:16:2`` in steps, ``2,5,8``, or ``1:3,8``.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def parse_integers(text: str, name: str = "the range") -> tuple[int, ...]:
 
 
 def parse_numbers(text: str, name: str = "the range") -> tuple[float, ...]:
-    """Numbers as people write them: ``.3:.8:.05`` with both ends where the steps meet them, or ``0,1,3``.
+    """Numbers from a text: ``.3:.8:.05``, with both ends where the steps meet them, or ``0,1,3``.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def tuning_grid(
     reference_filters: Sequence[float] | None = None,
     reference_start: int = 1,
 ) -> list[MPCTuning]:
-    """Every combination, less those that look ahead less far than they plan.
+    """All combinations, without those whose prediction horizon is shorter than the move horizon.
 
     Parameters
     ----------
@@ -93,9 +93,9 @@ def tuning_grid(
     output_weights, move_weights : sequence of float
         Gamma_y and Gamma_u. Tunings whose weights have the same ratio are the same controller.
     reference_filters : sequence of float, optional
-        phi_r; None: of controllers without a reference filter.
+        phi_r; None for controllers without a reference filter.
     reference_start : int
-        s of those with one.
+        s of controllers with a reference filter.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Which tunings are tried next: by chance, or by Optuna after what was found so far.
+"""Samplers that propose the next tunings: random draws, or Optuna from the results so far.
 
-A sampler is asked for a round of tunings at a time and told what came of each, in order. It rests on its seed, on the
-size of a round and on what it was told, so that a search that was cut short goes on by telling it all again.
+A sampler is asked for a round of tunings at a time and gets the result of each, in order. It depends only on its seed,
+on the size of a round and on these results, so that an interrupted search resumes by passing them again.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from glucoloop._extras import needed_for
 from glucoloop.registry.ranges import Tuned
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
-"""Parzen estimators, an evolutionary algorithm, and chance."""
+"""Names of the samplers: Parzen estimators, an evolutionary algorithm, and random draws."""
 """The optional dependency of all but chance."""
 
 
 @dataclass(frozen=True)
 class Told:
-    """What came of a tuning."""
+    """Result of a tuning."""
 
     values: tuple[float, ...]
-    """Of the two objectives; not numbers for a tuning without a controller."""
+    """Values of the two objectives; NaN for a tuning without a controller."""
     violation: tuple[float, ...] = ()
-    """By how much it exceeds each bound, relative to it; 0 or less: it keeps it."""
+    """Relative excess over each bound; 0 or less if the bound is kept."""
 
 
 class Sampler(Protocol):
-    """Asked for tunings and told of them, by turns."""
+    """Protocol of a sampler, which is asked for tunings and gets their results, in turns."""
 
     def ask(self, number: int) -> list[dict[str, float]]:
         """The next tunings."""
         ...
 
     def tell(self, told: Sequence[Told]) -> None:
-        """What came of the tunings that were asked for last, in their order."""
+        """Take the results of the tunings that were asked for last, in their order."""
         ...
 
 
@@ -55,7 +55,7 @@ def make_sampler(
     space : sequence of Tuned
     seed : int
     batch : int
-        Tunings that are asked for at a time.
+        Number of tunings that are asked for at a time.
     start : dict, optional
         A tuning that is tried first.
 
@@ -72,14 +72,14 @@ def make_sampler(
 
 
 class _Chance:
-    """Each number uniform between its bounds, or its logarithm."""
+    """Random draws, each uniform between its bounds, or its logarithm."""
 
     def __init__(self, space: Sequence[Tuned], seed: int, start: dict[str, float] | None) -> None:
         self._space, self._start = space, start
         self._random = np.random.default_rng(seed)
 
     def ask(self, number: int) -> list[dict[str, float]]:
-        """See `Sampler`."""
+        """Draw tunings at random."""
         shares = self._random.random((number, len(self._space)))
         asked = [{of.name: of.at(float(share)) for of, share in zip(self._space, row, strict=True)} for row in shares]
         if self._start is not None:
@@ -87,11 +87,11 @@ class _Chance:
         return asked
 
     def tell(self, told: Sequence[Told]) -> None:
-        """Chance does not listen."""
+        """Ignore the results, since the draws do not depend on them."""
 
 
 class _Optuna:
-    """A study in memory."""
+    """Sampler by an Optuna study in memory."""
 
     def __init__(
         self, name: str, space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None
@@ -117,7 +117,7 @@ class _Optuna:
         self._asked: list[Any] = []
 
     def ask(self, number: int) -> list[dict[str, float]]:
-        """See `Sampler`."""
+        """Ask the study for tunings."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             self._asked = [self._study.ask() for _ in range(number)]
@@ -127,7 +127,7 @@ class _Optuna:
             ]
 
     def tell(self, told: Sequence[Told]) -> None:
-        """See `Sampler`."""
+        """Pass the results to the study."""
         failed = self._optuna.trial.TrialState.FAIL
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

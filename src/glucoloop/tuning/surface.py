@@ -1,4 +1,4 @@
-"""What a search over tunings found."""
+"""Results of a search over tunings."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ Counts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TuningRank:
-    """Where one tuning stands among those of a surface."""
+    """Rank of one tuning among those of a surface."""
 
     tuning: MPCTuning
     rank: int | None
-    """1 for the least sum of squared errors among the acceptable points; None for a tuning that is not acceptable."""
+    """Rank by the sum of squared errors among the acceptable points, 1 for the least; None for a tuning that is not
+    acceptable.
+    """
     points: int
-    """How many are acceptable."""
+    """Number of acceptable points."""
     sse: float
     best: MPCTuning | None
     best_sse: float | None
     called: str = "printed"
-    """What the tuning is called: printed, as in the paper, or usual, for another patient than the paper's."""
+    """Kind of tuning: "printed" in the paper, or "usual" for another patient than the paper's."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class TuningSurface:
     controller: str
     tunings: tuple[MPCTuning, ...]
     refused: tuple[tuple[MPCTuning, str], ...]
-    """Tunings for which no controller could be designed, and why; they are in no array."""
+    """Tunings for which no controller could be designed, with the reason; they are in no array."""
     seeds: int
     sse: Floats
     """Sum over samples of the squared distance from the setpoint, (mg/dl)^2."""
@@ -48,16 +50,16 @@ class TuningSurface:
     minimum_mg_dl: Floats
     settling_2pct_min: Floats
     settled_2pct: Truths
-    """In more than half of the runs."""
+    """Whether glucose settled within 2 % in more than half of the runs."""
     settling_5pct_min: Floats
     settled_5pct: Truths
     insulin_total_variation_mU_min: Floats
     kept_share: Floats
     """Share of the runs that keep the constraints (17) to (19): rate, magnitude, and glucose above 60 mg/dl."""
     crossings: Counts
-    """Of the band about the setpoint, without noise; see `oscillation`."""
+    """Crossings of the band around the setpoint, without noise; see `oscillation`."""
     turns: Counts
-    """Of insulin, without noise."""
+    """Turns of insulin, without noise."""
     oscillates: Truths
 
     @property
@@ -71,7 +73,7 @@ class TuningSurface:
         return self.feasible & ~self.oscillates & np.isfinite(self.sse)
 
     def order(self) -> npt.NDArray[np.intp]:
-        """Points from the least sum of squared errors on, acceptable ones first."""
+        """Indices of the points by the sum of squared errors, the acceptable ones first."""
         sse = np.where(np.isfinite(self.sse), self.sse, np.inf)
         return np.lexsort((sse, ~self.acceptable))
 
@@ -96,7 +98,7 @@ class TuningSurface:
         return self.tunings[self.best_index()]
 
     def index(self, tuning: MPCTuning) -> int:
-        """Where a tuning stands in the arrays.
+        """Index of a tuning in the arrays.
 
         Raises
         ------
@@ -114,7 +116,7 @@ class TuningSurface:
         ----------
         tuning : MPCTuning
         called : str
-            What it is called where the rank is told.
+            Kind of tuning, for messages about the rank.
 
         Raises
         ------

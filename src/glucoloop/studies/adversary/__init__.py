@@ -1,1 +1,1 @@
-"""The worst plausible sensor errors: what a search finds that makes a controller do the most harm."""
+"""Search for the worst plausible sensor errors, which make a controller do the most harm."""

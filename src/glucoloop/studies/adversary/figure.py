@@ -1,4 +1,4 @@
-"""What the worst sensor errors did, in a picture ready for print."""
+"""Figure of the effect of the worst sensor errors, ready for print."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _SAID: Final = {
     Status.SUSPENDED: ("insulin suspended", OKABE_ITO[3]),
     Status.DOSE_LIMITED: ("dose limited", "0.6"),
 }
-"""What a guard says, and its colour."""
+"""Label and colour of each status of a guard."""
 
 
 def plot_adversary(outcomes: Sequence[SearchOutcome], *, title: str | None = None) -> Figure:
     """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
 
     Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and
-    behind it, in colour, what the guard said.
+    behind it, in colour, the status of the guard.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def plot_adversary(outcomes: Sequence[SearchOutcome], *, title: str | None = Non
     Returns
     -------
     matplotlib.figure.Figure
-        Apart from pyplot's state; write it with ``savefig``.
+        Figure outside pyplot's state; write it with ``savefig``.
     """
     controllers = list(dict.fromkeys(of.cell.controller for of in outcomes))
     errors = list(dict.fromkeys(of.cell.error_pct for of in outcomes))

@@ -1,4 +1,4 @@
-"""A search for the worst sensor errors from flat keys: a trial, the bounds of the errors, and how hard is searched."""
+"""Configuration of a search for the worst sensor errors: a trial, the bounds of the errors, and the effort."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from glucoloop.threefry import LARGEST_COUNTER
 GENERATIONS: Final = 300
 FEW_GENERATIONS: Final = 30
 SEARCHED: Final = tuple(name for name in PAPER_CONTROLLERS if not controller_entry(name).slow)
-"""Without options; what is slow is searched when it is named."""
+"""Controllers of a search without options; slow ones are searched only when they are named."""
 _USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
 _REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
 _NOT_WRITTEN: Final = (*_REFUSED, "days")
 
 
 class AdversaryKeys(BaseModel):
-    """What a search has and a trial has not."""
+    """Keys of a search that a trial does not have."""
 
     model_config = STRICT
 
     errors_pct: tuple[Annotated[float, Field(ge=0.0, lt=100.0)], ...] = (10.0, 20.0, 30.0)
-    """Largest error of a reading, of the true glucose; each is searched for by itself."""
+    """Largest errors of a reading, in percent of the true glucose; each has a search of its own."""
     hold_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 15.0
-    """An error stays the same for so long."""
+    """Time for which an error stays the same."""
     stuck_times: Annotated[int, Field(ge=0, le=100)] = 3
     stuck_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 30.0
     """Length of each stretch in which the reading stays the same."""
     person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] | None = None
-    """Of the population; None: the nominal patient."""
+    """Person of the population, or None for the nominal patient."""
     guards: Guards = "with"
     generations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    """None: `GENERATIONS`, or `FEW_GENERATIONS` for a controller that takes long."""
+    """Number of generations, or None for `GENERATIONS`, or `FEW_GENERATIONS` for a slow controller."""
     starts: Annotated[int, Field(ge=1, le=1024)] = 8
     sequences: Annotated[int, Field(ge=4, le=4096)] = 32
-    """Sequences of errors in a generation, of each start."""
+    """Number of sequences in a generation of each start."""
     search_seed: Seed = 1
 
 
@@ -56,10 +56,10 @@ class Adversary:
     """A search that is complete and checked."""
 
     base: Trial
-    """With a case for each controller, free of a guard."""
+    """Trial with a case for each controller, without a guard."""
     own: AdversaryKeys
     limits: Mapping[str, Value]
-    """Of the guard, in full."""
+    """All limits of the guard."""
 
     def _effort(self, controller: str) -> Effort:
         own = self.own
@@ -92,12 +92,12 @@ class Adversary:
 
     @property
     def lanes(self) -> int:
-        """Sequences of a generation."""
+        """Number of sequences in a generation."""
         return self.own.starts * self.own.sequences
 
     @property
     def generations(self) -> int:
-        """Of all searches together."""
+        """Number of generations of all searches together."""
         return sum(cell.effort.generations for cell in self.cells())
 
     def cells(self) -> list[ErrorSearch]:
@@ -112,7 +112,7 @@ class Adversary:
 def read_adversary(
     keys: Mapping[str, object], cases: Sequence[Mapping[str, object]] = (), names: Mapping[str, str] | None = None
 ) -> Adversary:
-    """Search from the keys that hold for all cases, and those of each.
+    """Read the configuration of a search from the shared keys and those of each case.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What came of the searches: every controller, guarded or not, under errors of every size."""
+"""Outcomes of the searches: every controller, guarded or not, under errors of every size."""
 
 from __future__ import annotations
 
@@ -72,15 +72,15 @@ def search_all(
     before: Mapping[str, Sequence[Array]] | None = None,
     told: Callable[[ErrorSearch, Generation], None] | None = None,
 ) -> Iterator[SearchOutcome]:
-    """The outcomes of searches, each as soon as it is known.
+    """Yield the outcome of each search as soon as it is known.
 
     Parameters
     ----------
     groups : iterable of (Trial, cells)
-        Trials of one case, and the searches about it, which differ in the size of the errors alone. The worst of the
-        smaller errors is where the search for larger ones begins.
+        Trials of one case, and its searches, which differ only in the size of the errors. The search for larger
+        errors begins at the worst of the smaller ones.
     person : int or None
-        On whom is searched: a person of the population, or the nominal patient.
+        Subject of the search: a person of the population, or None for the nominal patient.
     before : mapping, optional
         Scores of generations that are known, by the name of the cell, see `generations`.
     told : callable, optional

@@ -1,4 +1,4 @@
-"""What came of the searches for the worst errors: rows, files and sentences."""
+"""Results of the searches for the worst errors: rows, files and sentences."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def files_of(asked: Adversary, outcomes: Sequence[SearchOutcome], rows: Sequence
 
 
 def trace_table(outcomes: Sequence[SearchOutcome]) -> pl.DataFrame:
-    """The worst loops, a row for each sample: glucose, reading, its error, insulin, and how the dose came about."""
+    """The worst loops, one row per sample: glucose, reading, its error, insulin, and the status of the dose."""
     return pl.concat(
         pl.DataFrame(
             {
@@ -75,7 +75,7 @@ def trace_table(outcomes: Sequence[SearchOutcome]) -> pl.DataFrame:
 
 
 def title_of(asked: Adversary) -> str:
-    """What was searched, in one line."""
+    """Title of a search, in one line."""
     own = asked.own
     who = "the nominal patient" if own.person is None else f"person {own.person} of {asked.base.population.name}"
     stuck = f", {own.stuck_times} stretches of {own.stuck_min:g} min stuck" if own.stuck_times else ""
@@ -83,7 +83,7 @@ def title_of(asked: Adversary) -> str:
 
 
 def sentences(asked: Adversary, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """What to read off the table."""
+    """Conclusions from the table, one sentence each."""
     tried = int(np.sum([row["sequences_tried"] for row in rows]))
     yield f"{title_of(asked)}; {tried} sequences were tried. A search finds some of the worst; it proves no bound."
     yield (

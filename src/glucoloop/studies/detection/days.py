@@ -1,4 +1,4 @@
-"""Days of people under a controller, recorded as an estimator would have met them."""
+"""Simulated days of people under a controller, recorded as an estimator would see them."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ _MOST_AT_ONCE: Final = 64
 
 @pytree
 class Recorder:
-    """What the sensor and the pump said, sample by sample, in place of metrics."""
+    """Record of the sensor and the pump, sample by sample, in place of metrics."""
 
     sample_time_min: float = static()
     samples: int = static()
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
-        """Nothing yet."""
+        """State of an empty record."""
         del glucose_mg_dl, insulin_mU_min
         return {"reading": jnp.full(self.samples, jnp.nan), "reported": jnp.full(self.samples, jnp.nan)}
 
     def step(self, state: dict[str, jax.Array], happened: Sampled, t_min: jax.Array) -> dict[str, jax.Array]:
-        """One sample more."""
+        """Record one more sample."""
         index = jnp.round(t_min / self.sample_time_min).astype(int)
         reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
         said = {"reading": reading, "reported": happened.delivery.reported_mU_min}
@@ -61,18 +61,18 @@ class Recorder:
 
 @dataclass(frozen=True)
 class Days:
-    """Some days, which trail."""
+    """Recorded days; days trail."""
 
     person: npt.NDArray[np.int64]
     day: npt.NDArray[np.int64]
     meals: Eaten
     basal_insulin_mU_min: Array
     reading_mg_dl: Array
-    """(samples, days) NaN where there was none."""
+    """(samples, days) readings, NaN where there was none."""
     insulin_mU_min: Array
-    """(samples, days) as the pump reported it, from each sample to the next."""
+    """(samples, days) rates as the pump reported them, from each sample to the next."""
     glucose_mg_dl: Array
-    """(samples, days) free of noise."""
+    """(samples, days) glucose free of noise."""
 
 
 class DayLoop:
@@ -82,7 +82,7 @@ class DayLoop:
     ----------
     detection : Detection
     label : str
-        Of the case.
+        Label of the case.
 
     Raises
     ------
@@ -116,11 +116,11 @@ class DayLoop:
         Parameters
         ----------
         person, day : (n,) array of int
-            Whose day, and which of his.
+            Number of the person, and number of the day of that person.
         fasting : bool
-            Whether nothing is eaten; the day then has noise of its own.
+            Whether the day is without meals; it then has noise of its own.
         size : int
-            Days that are computed at once, n or more: the rest is filled up by repetition.
+            Number of days that are computed at once, n or more; the rest is filled up by repetition.
         """
         trial, n = self._detection.trial, person.size
         whose, which = np.resize(person, size), np.resize(day, size)
@@ -158,7 +158,7 @@ def day_grid(detection: Detection) -> SampleGrid:
 
 
 def who_and_when(detection: Detection) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], int]:
-    """Person and day of every run, of those whom a basal rate holds at the setpoint, and how many it does not hold."""
+    """Person and day of every run of people with a basal rate, and the number of people without one."""
     trial = detection.trial
     person = trial.first_person + np.arange(trial.people, dtype=np.int64)
     feasible = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl).feasible
@@ -213,7 +213,7 @@ class Estimator:
         self._t_min, self._late = jnp.asarray(grid.t_min), trial.dead_time_samples if known else 0
 
     def over(self, days: Days, *, size: int) -> MealEstimates:
-        """What it says along days ``(samples, days)``, of which so many are computed at once."""
+        """Estimates along days ``(samples, days)``, of which `size` are computed at once."""
         n = days.person.size
         place = np.resize(np.arange(n), size)
         rates = _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
@@ -234,7 +234,7 @@ class Estimator:
 def _of_days(
     controller: HoldsEstimator, t_min: jax.Array, basal: jax.Array, readings: jax.Array, insulin: jax.Array, late: int
 ) -> MealEstimates:
-    """The controller's estimator, told of each one's basal rate, along days that trail."""
+    """Estimates of the controller's estimator, with each person's basal rate, along days that trail."""
 
     def of_day(basal: jax.Array, readings: jax.Array, insulin: jax.Array) -> MealEstimates:
         own = controller.with_basal(basal)
@@ -245,7 +245,7 @@ def _of_days(
 
 
 def _believed(reported: Array, basal: Array) -> Array:
-    """Rates a controller goes by: where the pump says nothing, the one before."""
+    """Rates that a controller assumes: the previous one where the pump reports none."""
     rates = np.array(reported)
     for k in range(rates.shape[0]):
         rates[k] = np.where(np.isfinite(rates[k]), rates[k], rates[k - 1] if k else basal)

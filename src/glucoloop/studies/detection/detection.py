@@ -1,4 +1,4 @@
-"""What is tried: estimators of unknown meals, on the days of some people, under the doses of a controller."""
+"""Definition of a test of estimators of unknown meals, on days of people under a controller."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Detection:
     """People, the plan of one day, sensor and pump, and the controllers: a case for each estimator, by its name, where
     the controller rests on it, or one case alone."""
     days: int
-    """Of each person."""
+    """Number of days of each person."""
     estimators: tuple[str, ...]
     settings: Mapping[str, Value]
     """Of every estimator, in full; see `registry.controllers.ESTIMATING`."""
@@ -62,12 +62,12 @@ class Detection:
 
 
 def check_estimators(names: Sequence[str], called: str = "estimators") -> None:
-    """Refuse no estimator, one that is unknown and one that is named twice.
+    """Refuse an empty list, an unknown estimator, and a repeated one.
 
     Raises
     ------
     ValueError
-        Which tells what the list is called.
+        For such a list, with its name in the message.
     """
     if not names:
         raise ValueError(f"{called} names none; give one or more of {', '.join(ESTIMATORS)}")

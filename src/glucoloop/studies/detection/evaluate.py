@@ -1,4 +1,4 @@
-"""Days simulated, estimators replayed over them, and how well they did."""
+"""Evaluation of estimators: days are simulated, estimators replayed over them, and scored."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ LONGEST_AFTER_MIN: Final = 240.0
 
 @dataclass(frozen=True)
 class Estimated:
-    """Days, and what an estimator said along them; days trail."""
+    """Days with the estimates along them; days trail."""
 
     days: Days
     eating: Array
-    """(samples, days)"""
+    """(samples, days) probability that a meal is being served."""
     carbs_g: Array
     remaining_g: Array
     emptying_mg_min: Array
@@ -68,7 +68,7 @@ def evaluate(detection: Detection, progress: Progress | None = None) -> Detectio
     ----------
     detection : Detection
     progress : callable, optional
-        Told what was done, in a few words.
+        Called with a short description of each finished step.
 
     Raises
     ------
@@ -139,13 +139,13 @@ def _joined(parts: list[Estimated]) -> Estimated:
 def score(
     detection: Detection, name: str, controller: str, fed: Estimated | None, fasted: Estimated
 ) -> EstimatorResult:
-    """How well an estimator did.
+    """Score of an estimator.
 
     Parameters
     ----------
     detection : Detection
     name, controller : str
-        The estimator, and who dosed.
+        Name of the estimator, and of the controller that dosed.
     fed : Estimated, optional
         Days with meals; None without any.
     fasted : Estimated
@@ -218,7 +218,7 @@ def _meal_table(fed: Estimated | None, t_min: Array, threshold: float, horizon_m
     expected = fed.carbs_g + fed.remaining_g
 
     def row(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Day by day."""
+        """Values of all meals, day by day."""
         return np.broadcast_to(values, begin_min.shape).T.ravel()
 
     return MealTable(

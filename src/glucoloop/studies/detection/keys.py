@@ -1,4 +1,4 @@
-"""A test of estimators of unknown meals from flat keys: people, days and noise, the estimators, and a controller."""
+"""Configuration of a test of estimators of unknown meals: people, days, noise, estimators, and a controller."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ USUAL: Final[Mapping[str, Any]] = {
     "meal_time_spread_min": 90.0,
     "noise_variance": 1.45,
 }
-"""Two meals a day of 11 to 99 g, so far apart that the first one's time is over when the second begins."""
+"""Default settings: two meals a day of 11 to 99 g, so far apart that the first is over when the second begins."""
 USUAL_DAYS: Final = 100
-"""Of one person; of several, one each."""
+"""Default number of days of one person; of several people, one day each."""
 PEOPLE_KEYS: Final = (
     "population",
     "people",
@@ -35,11 +35,11 @@ PEOPLE_KEYS: Final = (
     "meal_time_spread_min",
 )
 NO_SITUATION: Final = "announce_meals"
-"""Meals of which an estimator is told need not be found."""
+"""Key that the test does not take, since an estimator need not find announced meals."""
 
 
 class _Own(BaseModel):
-    """What such a test has and a trial has not, or means otherwise."""
+    """Keys of such a test that a trial does not have, or that have another meaning here."""
 
     model_config = STRICT
 
@@ -67,13 +67,13 @@ def detection_keys(detection: Detection) -> dict[str, Any]:
 
 
 def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Detection:
-    """Test of estimators from flat keys.
+    """Read the configuration of a test of estimators from flat keys.
 
     Parameters
     ----------
     keys : mapping
     names : mapping, optional
-        What a key is called where it was given; for messages.
+        Name under which the user gave each key, for messages.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
 
 
 def _cases(own: _Own, keys: Mapping[str, object], settings: Mapping[str, object]) -> list[dict[str, object]]:
-    """A case for each estimator where the controller rests on it, or one case alone."""
+    """A case for each estimator if the controller depends on it, otherwise one case."""
     known = {"known_dead_time": keys["known_dead_time"]} if "known_dead_time" in keys else {}
     if catalogue.controller_entry(own.controller).estimator_settings:
         if "estimator" in settings:

@@ -1,1 +1,1 @@
-"""A tuning that holds for people and in noise: the search for it, and its check on others."""
+"""Search for a tuning that is robust to people and noise, and its check on other subjects."""

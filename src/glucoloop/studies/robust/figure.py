@@ -1,4 +1,4 @@
-"""A search for a tuning in a picture, ready for print: the trade-off, and the chosen tuning on others."""
+"""Figure of a search for a tuning, ready for print: the trade-off, and the chosen tuning on other subjects."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _PANEL_MM: Final = 70.0
 _AROUND_MM: Final = 24.0
 _SHOWN: Final = 0.9
-"""Share of the tunings that keep the bounds that the picture must hold in each objective; a few are far away."""
+"""Share of the tunings within the bounds that each axis must show; a few are far away."""
 _ROOM: Final = 0.06
 _MARKERS: Final = ("D", "s", "^", "v", "P", "X")
 
@@ -46,19 +46,19 @@ def plot_robust(
     candidates : sequence of Candidate
     verdict : Choice
     bounds : sequence of Bound
-        Those on an objective of the front are drawn.
+        Bounds; those on an objective of the front are drawn.
     references : mapping
-        Scores of the controllers that stand beside, by label.
+        Scores of the reference controllers, by label.
     checked : sequence of Checked
-        Without any, the front is drawn alone.
+        Results of the check; without any, the front is drawn alone.
     title : str, optional
     width : {"single", "double"}
-        Of a printed column: 88 or 180 mm.
+        Width of a printed column: 88 or 180 mm.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Apart from pyplot's state.
+        Figure outside pyplot's state.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def _zoom(
     verdict: Choice,
     references: Mapping[str, Mapping[str, float]],
 ) -> None:
-    """The front and the marks, and as much of the others as does not push these together."""
+    """Limit the axes to the front and the marks, and to as many other tunings as leave these readable."""
     cloud = values[verdict.keeps] if verdict.keeps.any() else values[finite]
     marked = [*values[verdict.front], values[verdict.chosen]]
     if finite[0]:

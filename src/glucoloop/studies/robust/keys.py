@@ -1,4 +1,4 @@
-"""A search for a tuning that holds for people and in noise, from flat keys."""
+"""Configuration of a search for a robust tuning."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _MOST_SUBJECTS: Final = 100_000
 
 
 class RobustKeys(BaseModel):
-    """What a search has and a trial has not."""
+    """Keys of a search that a trial does not have."""
 
     model_config = STRICT
 
@@ -70,7 +70,7 @@ class RobustKeys(BaseModel):
 
 
 class HowFar(BaseModel):
-    """What may differ when the same search goes on."""
+    """Keys of the extent of a search, which may differ when it is resumed."""
 
     model_config = STRICT
 
@@ -86,7 +86,7 @@ class Robust:
     own: RobustKeys
     far: HowFar
     ranges: Mapping[str, str]
-    """As written, of what is tuned."""
+    """Ranges of the tuned numbers, as written."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same search is read."""
@@ -115,14 +115,14 @@ def robust_key_names() -> list[str]:
 
 
 def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Robust:
-    """Search from flat keys.
+    """Read the configuration of a search from flat keys.
 
     Parameters
     ----------
     keys : mapping
         A number that can be tuned is a range, ``"0.1:2"``, or one number, which is kept.
     names : mapping, optional
-        What a key is called where it was given; for messages.
+        Name under which the user gave each key, for messages.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
 
 
 def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple[Tuned, ...], dict[str, float]]:
-    """What is tuned, and what is kept at a number."""
+    """Ranges of the tuned numbers, and values of the fixed ones."""
     space, fixed = {of.name: of for of in RANGES.values() if of.unasked}, {}
     for key, value in told.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):

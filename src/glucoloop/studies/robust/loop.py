@@ -1,7 +1,8 @@
 """Many tunings of one controller in the loops of the same subjects, as one compiled program.
 
-The numbers of a tuning are leaves of the controller. Those that a search may change trail, like what differs between
-people: a block of the program holds subjects under whatever tunings, and nothing is compiled anew for a tuning.
+The numbers of a tuning are leaves of the controller. Those that a search may change have a trailing axis, like values
+that differ between people: a block of the program holds subjects under any tunings, and nothing is compiled again for a
+tuning.
 """
 
 from __future__ import annotations
@@ -32,29 +33,29 @@ from glucoloop.studies.robust.subjects import Subjects
 
 Array = npt.NDArray[Any]
 Tuning = Mapping[str, float]
-"""Of the numbers that are tuned; the others are the case's."""
+"""Values of the tuned numbers; the others are the case's."""
 
 _PROBES: Final = (0.0, 0.37, 1.0)
-"""Shares of each range at which a controller is designed to see which of its leaves a tuning changes."""
+"""Shares of each range at which a controller is designed to find the leaves that a tuning changes."""
 
 
 class TuningLoop:
-    """A controller of a trial with its loop, compiled.
+    """A controller of a trial with its compiled loop.
 
     Parameters
     ----------
     trial : Trial
-        The situation. Everybody eats its meals, on their own days.
+        The situation. All people eat its meals, each on days of their own.
     case : Case
     space : sequence of Tuned
-        What may be tuned; none for a controller as it is.
+        Ranges of the tuned numbers; empty for a fixed controller.
     example : Subjects
-        Some of the subjects, to show what differs between them.
+        Some of the subjects, which show the values that differ between them.
 
     Raises
     ------
     ValueError
-        For a design that is not possible.
+        If a controller cannot be designed.
     """
 
     def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
@@ -84,7 +85,7 @@ class TuningLoop:
         )
 
     def run(self, subjects: Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
-        """What becomes of the subjects under each tuning, in order, as soon as it is known.
+        """Yield the results of the subjects under each tuning, in order, as soon as they are known.
 
         Yields
         ------
@@ -95,7 +96,7 @@ class TuningLoop:
         waiting = iter(tunings)
         possible: list[Controller] = []
         order: list[bool] = []
-        """Whether a tuning is possible, of those that are not told yet."""
+        """Whether each tuning is possible, for those that are not yielded yet."""
         kept: list[dict[str, Array]] = []
         start, ended = 0, False
         while True:
@@ -129,7 +130,7 @@ class TuningLoop:
         jobs: Array,
         size: int,
     ) -> list[dict[str, Array]]:
-        """What was found so far, and what becomes of the subjects of one more block."""
+        """The results so far joined with those of one more block."""
         full, n = np.resize(jobs, size), subjects.number
         metrics = self._block(subjects, full % n, self._of_jobs(controllers, full // n, subjects, full % n))
         return [*kept, {name: values[: jobs.size] for name, values in metrics.items()}]
@@ -151,7 +152,7 @@ class TuningLoop:
         return {name: np.asarray(getattr(metrics, name), float) for name in METRICS}
 
     def _of(self, controllers: Sequence[Controller], which: Array, basal_mU_min: Array) -> Controller:
-        """Controllers of subjects: the tuning of each, and his basal rate."""
+        """Controllers of subjects, each with its tuning and basal rate."""
         leaves, tree = jax.tree.flatten(with_individual_basal(self._controller, basal_mU_min))
         many = [jax.tree.leaves(controller) for controller in controllers]
         joined: Controller = jax.tree.unflatten(

@@ -1,4 +1,4 @@
-"""What came of a search: what is told of it, and its files."""
+"""Results of a search: texts and files."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from glucoloop.studies.robust.work import rows_of
 
 @dataclass(frozen=True)
 class Found:
-    """What came of a search."""
+    """Results of a search."""
 
     candidates: Sequence[Candidate]
     references: Mapping[str, Mapping[str, float]]
-    """Scores of the controllers that stand beside."""
+    """Scores of the reference controllers."""
     bounds: Sequence[Bound]
     verdict: Choice
     checked: Sequence[Checked]
@@ -45,7 +45,7 @@ def found_of(
     bounds: Sequence[Bound],
     engine: SearchEngine,
 ) -> Found:
-    """Choose a tuning, and check it."""
+    """Choose a tuning and check it."""
     verdict = judge(asked.search, bounds, candidates, asked.far.prefer)
     checked = engine.check(candidates[verdict.chosen].tuning)
     return Found(candidates=candidates, references=references, bounds=bounds, verdict=verdict, checked=checked)
@@ -133,7 +133,7 @@ def _title(asked: Robust) -> str:
 
 
 def _check_table(checked: Sequence[Checked]) -> pl.DataFrame:
-    """A row for each subject under each controller."""
+    """Table with one row per subject and controller."""
     return pl.concat(
         pl.DataFrame(
             {

@@ -1,4 +1,4 @@
-"""The search for a tuning that holds for people and in noise, and what it comes to on subjects it never saw."""
+"""Search for a tuning that is robust to people and noise, and its result on subjects that it never saw."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NO_SCORES: Final = dict.fromkeys(OBJECTIVES, float("nan"))
 
 @dataclass(frozen=True)
 class Group:
-    """Who a tuning is tried on."""
+    """Subjects on whom a tuning is tried."""
 
     people: int
     people_seed: int
@@ -46,15 +46,15 @@ class Search:
     """
 
     trial: Trial
-    """The situation; its first case is tuned, and the others stand beside it."""
+    """The situation; its first case is tuned, and the others are references."""
     space: tuple[Tuned, ...]
     group: Group
-    """On whom it is tuned."""
+    """Subjects on whom the controller is tuned."""
     check: Group
-    """On whom the chosen tuning is checked."""
+    """Subjects on whom the chosen tuning is checked."""
     objectives: tuple[str, str] = ("undershoot-p95", "peak-median")
     at_most: tuple[tuple[str, float | str], ...] = ()
-    """Objectives with a bound: a number, or the label of a case that stands beside."""
+    """Objectives with a bound: a number, or the label of a reference case."""
     batch: int = 64
     sampler: str = "tpe"
     sampler_seed: int = 0
@@ -92,7 +92,7 @@ class Search:
 
     @property
     def start(self) -> dict[str, float]:
-        """Its tuning as it was, of what is tuned."""
+        """Initial values of the tuned numbers."""
         return {of.name: float(self.case.tuning[of.name]) for of in self.space}
 
     def tuned(self, tuning: Mapping[str, float]) -> Case:
@@ -108,7 +108,7 @@ class Candidate:
     number: int
     tuning: Mapping[str, float]
     scores: Mapping[str, float]
-    """By objective; not numbers for a tuning that the design refuses."""
+    """Score of each objective; NaN for a tuning that the design refuses."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Checked:
     label: str
     scores: Mapping[str, float]
     undershoot_mg_dl: npt.NDArray[np.float64]
-    """(subjects,) people first."""
+    """(subjects,) undershoot, people first."""
     peak_mg_dl: npt.NDArray[np.float64]
     total_variation_mU_min: npt.NDArray[np.float64]
     people: int
@@ -147,7 +147,7 @@ class SearchEngine:
     Raises
     ------
     ValueError
-        For people of whom none has a basal rate, or a design that is not possible.
+        If none of the people has a basal rate, or a controller cannot be designed.
     """
 
     def __init__(self, search: Search) -> None:
@@ -156,7 +156,7 @@ class SearchEngine:
         self._loops: dict[str, TuningLoop] = {}
 
     def references(self) -> dict[str, dict[str, float]]:
-        """Scores of the controllers that stand beside, on the subjects of the search, by label."""
+        """Scores of the reference controllers on the subjects of the search, by label."""
         found = {}
         for case in self.search.trial.cases[1:]:
             metrics = next(self._loop(case).run(self.subjects))
@@ -164,15 +164,15 @@ class SearchEngine:
         return found
 
     def candidates(self, rounds: int, bounds: Sequence[Bound], before: Sequence[Candidate] = ()) -> Iterator[Candidate]:
-        """The candidates that are still missing, each as soon as it is known.
+        """Yield the candidates that are still missing, each as soon as it is known.
 
         Parameters
         ----------
         rounds : int
-            Of the whole search.
+            Number of rounds of the whole search.
         bounds : sequence of Bound
         before : sequence of Candidate
-            Those that were found before, in order.
+            Candidates that were found before, in order.
 
         Raises
         ------
@@ -205,7 +205,7 @@ class SearchEngine:
             sampler.tell([_told(search, bounds, one) for one in known[first : first + search.batch]])
 
     def check(self, tuning: Mapping[str, float]) -> list[Checked]:
-        """The chosen tuning, the one as it was, and those that stand beside, on subjects that were not searched on."""
+        """Results of the chosen, the initial and the reference tunings on subjects outside the search."""
         search = self.search
         subjects = self._subjects(search.check)
         tunings = {CHOSEN: dict(tuning), AS_IT_WAS: search.start}
@@ -235,7 +235,7 @@ class SearchEngine:
 
 
 def bounds_of(search: Search, references: Mapping[str, Mapping[str, float]]) -> tuple[Bound, ...]:
-    """The bounds of a search as numbers, some of which are those of controllers that stand beside."""
+    """Bounds of a search as numbers; some are values of reference controllers."""
     return tuple(
         Bound(name, references[most][name], most) if isinstance(most, str) else Bound(name, most)
         for name, most in search.at_most
@@ -243,7 +243,7 @@ def bounds_of(search: Search, references: Mapping[str, Mapping[str, float]]) -> 
 
 
 def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidate], prefer: str = BOTH) -> Choice:
-    """Which candidates keep the bounds, which make the front, and which is chosen.
+    """Candidates that keep the bounds, those on the front, and the chosen one.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidat
     bounds : sequence of Bound
     candidates : sequence of Candidate
     prefer : str
-        See `front.choose`.
+        Preference, see `front.choose`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tunings of a search, and the chosen one beside others, in tables."""
+"""Tables of the tunings of a search, and of the chosen one compared with others."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HEADS: Final = {
     "people-below-60": "People\n< 60",
     "total-variation": "Travel\nmU/min",
 }
-"""Glucose in mg/dl."""
+"""Headings of the columns; glucose is in mg/dl."""
 
 
 def robust_table(
@@ -42,9 +42,9 @@ def robust_table(
     candidates : sequence of Candidate
     verdict : Choice
     references : mapping
-        Scores by label.
+        Scores of the reference controllers, by label.
     top : int
-        Tunings of the front that are shown, evenly chosen; the chosen one is always among them.
+        Number of tunings of the front that are shown, evenly spread; the chosen one is always among them.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def robust_table(
 
 
 def check_table(checked: Sequence[Checked]) -> Table:
-    """Controllers on subjects that the search never saw.
+    """Results of controllers on subjects that the search never saw.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def _told(scores: Mapping[str, float]) -> list[str]:
 
 
 def _thinned(front: Sequence[int], top: int, chosen: int) -> list[int]:
-    """Some of the front, its ends and the chosen one among them."""
+    """Indices of some tunings of the front, its ends and the chosen one among them."""
     if len(front) <= top:
         return list(front) if chosen in front else [*front, chosen]
     kept = {front[place] for place in np.unique(np.linspace(0, len(front) - 1, max(top - 1, 1)).round().astype(int))}

@@ -1,4 +1,4 @@
-"""A stress test from flat keys: a trial, the faults that are tried one at a time, and whether there is a guard."""
+"""Configuration of a stress test: a trial, the faults that are tried one at a time, and the guard."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class StressTest:
 
     stress: Stress
     base: Trial
-    """With a case for each controller, free of faults."""
+    """Trial with a case for each controller, without faults."""
     faults: tuple[str, ...]
     guards: Guards
     limits: Mapping[str, Value]
-    """Of the guard, in full."""
+    """All limits of the guard."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same test is read."""
@@ -47,7 +47,7 @@ class StressTest:
 def read_stress(
     keys: Mapping[str, object], cases: Sequence[Mapping[str, object]] = (), names: Mapping[str, str] | None = None
 ) -> StressTest:
-    """Stress test from the keys that hold for all cases, and those of each.
+    """Read the configuration of a stress test from the shared keys and those of each case.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is said about a whole stress test: rows, reasons, table files, picture and page."""
+"""Output of a whole stress test: rows, reasons, table files, figure and page."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def work_of(asked: StressTest) -> Work:
 
 
 def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
-    """What came of a test whose shards are done."""
+    """Results of a test whose shards are done."""
     rows = stress_rows(asked.stress, folder.people())
     prepared = prepare(asked.stress.trial)
     return _result(asked, rows, [reason_of(prepared, row) for row in rows if row.tried.guarded and not row.stands])
 
 
 def told_before(asked: StressTest, folder: TrialFolder) -> StressResult:
-    """The same of a finished test, its reasons as they were written."""
+    """Results of a finished test, with its reasons read from its files."""
     rows = stress_rows(asked.stress, folder.people())
     reasons = [
         Reason(

@@ -1,6 +1,6 @@
 """A stress test: controllers, with and without a guard, on the same people under one fault after another.
 
-It is a trial whose cases are all controllers under all faults. Everybody meets the same meals, noise and onset of a
+It is a trial whose cases are all controllers under all faults. Each person has the same meals, noise and onset of a
 fault under each controller.
 """
 
@@ -22,7 +22,7 @@ from glucoloop.studies.guarded import WITH_GUARD, Guards
 
 NO_FAULT: Final = ""
 MOST_MORE_PCT: Final = 1.0
-"""Of the time below 60 mg/dl: as much more of it than without the fault is borne."""
+"""Largest increase of the time below 60 mg/dl, in percent of the run, that a fault may cause for a cell to pass."""
 MOST_NAMED: Final = 20
 
 STANDARD_FAULTS: Final = (
@@ -50,8 +50,9 @@ STANDARD_FAULTS: Final = (
     "resolution, step_mU_min=4, least_mU_min=8",
     "battery, start_min=60, latest_min=300, duration_min=60",
 )
-"""What is tried if nothing else is asked for. Sensors that are wrong by 15 % or 15 mg/dl are as wrong as those of
-integrated continuous monitors may be (U.S. Food and Drug Administration, 21 CFR 862.1355)."""
+"""Faults that are tried by default. Sensors that are wrong by 15 % or 15 mg/dl are as wrong as those of integrated
+continuous monitors may be (U.S. Food and Drug Administration, 21 CFR 862.1355).
+"""
 
 
 @dataclass(frozen=True)
@@ -62,18 +63,18 @@ class Tried:
     """Label of the case."""
     guarded: bool
     fault: str
-    """In full; empty for none."""
+    """Full text of the fault; empty for none."""
 
     @property
     def label(self) -> str:
-        """Of the case of the trial."""
+        """Label of the case of the trial."""
         return " | ".join(
             [self.controller, *(["guarded"] if self.guarded else []), *([self.fault] if self.fault else [])]
         )
 
     @property
     def without_fault(self) -> Tried:
-        """What it is compared with."""
+        """Cell of the same controller without a fault, for comparison."""
         return dataclasses.replace(self, fault=NO_FAULT)
 
 
@@ -82,7 +83,7 @@ class Stress:
     """A stress test."""
 
     trial: Trial
-    """With a case for each cell."""
+    """Trial with a case for each cell."""
     tried: tuple[Tried, ...]
     """The cells, in the order of the cases."""
 
@@ -93,12 +94,12 @@ def stress_of(base: Trial, faults: Sequence[str], guards: Guards, limits: Mappin
     Parameters
     ----------
     base : Trial
-        With a case for each controller.
+        Trial with a case for each controller.
     faults : sequence of str
-        In full, each tried alone.
+        Full texts of faults, each tried alone.
     guards : {"both", "with", "without"}
     limits : mapping
-        Of the guard, in full.
+        All limits of the guard.
 
     Raises
     ------
@@ -124,43 +125,44 @@ def stress_of(base: Trial, faults: Sequence[str], guards: Guards, limits: Mappin
 
 @dataclass(frozen=True)
 class StressRow:
-    """What came of a cell. Percentages of time are of the run, those of people of the people who could take part."""
+    """Results of a cell. Percentages of time are of the run, those of people of the people who took part."""
 
     tried: Tried
     people: int
     below_60_mean_pct: float
-    """Of the time, over all people."""
+    """Time below 60 mg/dl, in percent, over all people."""
     below_60_worst_pct: float
-    """Of the time, of the one who was longest below."""
+    """Time below 60 mg/dl, in percent, of the person with the longest."""
     below_54_mean_pct: float
     below_54_worst_pct: float
     ever_below_60_pct: float
-    """Of the people."""
+    """Percentage of the people who were ever below 60 mg/dl."""
     ever_below_54_pct: float
     lowest_mg_dl: float
     lowest_person: int
     highest_mg_dl: float
     low_events: int
-    """Below 70 mg/dl for 15 min or longer; of all people."""
+    """Number of events below 70 mg/dl for 15 min or longer, over all people."""
     very_low_events: int
-    """Below 54 mg/dl."""
+    """Number of events below 54 mg/dl, over all people."""
     saturated_pct: float
-    """Of the samples, over all people: doses cut to the pump's limits."""
+    """Percentage of the samples, over all people, at which the dose was cut to the pump's limits."""
     missing_pct: float
     rejected_pct: float
     fallback_pct: float
     suspended_pct: float
     dose_limited_pct: float
     worse: tuple[int, ...]
-    """People who spent more than 1 % of the time more below 60 mg/dl than without the fault, the worst first."""
+    """People whose time below 60 mg/dl was longer than without the fault by more than 1 % of the run, the worst first.
+    """
     worst_more_pct: float
     """Largest such difference, of all people; 0 without a fault."""
     people_below_validity: int
-    """People whose glucose was ever lower than their model is valid for."""
+    """Number of people whose glucose was ever below the range in which their model is valid."""
 
     @property
     def stands(self) -> bool:
-        """Whether nobody was much worse off than without the fault."""
+        """Whether the cell passes: no person was much worse off than without the fault."""
         return not self.worse
 
 
@@ -172,7 +174,7 @@ _COLUMNS: Final = (
 
 
 def stress_rows(stress: Stress, shards: Iterator[Shard]) -> list[StressRow]:
-    """What came of each cell, from the people of the shards."""
+    """Results of each cell, from the people of the shards."""
     kept: dict[str, list[dict[str, npt.NDArray[Any]]]] = {cell.label: [] for cell in stress.tried}
     for shard in shards:
         for label, people in shard.items():
@@ -234,24 +236,24 @@ def _row(
 
 @dataclass(frozen=True)
 class Reason:
-    """Why somebody was worse off under a fault."""
+    """Reason why a person was worse off under a fault."""
 
     tried: Tried
     person: int
     more_pct: float
-    """Time below 60 mg/dl, beyond that without the fault."""
+    """Increase of the time below 60 mg/dl over that without the fault, in percent."""
     text: str
-    """What happened to him, in a few sentences."""
+    """Description of the person's run, in a few sentences."""
 
 
 @dataclass(frozen=True)
 class StressResult:
-    """What came of a stress test."""
+    """Results of a stress test."""
 
     rows: tuple[StressRow, ...]
     reasons: tuple[Reason, ...]
-    """Of the worst person of each guarded cell in which somebody was worse off."""
+    """Reasons for the worst person of each guarded cell in which a person was worse off."""
     facts: Mapping[str, str]
-    """About people, meals and sensor, for the head of a page."""
+    """Facts about people, meals and sensor, for the head of a page."""
     repeat: str
-    """Command that repeats it from its folder."""
+    """Command that repeats the test from its folder."""

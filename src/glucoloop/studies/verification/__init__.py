@@ -1,1 +1,1 @@
-"""Random loops with random faults, and what every loop promises at every sample."""
+"""Random loops with random faults, and the promises that every loop keeps at every sample."""
