@@ -118,7 +118,7 @@ def _read(keys: Given, of_file: Given) -> Adversary:
 
 
 def _finish(asked: Adversary, folder: RowsFolder[Scores] | None) -> list[dict[str, Any]]:
-    """Search on, and sum up; of searches that were finished before, tell what was written."""
+    """Complete the search and summarise it; for searches that were finished before, read the results."""
     from glucoloop.studies.adversary.results import files_of, row_of
     from glucoloop.studies.adversary.work import search_on
 

@@ -138,7 +138,7 @@ _TOP: Final = Option("top", "--top", int, "Tunings of the front in the table.", 
 
 
 def _tuning_options() -> Iterator[Option]:
-    """Settings of the controller: ranges of what can be searched, and the others."""
+    """Settings of the controller: ranges of the numbers that can be searched, and the other settings."""
     settings = {setting.name: setting for setting in SEARCHED.settings}
     for option in CASE:
         if option.key in _RANGED:
@@ -169,7 +169,7 @@ _OPTIONS: Final = (
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check the request, search or go on with it, check what was chosen, and print it."""
+    """Check the request, run or resume the search, check the chosen tuning, and print the results."""
     keys, output, file = split_off_output(given)
     top = keys.pop(_TOP.key, 10)
     if top < 1:
@@ -199,7 +199,7 @@ def _read(keys: Given, of_file: Given) -> Robust:
 
 
 def _finish(asked: Robust, folder: RowsFolder[Candidate]) -> Found:
-    """Try what is missing, choose, and check; of a search that was finished before, tell what was written."""
+    """Try the missing candidates, choose, and check; for a search that was finished before, read the results."""
     from glucoloop.studies.robust.results import files_of, found_before, found_of
     from glucoloop.studies.robust.search import SearchEngine, bounds_of
 

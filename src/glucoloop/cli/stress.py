@@ -55,7 +55,7 @@ _OPTIONS: Final = (
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check the request, carry it out or go on with it, and print the results."""
+    """Check the request, run or resume the test, and print the results."""
     keys, output, file = split_off_output(given)
     where = computing(keys)
     out = needed_folder(output, "a stress test", "stress")

@@ -32,7 +32,7 @@ def read_request(keys: Given, file: Path | None, read: Callable[[Given, Given], 
 
 
 def read_with_cases(keys: Given, of_file: Given, options: Sequence[Option], read: Callable[..., T]) -> T:
-    """Read what is a trial with keys of its own: `read` takes keys, cases, and what a key is called in messages."""
+    """Read a trial with further keys: `read` takes keys, cases, and the users' names of the keys for messages."""
     from glucoloop.config.cases import take_cases
     from glucoloop.config.trial import overlay_trial
 
@@ -49,7 +49,7 @@ def needed_folder(output: Output, what: str, example: str) -> Path:
 
 
 def carried_out(opened: AbstractContextManager[F], finish: Callable[[F], T]) -> T:
-    """Do in a folder what is missing there; after Ctrl-C, say how much is kept."""
+    """Complete the work of a folder; after Ctrl-C, print how much is kept."""
     folder: F | None = None
     try:
         with opened as folder:
@@ -66,7 +66,7 @@ def carried_out(opened: AbstractContextManager[F], finish: Callable[[F], T]) -> 
 
 
 def paths_of(work: Work, out: Path, *further: str) -> dict[str, str]:
-    """Name -> path of the files of finished work; `further` are those that grew with it."""
+    """Path of each file of finished work by name; `further` are those that grew with it."""
     return {name: str(out / name) for name in (*work.final, *further, work.configuration)}
 
 

@@ -58,7 +58,7 @@ def computing(keys: Given) -> Computing:
 
 @with_options(TRIAL)
 def command(given: Given) -> None:
-    """Check the request, carry it out or go on with it, and print the results."""
+    """Check the request, run or resume the trial, and print the results."""
     keys, output, file = split_off_output(given)
     where = computing(keys)
     out = needed_folder(output, "a trial", "trial")

@@ -28,11 +28,13 @@ class Situation:
     setpoint_mg_dl: float | None = None
     """Target of the controller, or None for glucose at the operating point."""
     meal_model: str | MealModel | None = None
-    """How meals are digested and absorbed, by a name of `meals.MEAL_MODELS` or a model; None: as the patient does."""
+    """Model of digestion and absorption, by a name of `meals.MEAL_MODELS` or a model itself, or None for the patient's
+    own.
+    """
     announced: bool = False
     """Whether the controller is told of meals when they begin."""
     start_min: float | None = None
-    """Time of day at the start, in minutes after midnight, of which the controller is told; None: it is not."""
+    """Time of day at the start, in minutes after midnight, which the controller gets, or None if it gets none."""
     noise_variance: float = 0.0
     noise_bound_mg_dl: float = 5.0
     dead_time_samples: int = 0

@@ -1,4 +1,4 @@
-"""A lowered function carried out in NumPy, operation by operation: the meaning against which targets are checked."""
+"""Interpreter of a lowered function in NumPy, operation by operation: the reference for the checks of targets."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ _DOES: Final[dict[str, Callable[..., Any]]] = {
 
 
 def larger(a: Array, b: Array) -> Array:
-    """The larger of two numbers, the second of two equal ones; not a number if either is none."""
+    """The larger of two numbers, the second of two equal ones; NaN if either is NaN."""
     found: Array = np.where(a != a, a, np.where(a > b, a, b))
     return found
 
 
 def smaller(a: Array, b: Array) -> Array:
-    """The smaller of two numbers, likewise."""
+    """The smaller of two numbers, the second of two equal ones; NaN if either is NaN."""
     found: Array = np.where(a != a, a, np.where(a < b, a, b))
     return found
 
 
 def interpret(lowered: Lowered, **groups: Array) -> tuple[Array, Array]:
-    """Carry a lowered function out for many people at one sample.
+    """Compute a lowered function for many people at one sample.
 
     Parameters
     ----------

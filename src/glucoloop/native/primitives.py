@@ -65,7 +65,7 @@ def called(equation: Any) -> Any:
 
 
 def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """What an operation that only moves numbers about makes of arrays: the frequent ones in NumPy, the rest by JAX."""
+    """Results of an operation that only moves numbers: the frequent ones by NumPy, the others by JAX."""
     name, (result, *_) = equation.primitive.name, equation.outvars
     match name:
         case "squeeze" | "reshape" | "expand_dims":
@@ -181,7 +181,7 @@ def gathered(
 
 
 def gathered_axis(equation: Any) -> int | None:
-    """The axis along which a ``gather`` takes whole slices of one operand; None if it is no such gather."""
+    """The axis along which a ``gather`` takes whole slices of one operand; None for another kind of gather."""
     how, sizes = _parameter(equation, "dimension_numbers"), _parameter(equation, "slice_sizes")
     shape = equation.invars[0].aval.shape
     if len(how.start_index_map) != 1 or tuple(how.collapsed_slice_dims) != tuple(how.start_index_map):
@@ -205,10 +205,10 @@ def running(equation: Any) -> tuple[int, bool]:
 
 @dataclass(frozen=True)
 class Triangular:
-    """How a ``triangular_solve`` takes its matrix."""
+    """Flags of a ``triangular_solve``."""
 
     left: bool
-    """``A x = b``; else ``x A = b``."""
+    """Whether it solves ``A x = b``; otherwise ``x A = b``."""
     lower: bool
     transposed: bool
     unit_diagonal: bool

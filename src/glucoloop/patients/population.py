@@ -147,7 +147,7 @@ class VirtualPeople:
     """``(n,)`` whether a basal rate exists."""
 
     def at(self, place: npt.NDArray[np.intp]) -> VirtualPeople:
-        """The people at some places, in their order, as often as they are named."""
+        """The people at the given places, in their order; places may repeat."""
         return replace(
             self,
             draw=Draw(self.draw.person[place], {name: values[place] for name, values in self.draw.values.items()}),
@@ -159,7 +159,7 @@ class VirtualPeople:
 
 
 def of_people(patient: SemilinearPatient, place: Any) -> SemilinearPatient:
-    """Constants of people at some places, or of one at a place; what all share stays as it is."""
+    """Constants of people at the given places, or of one person; shared constants are unchanged."""
     some: SemilinearPatient = jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, patient)
     return some
 

@@ -68,7 +68,7 @@ def deliver(
 
 
 def gives_bolus(pump: Pump) -> bool:
-    """Whether a pump, and every pump inside of it, can give a bolus."""
+    """Whether a pump, and every inner pump, can give a bolus."""
 
     def first_delivery() -> Any:
         dose, key = jnp.zeros(()), jax.random.key(0)

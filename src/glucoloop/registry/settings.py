@@ -92,10 +92,10 @@ class Setting:
 
 @dataclass(frozen=True)
 class About:
-    """What a setting means and which of its values are possible: the annotation of a field of a `settings_record`."""
+    """Meaning of a setting and its possible values: the annotation of a field of a `settings_record`."""
 
     summary: str
-    """A sentence, with the unit and the symbol of the paper."""
+    """Sentence on the setting, with the unit and the symbol of the paper."""
     at_least: float = -math.inf
     at_most: float = math.inf
     above: float = -math.inf
@@ -107,7 +107,7 @@ class About:
         return self.at_least <= value <= self.at_most and self.above < value < self.below
 
     def possible(self, kind: type) -> str:
-        """The numbers that are possible, as they are told to somebody who gave another."""
+        """Possible numbers in words, for an error about another one."""
         if math.isfinite(self.below):
             return f"{self.at_least:g} or more and less than {self.below:g}"
         if kind is int and self.at_most - self.at_least == 1:
@@ -126,13 +126,13 @@ _UNITS: Final = {"_mg_dl": " mg/dl", "_mU_min": " mU/min", "_min": " min", "_g":
 
 
 def usual(*, default: Any, noisy: Any) -> Any:
-    """Default of a field of a record, which is another where readings are noisy."""
+    """Default of a field of a record, which may differ with noisy readings."""
     return dataclasses.field(default=default, metadata={"noisy": noisy})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(usual,))
 def settings_record(cls: type[Record]) -> type[Record]:
-    """Make a frozen dataclass of a class whose fields say what they mean, and check what it is made of.
+    """Make a frozen dataclass of a class whose fields are annotated settings, and check its values.
 
     Each field is a setting, with a default: ``filter_min: Annotated[float, About("Lag, in minutes.", above=0)] = 1.0``.
     A ``Literal`` lists the choices. An argument of another type, out of its bounds or not among the choices raises
@@ -189,7 +189,7 @@ def settings_of(record: type) -> tuple[Setting, ...]:
     Raises
     ------
     ValueError
-        For a field that does not say what it means, or has no default.
+        For a field without a description or without a default.
     """
     declared, settings = _declared(record), []
     for field in dataclasses.fields(record):

@@ -41,8 +41,9 @@ class Fixed:
     places: tuple[int, ...]
     functions: tuple[Hashable, ...]
     kinds: tuple[Any, ...]
-    """Classes of the nodes. JAX takes the structures of two classes with the same fields for equal, and would carry out
-    one controller with the program of another."""
+    """Classes of the nodes. JAX takes the structures of two classes with the same fields for equal, and would run one
+    controller with the program of another.
+    """
 
     def joined(self, numbers: list[Any]) -> Any:
         """The tree with the given numbers."""

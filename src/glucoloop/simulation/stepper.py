@@ -43,7 +43,7 @@ class _Asked:
 
     @property
     def gives_boluses(self) -> bool:
-        """Whether the pump can give them."""
+        """Whether the pump can give boluses."""
         return self.bolus_mU is not None
 
     def init(self, observation: Observation) -> tuple[()]:

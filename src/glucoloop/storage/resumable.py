@@ -126,7 +126,7 @@ class ResumableFolder(ABC):
 
     @abstractmethod
     def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if there is something among the results that this program does not write."""
+        """Raise ValueError if there is a file among the results that this program does not write."""
 
     @abstractmethod
     def settle(self) -> None:
@@ -137,7 +137,7 @@ class ResumableFolder(ABC):
         """Begin without any results."""
 
     def create(self) -> None:
-        """Describe the work in an empty folder."""
+        """Write the description of the work into an empty folder."""
         self.forget()
         self._say()
 
@@ -176,12 +176,12 @@ class ResumableFolder(ABC):
             self._say()
 
     def finish(self, files: Mapping[str, bytes]) -> None:
-        """Put the files about the whole work in their places, the digests of all files last.
+        """Write the files about the whole work, the digests of all files last.
 
         Raises
         ------
         ValueError
-            If one cannot be written; what is done stays.
+            If one cannot be written; the results so far stay.
         """
         self.settle()
         for name, data in files.items():
@@ -219,7 +219,7 @@ class ResumableFolder(ABC):
             ) from None
 
     def changed(self, sums: Mapping[str, str]) -> str | None:
-        """The first file of the folder itself that is there, but not as a list of digests says."""
+        """First file of the folder itself that differs from a list of digests, or None."""
         for name in self._top:
             there = disk.digest(self.path / name)
             if there and name in sums and there != sums[name]:
@@ -232,12 +232,12 @@ class ResumableFolder(ABC):
         return (self.first, *self.files, *(() if self.done_is_folder else (self.done_name,)))
 
     def _is_whole(self, there: Origin) -> bool:
-        """Whether everything that was asked for is there.
+        """Whether all results asked for are there.
 
         Raises
         ------
         ValueError
-            If there is a list of digests, and something is not as it tells, or it does not tell all.
+            If there is a list of digests, and a file differs from it or is missing in it.
         """
         if not disk.is_file(self.path / SUMS):
             return False
@@ -351,7 +351,7 @@ def _refuse_foreign(folder: ResumableFolder) -> None:
 
 
 def _sweep(folder: ResumableFolder) -> None:
-    """Remove what a process that died left in the making."""
+    """Remove unfinished files that a dead process left."""
     path = folder.path
     for name in disk.names(path.resolve()):
         if disk.is_part(name, *folder.names):
@@ -363,7 +363,7 @@ def _sweep(folder: ResumableFolder) -> None:
 
 
 def _clear(folder: ResumableFolder) -> None:
-    """Take earlier work away: what was done in one step, then the list of digests, and what it is about last."""
+    """Remove earlier work: the results in one step, then the list of digests, and the description last."""
     path = folder.path
     folder.refuse_foreign_parts()
     changed = folder.changed(disk.read_sums(path))

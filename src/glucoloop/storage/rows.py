@@ -1,4 +1,4 @@
-"""Folder of long work whose units are rows: one table holds the results so far, and is written anew as it grows."""
+"""Folder of long work whose units are rows: one table holds the results so far, and is written again as it grows."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Rows(Generic[R]):
         return table.with_columns(pl.col(pl.Float64).fill_nan(None))
 
     def read(self, place: Path) -> list[R]:
-        """Read the rows of an earlier table; ValueError if it is not what was written."""
+        """Read the rows of an earlier table; ValueError for another table."""
         bounds = TableBounds(
             least_rows=0,
             most_rows=self.most,
@@ -96,7 +96,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         return f"{self._written} of {self.kind.wanted} {self.kind.what}"
 
     def add(self, row: R) -> None:
-        """Keep a row.
+        """Add a row.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
             )
 
     def refuse_foreign_parts(self) -> None:
-        """Accept everything: the results are one file, in which nothing else can be."""
+        """Accept any folder, since the results are one file that holds nothing else."""
 
     def forget(self) -> None:
         """Begin without any rows."""

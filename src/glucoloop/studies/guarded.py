@@ -1,4 +1,4 @@
-"""A trial whose controllers are tried with a guard, without one, or both, as several studies read it from flat keys."""
+"""Configuration of a trial whose controllers are tried with a guard, without one, or both, for several studies."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def read_guarded_trial(
     own: Collection[str],
     refused: Collection[str],
 ) -> tuple[Trial, Mapping[str, Value]]:
-    """Read a trial with a case for each controller, free of a guard, and all limits of the guard.
+    """Read a trial with a case for each controller, without a guard, and all limits of the guard.
 
     Parameters
     ----------

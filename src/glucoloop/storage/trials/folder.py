@@ -114,7 +114,7 @@ class TrialFolder(ResumableFolder):
         self._sums, self._there = {}, self._header
 
     def settle(self) -> None:
-        """Write nothing more: each shard is written as soon as it is done."""
+        """Do nothing, since each shard is written as soon as it is done."""
 
     def first_files(self) -> dict[str, bytes]:
         """Header and configuration."""

@@ -24,7 +24,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class ErrorSearch:
-    """One search: a controller, guarded or not, the largest error, and how hard is searched."""
+    """One search: a controller, guarded or not, the largest error, and the effort."""
 
     case: Case
     space: ErrorSpace
@@ -47,22 +47,22 @@ class ErrorSearch:
 
     @property
     def name(self) -> str:
-        """A label that no other search has."""
+        """Label of the search, unique among all searches."""
         return f"{self.controller}, ±{self.error_pct:g} %"
 
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """What came of one search."""
+    """Outcome of one search."""
 
     cell: ErrorSearch
     engine: str
-    """That closed the loops: native or xla."""
+    """Engine that simulated the loops, native or xla."""
     peak_without_errors_mg_dl: float
     lowest_without_errors_mg_dl: float
     worst: Worst
     random: RandomErrors
-    """Errors of the same size by chance, on the people of the trial."""
+    """Result of random errors of the same size, on the people of the trial."""
 
 
 def search_all(

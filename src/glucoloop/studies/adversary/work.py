@@ -1,6 +1,6 @@
 """Search for the worst errors in a folder, which keeps the harm of every sequence, generation by generation.
 
-A search rests on its seed and on these scores alone, so one that was cut short is told them again and goes on.
+A search depends only on its seed and on these scores, so an interrupted one resumes by reading them again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FINAL: Final = ("adversary.csv", "worst.parquet", "worst.pdf", "worst.png", "wor
 _LONGEST: Final = 1000
 """Characters of the name of a search."""
 _BETWEEN_S: Final = 5.0
-"""Between two writings of the scores, of which there are more and more."""
+"""Time between two writings of the scores, whose number grows."""
 
 
 class Scores(NamedTuple):
@@ -37,12 +37,12 @@ class Scores(NamedTuple):
 
 
 def work_of(asked: Adversary) -> Work:
-    """The work of ``glucoloop adversary``."""
+    """Work of ``glucoloop adversary``."""
     return Work(command="adversary", what="search", keys=asked.keys(), final=FINAL, summary=SUMMARY)
 
 
 def rows_of(asked: Adversary) -> Rows[Scores]:
-    """The rows that are kept: the scores of each generation."""
+    """Rows that are kept: the scores of each generation."""
     most, lanes = {cell.name: cell.effort.generations for cell in asked.cells()}, asked.lanes
 
     def row(cells: Mapping[str, Any], before: Sequence[Scores]) -> Scores:
@@ -67,7 +67,7 @@ def rows_of(asked: Adversary) -> Rows[Scores]:
 
 
 def search_on(asked: Adversary, folder: RowsFolder[Scores] | None, done: Callable[[], None]) -> list[SearchOutcome]:
-    """Carry out the searches, from where the folder has them on, and keep each generation there.
+    """Complete the searches from the state of the folder, and keep each generation there.
 
     Parameters
     ----------

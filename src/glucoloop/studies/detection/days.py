@@ -175,20 +175,20 @@ def in_even_blocks(total: int) -> tuple[int, int]:
 
 @runtime_checkable
 class HoldsEstimator(Protocol):
-    """A controller that rests on an estimator of meals."""
+    """Protocol of a controller that depends on an estimator of meals."""
 
     model: Any
-    """`estimation.unknown_meal.FedModel` of the person."""
+    """Model of the person, an `estimation.unknown_meal.FedModel`."""
     estimator: Any
-    """`estimation.unknown_meal.MealEstimator`"""
+    """Estimator, an `estimation.unknown_meal.MealEstimator`."""
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Self:
-        """The same for a person with a basal rate."""
+        """The same controller for a person with the given basal rate."""
         ...
 
 
 class Estimator:
-    """An estimator of unknown meals, as the controller of the catalogue that rests on it has it, over recorded days.
+    """An estimator of unknown meals, with the settings of the controller that uses it, over recorded days.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class Detection:
     """Number of days of each person."""
     estimators: tuple[str, ...]
     settings: Mapping[str, Value]
-    """Of every estimator, in full; see `registry.controllers.ESTIMATING`."""
+    """All settings of every estimator; see `registry.controllers.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
 

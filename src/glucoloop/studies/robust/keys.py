@@ -21,7 +21,7 @@ from glucoloop.studies.robust.search import Group, Search
 from glucoloop.threefry import LARGEST_COUNTER
 
 RANGES: Final = {of.name: of for of in catalogue.SEARCHED.searched}
-"""What can be searched, by the name of the setting."""
+"""Ranges that can be searched, by the name of the setting."""
 _SITUATION: Final = (
     "population",
     "patient",
@@ -42,7 +42,7 @@ _SITUATION: Final = (
     "sample_time_min",
     ALLOW_UNUSUAL,
 )
-"""What a search has in common with a trial."""
+"""Keys that a search has in common with a trial."""
 _USUAL: Final[Mapping[str, Any]] = {"duration_min": 600.0, "meals": ["50g@50min"], "noise_variance": 1.45}
 _CASE: Final = ("known_dead_time",)
 _MOST_SUBJECTS: Final = 100_000

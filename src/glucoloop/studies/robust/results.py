@@ -52,7 +52,7 @@ def found_of(
 
 
 def found_before(asked: Robust, candidates: Sequence[Candidate], told: Mapping[str, Any]) -> Found:
-    """The same of a finished search, from the candidates and the summary that were written."""
+    """Results of a finished search, from its candidates and its summary."""
     bounds = [Bound(of["objective"], of["at_most"], of["of"]) for of in told["bounds"]]
     none = np.zeros(0)
     return Found(
@@ -106,7 +106,7 @@ def files_of(asked: Robust, found: Found) -> dict[str, bytes]:
 
 
 def sentences(asked: Robust, found: Found) -> Iterator[str]:
-    """What to read off the tables."""
+    """Conclusions from the tables, one sentence each."""
     verdict, objectives = found.verdict, asked.search.objectives
     for bound in found.bounds:
         whose = "" if bound.of is None else f", what {bound.of} comes to"

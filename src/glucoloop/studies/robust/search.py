@@ -126,13 +126,13 @@ class Checked:
 
 @dataclass(frozen=True)
 class Choice:
-    """Which candidates are any good."""
+    """Judgement of the candidates."""
 
     keeps: npt.NDArray[np.bool_]
-    """(candidates,)"""
+    """(candidates,) whether each keeps the bounds."""
     front: npt.NDArray[np.bool_]
     chosen: int
-    """Its place among the candidates."""
+    """Index of the chosen candidate."""
     bounded: bool
     """Whether it keeps the bounds; if none does, the one that exceeds them least is chosen."""
 

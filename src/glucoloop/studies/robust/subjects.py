@@ -33,7 +33,7 @@ class Subjects:
     """People who were drawn but have no basal rate, and were left out."""
 
     def at(self, place: npt.NDArray[np.intp]) -> Subjects:
-        """The subjects at some places, in their order, as often as they are named."""
+        """The subjects at the given places, in their order; places may repeat."""
         return dataclasses.replace(
             self,
             patient=of_people(self.patient, place),

@@ -34,7 +34,7 @@ def robust_table(
     *,
     top: int = 10,
 ) -> Table:
-    """The front, by its first objective; with it the tuning as it was, and the controllers that stand beside.
+    """The front, sorted by its first objective, with the initial tuning and the reference controllers.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a search for a robust tuning keeps: its candidates, as they come."""
+"""Candidates of a search for a robust tuning, which are kept one by one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_CANDIDATES: Final = 1_000_000
 
 
 def work_of(asked: Robust) -> Work:
-    """The work of ``glucoloop robust``; it may go on with more rounds."""
+    """Work of ``glucoloop robust``, which may continue with more rounds."""
     return Work(
         command="robust",
         what="search",
@@ -32,7 +32,7 @@ def work_of(asked: Robust) -> Work:
 
 
 def rows_of(search: Search, rounds: int) -> Rows[Candidate]:
-    """The rows that are kept: each candidate with its round, its tuning and its objectives."""
+    """Rows that are kept: each candidate with its round, its tuning and its objectives."""
     tuned = [of.name for of in search.space]
     columns = {name: objective.column for name, objective in OBJECTIVES.items()}
 

@@ -15,7 +15,7 @@ from glucoloop.studies.stress.stress import STANDARD_FAULTS, Stress, stress_of
 
 GUARDS: Final = tuple(WITH_GUARD)
 STRESS_KEYS: Final = ("faults", "guards")
-"""Keys that a stress test has, and a trial has not or means otherwise."""
+"""Keys of a stress test that a trial does not have, or that have another meaning here."""
 _USUAL: Final[Mapping[str, Any]] = {
     "people": 100,
     "duration_min": 600.0,

@@ -27,7 +27,7 @@ FINAL: Final = ("stress.csv", "stress.parquet", SUMMARY, "stress.html", "figure.
 
 
 def work_of(asked: StressTest) -> Work:
-    """The work of ``glucoloop stress``, which is kept in the folder of a trial."""
+    """Work of ``glucoloop stress``, which is kept in the folder of a trial."""
     return Work(command="stress", what="trial", keys=asked.keys(), final=FINAL, summary=SUMMARY)
 
 
@@ -101,7 +101,7 @@ def _flat(row: StressRow) -> Mapping[str, Any]:
 
 
 def verdict(result: StressResult) -> Iterator[str]:
-    """For whom, and why, a fault made more than the borne difference with the guard."""
+    """Sentences on the people for whom a fault did more harm than allowed with the guard, and the reasons."""
     guarded = [row for row in result.rows if row.tried.guarded and row.tried.fault]
     if not guarded:
         return

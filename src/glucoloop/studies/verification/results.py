@@ -89,13 +89,13 @@ def nonsense_report(result: NonsenseResult, seconds: float) -> dict[str, Any]:
 
 
 def repeat(result: CampaignResult, controller: str, person: int) -> str:
-    """Command that closes somebody's loops again."""
+    """Command that repeats the loops of a person."""
     patient = "" if result.patient == USUAL_PATIENT.name else f"--patient {result.patient} "
     return f"glucoloop verify {patient}--seed {result.seed} --controller {controller} --person {person}"
 
 
 def broken_lines(result: CampaignResult) -> Iterator[str]:
-    """For each broken loop that is told, what broke and how to repeat it."""
+    """Line for each listed broken loop: the promise that broke, and the command that repeats it."""
     for arm in result.arms:
         for broken in arm.told:
             yield _line(result, arm, broken)

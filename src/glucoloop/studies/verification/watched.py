@@ -27,7 +27,7 @@ class WatchedDecision(Decision):
     sound: jax.Array
     """Whether the whole state of the controller is finite."""
     told_bolus_mU: jax.Array | None = None
-    """Bolus that the pump reported; None for a controller that gives none."""
+    """Bolus that the pump reported; None for a controller without boluses."""
 
 
 @pytree
@@ -60,7 +60,7 @@ class WatchedController:
 
     @property
     def gives_boluses(self) -> bool:
-        """Whether the controller inside does."""
+        """Whether the inner controller gives boluses."""
         return gives_boluses(self.inner)
 
     def init(self, observation: Observation) -> Any:

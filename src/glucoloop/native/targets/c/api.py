@@ -1,4 +1,4 @@
-"""What every exported controller has besides its two functions: the header, and saved states."""
+"""Common parts of exported controllers beside their two functions: the header, and saved states."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ bool gl_restore(gl_state *state, const uint8_t record[GL_RECORD_SIZE])
 }
 """
 _AROUND: Final = 20
-"""Bytes of a record around the state: mark, digest and CRC."""
+"""Number of bytes of a record around the state: mark, digest and CRC."""
 
 
 def record_bytes(state_bytes: int) -> int:
-    """The size of a saved state."""
+    """Number of bytes of a saved state."""
     return state_bytes + _AROUND
 
 

@@ -1,4 +1,4 @@
-"""C on this machine: compiled by its C compiler, and called with arrays."""
+"""Execution of the C on this machine: compiled by its C compiler, and called with arrays."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Library:
         self._workspace = np.zeros(w * self._real.itemsize + 4 * k + b + 64, np.uint8)
 
     def init(self, observation: Sequence[Any]) -> list[Array]:
-        """The leaves of the state of a controller that wakes at an observation."""
+        """The leaves of the state of a controller that starts at an observation."""
         state = self._structures["state"]()
         seen = self._filled("observation", observation)
         self._code.gl_init(ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(state), ctypes.byref(seen))
@@ -74,14 +74,14 @@ class Library:
         return self._leaves("state", held), self._leaves("decision", decided)
 
     def saved(self, state: Sequence[Any]) -> bytes:
-        """A state as a record."""
+        """Record of a state."""
         room = (ctypes.c_uint8 * self._source.record_bytes)()
         held = self._filled("state", state)
         self._code.gl_save(ctypes.byref(held), room)
         return bytes(room)
 
     def restored(self, record: bytes) -> list[Array] | None:
-        """The state of a record; None if it is refused."""
+        """Leaves of the state of a record; None if it is refused."""
         room = (ctypes.c_uint8 * self._source.record_bytes)(*record)
         state = self._structures["state"]()
         self._code.gl_restore.restype = ctypes.c_bool
@@ -109,7 +109,7 @@ class Library:
 
 
 def _structure(name: str, of: Record, real: Any) -> Any:
-    """The structure as C lays it out: real numbers first."""
+    """Structure with the layout of C: real numbers first."""
     held = [field for field in of.fields if field.size]
     ordered = sorted(held, key=lambda field: field.kind != REAL)
     fields = [(f.name, (real if f.kind == REAL else ctypes.c_int32) * f.size) for f in ordered]

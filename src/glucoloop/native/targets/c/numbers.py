@@ -25,7 +25,7 @@ class Format:
     precision: str
     type: str
     suffix: str
-    """Ends a constant of this type."""
+    """Suffix of a constant of this type."""
     bits: str
     """The unsigned type of the same size."""
     bits_suffix: str

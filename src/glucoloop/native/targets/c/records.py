@@ -18,13 +18,13 @@ class Field:
 
     name: str
     path: str
-    """Where it stands in the tree, for comments."""
+    """Path of the field in the tree, for comments."""
     kind: str
     shape: tuple[int, ...]
 
     @property
     def size(self) -> int:
-        """How many numbers it holds."""
+        """Count of numbers in the field."""
         return math.prod(self.shape)
 
     @property
@@ -38,7 +38,7 @@ class Record:
     """A structure that a function takes or fills by a pointer."""
 
     pointer: str
-    """What the function calls the pointer."""
+    """Name of the pointer in the function."""
     fields: Sequence[Field]
 
     def element(self, field: Field, index: int | str = 0) -> str:

@@ -26,7 +26,7 @@ UNROLLED: Final = "unrolled"
 COMPACT: Final = "compact"
 AUTO: Final = "auto"
 LONGEST_UNROLLED: Final = 1000
-"""Operations of a step up to which `auto` takes the unrolled form: it is faster, and larger."""
+"""Largest number of operations of a step for which `auto` takes the unrolled form, which is faster but larger."""
 HEADER: Final = "controller.h"
 
 
@@ -41,7 +41,7 @@ class Traced:
     state: Any
     observation: Any
     decision: Any
-    """Trees of shapes."""
+    """Trees of shapes of the decision."""
     functions: tuple[Callable[..., Any], Callable[..., Any]]
     precision: str
 
@@ -56,11 +56,11 @@ class Source:
     records: dict[str, Record]
     """The structures by name: state, observation and decision."""
     workspace: dict[str, int]
-    """Numbers of each kind in the workspace."""
+    """Count of numbers of each kind in the workspace."""
     lowered: tuple[Lowered, Lowered] | None
     """Init and step as scalar programs; None in the compact form."""
     design: str
-    """Digest of the code, by which saved states are told apart."""
+    """Digest of the code, which distinguishes saved states."""
     record_bytes: int
     """Size of a saved state."""
 
@@ -161,7 +161,7 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO) -> Sour
 
 
 def _lowered(traced: Traced, form: str) -> tuple[Lowered, Lowered] | None:
-    """Both functions as scalar programs; None where `auto` finds them too long or not possible."""
+    """Both functions as scalar programs; None where `auto` finds them too long or unsupported."""
     init, step = traced.functions
     precision = traced.precision
 
@@ -247,7 +247,7 @@ def _function(name: str, body: Body, format: Format) -> list[str]:
 
 
 def _indented(lines: Sequence[str]) -> list[str]:
-    """Lines with the blanks of their depth."""
+    """Lines with the indentation of their depth."""
     told, depth = [], 0
     for line in lines:
         if line.startswith("}"):

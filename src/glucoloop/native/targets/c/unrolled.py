@@ -28,15 +28,15 @@ _CALLS: Final = {
 
 
 def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Element]) -> list[str]:
-    """The statements of a lowered function without a person and without chance.
+    """Statements of a lowered function without a person and without random draws.
 
     Parameters
     ----------
     lowered : Lowered
     given : sequence
-        Where the numbers of ``carry``, ``own`` and ``shared`` are, in this order.
+        Places of the numbers of ``carry``, ``own`` and ``shared`` are, in this order.
     returned : sequence
-        Where the next state and the outputs go.
+        Places of the next state and the outputs.
     """
     layout = lowered.layout
     inputs = [*layout.carry, *layout.own, *layout.shared]

@@ -1,4 +1,4 @@
-"""What each operation of a traced function means to the bit, in NumPy: the compact form's definition.
+"""Meaning of each operation of a traced function to the bit, in NumPy: the definition of the compact form.
 
 Sums are taken one number after the other, from zero on; each operation is rounded by itself; elementary functions are
 the project's own.
@@ -35,14 +35,14 @@ ELEMENTWISE: Final = frozenset({
     "not", "select_n", "clamp", "convert_element_type",
 })  # fmt: skip
 SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
-"""Operations that hand on what they are given."""
+"""Operations that return their operands."""
 MOVES: Final = frozenset({
     "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
     "stack", "unstack", "tile", "pad",
 })  # fmt: skip
 REDUCTIONS: Final = frozenset(("reduce_sum", "reduce_max", "reduce_min", "reduce_and", "reduce_or"))
 FURTHEST_WHOLE: Final = 2.0**30
-"""Whole numbers made of real ones stay within this."""
+"""Bound on whole numbers that are made from real ones."""
 SMALL_POWERS: Final = (1.0, 2.0, 3.0, 4.0)
 
 
@@ -66,16 +66,16 @@ def constant(value: Any, precision: str) -> Array:
 
 
 class Arithmetic:
-    """Carries out operations in one precision."""
+    """Computes operations in one precision."""
 
     def __init__(self, precision: str) -> None:
         self.precision = precision
         self._real = np.dtype(precision).type
         self._places: dict[int, tuple[Any, list[npt.NDArray[np.int64]]]] = {}
-        """Of moves that were carried out before, by the operation's identity."""
+        """Places of moves that were computed before, by the identity of the operation."""
 
     def __call__(self, name: str, equation: Any, given: Sequence[Array]) -> list[Array]:
-        """The results of an operation that holds no function of its own."""
+        """Results of an operation without an inner function."""
         with np.errstate(all="ignore"):
             if name in SAME:
                 return list(given)
@@ -304,7 +304,7 @@ def product_axes(equation: Any, left: int, right: int) -> tuple[Any, Any, Any, l
 
 
 def places_of(equation: Any, shapes: Sequence[tuple[int, ...]]) -> list[npt.NDArray[np.int64]]:
-    """Where each element of the results of a move comes from: a place in its operands, laid one after the other."""
+    """Source of each element of the results of a move: a place in its operands, laid one after the other."""
     arrays, begin = [], 0
     for shape in shapes:
         size = int(np.prod(shape, dtype=np.int64))
@@ -314,7 +314,7 @@ def places_of(equation: Any, shapes: Sequence[tuple[int, ...]]) -> list[npt.NDAr
 
 
 def gather_places(equation: Any, shape: tuple[int, ...], indices: Array) -> npt.NDArray[np.int64]:
-    """Where each element of a gather with known indices comes from."""
+    """Source of each element of a gather with known indices."""
     places = np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)
     with jax.ensure_compile_time_eval():
         found = primitives.gathered(equation, places, indices, -1)
@@ -324,7 +324,7 @@ def gather_places(equation: Any, shape: tuple[int, ...], indices: Array) -> npt.
 
 
 def gathered_to(equation: Any, found: Any, axis: int, batches: int) -> Any:
-    """What was taken along one axis, with its axes in the order of the result."""
+    """Slices taken along one axis, with their axes in the order of the result."""
     out = primitives.gathered_offsets(equation)
     ndim = found.ndim
     taken = list(range(axis, axis + batches))
@@ -338,7 +338,7 @@ def gathered_to(equation: Any, found: Any, axis: int, batches: int) -> Any:
 def scatter_places(
     equation: Any, shape: tuple[int, ...], indices: Array, updates: tuple[int, ...]
 ) -> npt.NDArray[np.int64]:
-    """Where each element of the updates of a scatter goes; every one has a place of its own."""
+    """Destination of each element of the updates of a scatter; the destinations are distinct."""
     size = int(np.prod(updates, dtype=np.int64))
     kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
     marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)

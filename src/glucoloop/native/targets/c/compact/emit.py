@@ -25,7 +25,7 @@ class Body:
 
     lines: Sequence[str]
     workspace: Mapping[str, int]
-    """How many numbers of each kind it needs."""
+    """Count of numbers of each kind in the workspace."""
 
 
 def compact(closed: Any, given: Sequence[Record], returned: Sequence[Record], precision: str, tables: Tables) -> Body:
@@ -36,10 +36,10 @@ def compact(closed: Any, given: Sequence[Record], returned: Sequence[Record], pr
     closed : ClosedJaxpr
         Traced in the precision.
     given, returned : sequence of Record
-        What it takes and gives, leaf by leaf.
+        Records of its arguments and results, leaf by leaf.
     precision : {"float64", "float32"}
     tables : Tables
-        Of the file; constants are added.
+        Tables of the file, to which constants are added.
     """
     writer = Writer(FORMATS[precision], tables)
     Translator(writer).translate(flatten(closed, precision), _places(given), _places(returned))

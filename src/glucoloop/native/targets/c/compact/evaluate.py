@@ -1,4 +1,4 @@
-"""A traced function carried out in the compact form's arithmetic: the meaning against which its C is checked."""
+"""Evaluation of a traced function in the compact form's arithmetic: the reference against which its C is checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from glucoloop.native.targets.c.compact.arithmetic import Arithmetic, Array, con
 
 
 class Evaluation:
-    """A traced function in the compact form's arithmetic, to be carried out again and again.
+    """A traced function in the compact form's arithmetic, for repeated evaluation.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Evaluation:
         self._closed, self._arithmetic = closed, Arithmetic(precision)
 
     def __call__(self, arguments: Sequence[Any]) -> list[Array]:
-        """The results for arrays."""
+        """Results of the function for arrays."""
         given = [constant(argument, self._arithmetic.precision) for argument in arguments]
         return _run(self._closed, given, self._arithmetic)
 

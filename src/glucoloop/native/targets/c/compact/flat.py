@@ -1,4 +1,4 @@
-"""A traced function put flat: calls looked into, what is constant carried out, what is computed twice computed once."""
+"""Flattening of a traced function: calls are inlined, constants computed, and repeated computations shared."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ Operand = Variable | Array
 
 @dataclass(frozen=True, eq=False)
 class Operation:
-    """One operation."""
+    """One operation of a flat function."""
 
     name: str
     equation: Any
-    """As JAX traced it, for its parameters."""
+    """Equation as JAX traced it, for its parameters."""
     inputs: Sequence[Operand]
     outputs: Sequence[Variable]
     inner: Sequence[Flat] = ()
-    """The round of a loop, or the branches of a choice."""
+    """Body of a loop, or branches of a choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +45,15 @@ class Flat:
     operations: Sequence[Operation]
     outputs: Sequence[Operand]
     uses: Mapping[Variable, int] = field(default_factory=dict)
-    """How often each variable is used."""
+    """Number of uses of each variable."""
 
 
 _LARGEST_CONSTANT: Final = 1024
-"""Elements of an array that is carried out beforehand rather than in C."""
+"""Largest number of elements of an array that is computed beforehand rather than in C."""
 
 
 def flatten(closed: Any, precision: str) -> Flat:
-    """Put a traced function flat."""
+    """Flatten a traced function."""
     return _Flattener(precision).function(closed)
 
 
@@ -143,7 +143,7 @@ def _key(operand: Operand) -> Any:
 
 
 def _pruned(inputs: Sequence[Variable], operations: Sequence[Operation], outputs: Sequence[Operand]) -> Flat:
-    """Without what nothing rests on, and with how often each variable is used."""
+    """The function without unused operations, and with the number of uses of each variable."""
     uses: dict[Variable, int] = {}
     kept: list[Operation] = []
 

@@ -1,4 +1,4 @@
-"""One workspace for all arrays: each has a place that others use before and after it."""
+"""Allocation of all arrays in one workspace: each has a place that others use before and after it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Final
 
 _MARK: Final = re.compile(r"§(\d+)\+(\d+)§")
-"""An element of an array, in a line that is not yet placed: number of the array, and of the element."""
+"""Pattern of an element of an array without a place yet: number of the array, and of the element."""
 
 
 def mark(number: int, element: int) -> str:
-    """An element of an array that has no place yet."""
+    """Text of an element of an array that has no place yet."""
     return f"§{number}+{element}§"
 
 
@@ -26,7 +26,7 @@ class Array:
 
 
 def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], dict[str, int]]:
-    """Lines with the places of all arrays, and how much of each kind the workspace holds.
+    """Lines with the places of all arrays, and the size of the workspace for each kind.
 
     Two arrays share a place if one is no longer needed where the other is first written. What a loop needs from before
     it, or what is needed after it, is kept for the whole loop.

@@ -1,4 +1,4 @@
-"""From a traced function to C with loops."""
+"""Translation of a traced function to C with loops."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from glucoloop.native.targets.c.compact.writer import Writer
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE
 
 _LONGEST: Final = 160
-"""Letters of an expression of one number."""
+"""Largest number of letters in an expression of one number."""
 _INFIX: Final = {
     "add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/", "rem": "%", "lt": "<", "le": "<=", "gt": ">",
     "ge": ">=", "eq": "==", "ne": "!=", "and": "&&", "or": "||", "xor": "!=",
@@ -64,7 +64,7 @@ Environment = dict[Variable, Value]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a leaf of a structure is."""
+    """Place of a leaf of a structure."""
 
     text: str
     kind: str
@@ -72,7 +72,7 @@ class Place:
 
     @property
     def view(self) -> View:
-        """As an array."""
+        """View of the leaf as an array."""
         strides = tuple(math.prod(self.shape[i + 1 :]) for i in range(len(self.shape)))
         return View(self.text, self.kind, self.shape, strides, is_plain=self.shape == (), is_field=True)
 
@@ -84,7 +84,7 @@ class Translator:
         self._w = writer
 
     def translate(self, flat: Flat, given: Sequence[Place], returned: Sequence[Place]) -> None:
-        """Write the whole function; what it gives is stored after everything was read."""
+        """Write the whole function; its results are stored after everything was read."""
         environment: Environment = {v: place.view for v, place in zip(flat.inputs, given, strict=True)}
         values = self._body(flat, environment)
         waiting = []
@@ -295,7 +295,7 @@ class Translator:
         return Maker(output.shape, output.kind, write, tuple(value for value, _, _ in pieces))
 
     def _readable_or_maker(self, given: Operand, environment: Environment, flat: Flat) -> Value:
-        """As `_readable`; what is only written once may be written when its place is known."""
+        """Value as of `_readable`, or a maker for a value that may be written once its place is known."""
         value = self._read(given, environment)
         once = isinstance(given, Variable) and flat.uses[given] == 1
         if once and math.prod(_shape(given)) != 1 and isinstance(value, Maker):
@@ -578,7 +578,7 @@ class Translator:
         return value  # a loop of one round
 
     def _carry_on(self, results: Sequence[Value], held: Sequence[Value]) -> None:
-        """Hand on what is carried, when nothing reads its old value any more."""
+        """Pass on the carried values, when nothing reads their old values any more."""
         changing = {of.number for of in held if isinstance(of, View)}
         waiting: list[tuple[Value, Value]] = []
         for value, of in zip(results, held, strict=True):

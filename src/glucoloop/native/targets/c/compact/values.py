@@ -1,4 +1,4 @@
-"""Arrays while C is written: numbers, views of memory, expressions of their elements, and what is yet to be written."""
+"""Arrays during the writing of C: numbers, views of memory, expressions of elements, and values yet to be written."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from glucoloop.native.targets.c.numbers import TRUTH
 
 Places = npt.NDArray[np.int64]
 LARGEST_EXPRESSION: Final = 24
-"""Operations in one expression of an array's elements."""
+"""Largest number of operations in one expression of an array's elements."""
 
 
 @dataclass(frozen=True)
 class Scalar:
-    """One number."""
+    """One number as C text."""
 
     text: str
     kind: str
@@ -29,7 +29,7 @@ class Scalar:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one number."""
+        """Shape of one number."""
         return ()
 
 
@@ -46,7 +46,7 @@ class View:
     terms: tuple[str, ...] = ()
     """Further parts of the index: numbers of rounds of loops around it."""
     number: int | None = None
-    """In the workspace; None: the array is a table, or belongs to a structure of the caller."""
+    """Number of the array in the workspace, or None for a table or a structure of the caller."""
     is_plain: bool = False
     """Whether it is one variable rather than an array."""
     is_field: bool = False
@@ -86,7 +86,7 @@ class View:
         )
 
     def row(self, axis: int, index: str) -> View:
-        """Without an axis, at an index of it."""
+        """View without an axis, at an index of it."""
         stride = self.strides[axis]
         term = () if stride == 0 else (index if stride == 1 else f"{stride} * {index}",)
         return replace(
@@ -97,11 +97,11 @@ class View:
         )
 
     def permuted(self, axes: Sequence[int]) -> View:
-        """With its axes in another order."""
+        """View with its axes in another order."""
         return replace(self, shape=tuple(self.shape[i] for i in axes), strides=tuple(self.strides[i] for i in axes))
 
     def reversed(self, axis: int) -> View:
-        """From the last to the first along an axis."""
+        """View from the last to the first element along an axis."""
         strides = list(self.strides)
         base = self.base + (self.shape[axis] - 1) * strides[axis]
         strides[axis] = -strides[axis]
@@ -124,18 +124,18 @@ class Tree:
 
     @property
     def size(self) -> int:
-        """Operations of an element."""
+        """Number of operations of an element."""
         return 1 + sum(part.size for part in self.parts if isinstance(part, Tree))
 
     def views(self) -> list[View]:
-        """The arrays that it reads."""
+        """Arrays that the expression reads."""
         found: list[View] = []
         for part in self.parts:
             found += [part] if isinstance(part, View) else part.views() if isinstance(part, Tree) else []
         return found
 
     def mapped(self, change: Callable[[View], View | None], shape: tuple[int, ...]) -> Tree | None:
-        """The same of changed views; None if one cannot be changed."""
+        """The same expression of changed views; None if one cannot be changed."""
         parts: list[Scalar | View | Tree] = []
         for part in self.parts:
             changed: Any = part
@@ -167,7 +167,7 @@ class Maker:
     kind: str
     write: Callable[[View], None]
     reads: tuple[Any, ...]
-    """The values that writing reads."""
+    """Values that are read during the writing."""
 
 
 Value = Scalar | View | Tree | Maker

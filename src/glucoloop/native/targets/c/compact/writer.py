@@ -16,9 +16,9 @@ from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, kind_of, type_of
 
 WORKSPACE: Final = {REAL: "w", WHOLE: "k", TRUTH: "b"}
-"""The arrays of the workspace."""
+"""Names of the arrays of the workspace."""
 FEW: Final = 2
-"""Elements that are written one by one rather than by a loop."""
+"""Largest number of elements that are written one by one rather than by a loop."""
 
 
 class Tables:
@@ -29,7 +29,7 @@ class Tables:
         self.arrays: dict[str, npt.NDArray[Any]] = {}
 
     def name(self, array: npt.NDArray[Any]) -> str:
-        """What an array is called."""
+        """Name of an array."""
         flat = np.ascontiguousarray(array).ravel()
         key = (kind_of(flat.dtype), flat.tobytes())
         if key not in self._names:
@@ -49,7 +49,7 @@ class Writer:
         self._count = 0
 
     def say(self, *lines: str) -> None:
-        """Add lines."""
+        """Add lines to the function."""
         self.lines += lines
 
     def fresh(self, letter: str) -> str:
@@ -58,7 +58,7 @@ class Writer:
         return f"{letter}{self._count}"
 
     def literal(self, number: Any, kind: str) -> str:
-        """A constant."""
+        """Text of a constant."""
         if kind == TRUTH:
             return "true" if number else "false"
         return self.format.literal(float(number)) if kind == REAL else str(int(number))
