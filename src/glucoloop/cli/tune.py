@@ -69,11 +69,11 @@ _TOP: Final = Option("top", "--top", int, "Tunings in the table.", _GRID, metava
 
 
 _NOT_TUNED: Final = ("guard", *GUARD)
-"""A search is for the controller itself, in a sound loop."""
+"""Settings of the guard, which are not tuned, since a search is for the controller in a sound loop."""
 
 
 def _fixed() -> Iterator[Option]:
-    """What a case can be given but is not tuned: no settings of controllers that are not tuned here."""
+    """Options of a case that are not tuned: settings of controllers that are not tuned here are left out."""
     own = {setting.name for name in TUNABLE for setting in CONTROLLERS[name].settings}
     foreign = setting_names() - own
     for option in CASE:
@@ -96,9 +96,9 @@ class _Asked:
     """A search, complete and checked."""
 
     run: Run
-    """The situation, and the controller with what is not tuned."""
+    """Run with the situation, and the controller with the parameters that are not tuned."""
     ranges: Mapping[str, str]
-    """Of each tuned parameter, as written."""
+    """Range of each tuned parameter, as written."""
     grid: Sequence[MPCTuning]
     seeds: int
     top: int
@@ -110,7 +110,7 @@ class _Asked:
 
 @dataclass(frozen=True)
 class _Found:
-    """What came of it."""
+    """Results of a search."""
 
     surface: TuningSurface
     printed: TuningRank
@@ -120,7 +120,7 @@ class _Found:
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, search, write and tell."""
+    """Check the request, search, write and print the results."""
     keys, output, file = split_off_output(given)
     texts = with_lists(keys), file_keys(file)
     files: dict[str, str] = {}

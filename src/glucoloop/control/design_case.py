@@ -1,4 +1,4 @@
-"""What the design of a controller is handed: models and limits, but never a patient."""
+"""Input of the design of a controller: models and limits, but never a patient."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from glucoloop.pumps.limits import DoseLimits
 
 
 class DesignCase(Protocol):
-    """Whom and what a controller is designed for; `experiments.designs` makes it of a situation."""
+    """Subject of the design of a controller; `experiments.designs` makes it from a situation."""
 
     @property
     def limits(self) -> DoseLimits:
-        """Of the pump."""
+        """Limits of the pump."""
         ...
 
     @property
@@ -29,17 +29,17 @@ class DesignCase(Protocol):
 
     @property
     def noise_variance(self) -> float:
-        """Of the readings, (mg/dl)^2."""
+        """Noise variance of the readings, (mg/dl)^2."""
         ...
 
     @property
     def dead_time_samples(self) -> int:
-        """As the controller is to know it: 0 where it is not told."""
+        """Dead time that the controller knows, 0 if it does not know it."""
         ...
 
     @property
     def identified(self) -> StepResponseModel:
-        """Step response identified from a record, late by the known dead time.
+        """Step response identified from a record, delayed by the known dead time.
 
         Raises
         ------
@@ -57,12 +57,12 @@ class DesignCase(Protocol):
         ...
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
-        """First-order model with dead time, fitted to the answer to a lasting step of insulin.
+        """First-order model with dead time, fitted to the response to a lasting step of insulin.
 
-        None: the usual step, and a dead time that is fitted too.
+        For None the step is the usual one, and the dead time is fitted too.
         """
         ...
 
     def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
-        """Diagonal of Q ``(states,)`` of a filter on the patient, from variances of three kinds of states."""
+        """Diagonal of Q ``(states,)`` of a filter for the patient, from variances of three kinds of states."""
         ...

@@ -1,6 +1,6 @@
-"""The settings of the controllers, each declared once: type, bounds, unit, meaning and default.
+"""Settings of the controllers, each declared once: type, bounds, unit, meaning and default.
 
-What is declared here becomes an option, a key of configuration files, and a line of the help and of the documentation.
+Each declaration becomes an option, a key of configuration files, and a line of the help and of the documentation.
 Nothing here imports JAX, so that help is shown at once.
 """
 
@@ -17,13 +17,13 @@ LONGEST_PREDICTION_HORIZON: Final = 288
 
 PredictionHorizon = Annotated[
     int,
-    About(
-        "Samples looked ahead, p; a known dead time is added to them.", at_least=1, at_most=LONGEST_PREDICTION_HORIZON
-    ),
+    About("Predicted samples, p; a known dead time is added to them.", at_least=1, at_most=LONGEST_PREDICTION_HORIZON),
 ]
 OutputWeight = Annotated[float, About("Weight on the error of glucose, Γ_y.", above=0.0)]
 MoveWeight = Annotated[float, About("Weight on each move of insulin, Γ_u.", at_least=0.0)]
-ReferenceFilter = Annotated[float, About("How slowly the reference approaches, φ_r.", at_least=0.0, below=1.0)]
+ReferenceFilter = Annotated[
+    float, About("Filter of the reference, φ_r; closer to 1 is slower.", at_least=0.0, below=1.0)
+]
 Constraints = Annotated[
     Literal["clip", "qp"],
     About("clip: the closed form, clipped as in the paper; qp: the best moves within the pump's limits."),
@@ -31,13 +31,13 @@ Constraints = Annotated[
 GlucoseFloor = Annotated[
     float,
     About(
-        "Floor under predicted glucose, kept as far as it pays, in mg/dl; 0: none. Implies the moves of qp.",
+        "Soft floor under predicted glucose, in mg/dl; 0 for none. It implies the moves of qp.",
         at_least=0.0,
         quantity=GLUCOSE_BOUND,
     ),
 ]
-FloorWeight = Annotated[float, About("Weight on what predicted glucose lacks of the floor, w.", above=0.0)]
-MeasurementVariance = Annotated[float, About("Variance of a reading as the filter takes it, R.", above=0.0)]
+FloorWeight = Annotated[float, About("Weight on the violation of the floor, w.", above=0.0)]
+MeasurementVariance = Annotated[float, About("Variance of a reading that the filter assumes, R.", above=0.0)]
 FittedStep = Annotated[
     float,
     About(
@@ -53,7 +53,7 @@ DEFAULT_FLOOR_WEIGHT: Final = 10.0
 class MPCTuning:
     """Horizons and weights of a predictive controller."""
 
-    move_horizon: Annotated[int, About("Moves that are planned, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
+    move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
     prediction_horizon: PredictionHorizon = usual(default=8, noisy=10)
     output_weight: OutputWeight = usual(default=1.0, noisy=3.0)
     move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
@@ -66,7 +66,7 @@ class MPCTuning:
             )
 
     def longer(self, samples: int) -> Self:
-        """The same, looking so many samples further ahead, as a known dead time asks for."""
+        """The same tuning with a longer prediction horizon, as for a known dead time."""
         return dataclasses.replace(self, prediction_horizon=self.prediction_horizon + samples)
 
 
@@ -83,7 +83,7 @@ class StateTuning(MPCTuning):
     ] = 1
 
     def reference(self) -> Any:
-        """``phi_r^(i-s)`` for i = 1 .. p, an array ``(p,)``."""
+        """Factors ``phi_r^(i-s)`` of the reference for i = 1 .. p, an array ``(p,)``."""
         import numpy as np
 
         ahead = np.arange(1, self.prediction_horizon + 1) - self.reference_start
@@ -99,7 +99,7 @@ class _Planned:
 
     @property
     def moves(self) -> dict[str, Any]:
-        """How moves are found, as design functions take it."""
+        """Arguments of design functions for the computation of the moves."""
         names = ("constraints", "glucose_floor_mg_dl", "floor_weight")
         return {name: getattr(self, name) for name in names if hasattr(self, name)}
 
@@ -121,17 +121,17 @@ class _Estimating(StateTuning, _Planned):
     glucose_process_noise: Annotated[float, About("Process noise of each glucose state, in Q.", at_least=0.0)] = usual(
         default=30.0, noisy=0.9
     )
-    other_process_noise: Annotated[float, About("Of each insulin state and slow insulin effect.", at_least=0.0)] = (
-        usual(default=0.1, noisy=0.01)
-    )
-    glucagon_process_noise: Annotated[float, About("Of glucagon and its slow effect.", at_least=0.0)] = usual(
-        default=10.0, noisy=0.005
+    other_process_noise: Annotated[
+        float, About("Process noise of each insulin state and slow insulin effect.", at_least=0.0)
+    ] = usual(default=0.1, noisy=0.01)
+    glucagon_process_noise: Annotated[float, About("Process noise of glucagon and its slow effect.", at_least=0.0)] = (
+        usual(default=10.0, noisy=0.005)
     )
     measurement_variance: MeasurementVariance = 1.45
 
     @property
     def process_noise(self) -> tuple[float, float, float]:
-        """Of glucose, of insulin and the slow effects, and of glucagon, as `DesignCase.process_noise` takes them."""
+        """Variances of glucose, of insulin and slow effects, and of glucagon, for `DesignCase.process_noise`."""
         return self.glucose_process_noise, self.other_process_noise, self.glucagon_process_noise
 
 
@@ -142,7 +142,7 @@ class MPCSESettings(_Estimating):
     prediction_horizon: PredictionHorizon = usual(default=7, noisy=8)
     offset_free: Annotated[
         Literal["held-innovation", "output-disturbance", "input-disturbance", "none"],
-        About("What removes a lasting error."),
+        About("Way of removing a lasting error."),
     ] = "held-innovation"
     constraints: Constraints = "clip"
     glucose_floor_mg_dl: GlucoseFloor = 0.0
@@ -172,13 +172,15 @@ class MealTuning(MPCTuning):
     output_weight: OutputWeight = 1.0
     move_weight: MoveWeight = 0.22
     caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0)] = 3.5
-    caution_mg_dl: Annotated[float, About("How far below the setpoint that begins, in mg/dl.", at_least=0.0)] = 0.8
+    caution_mg_dl: Annotated[
+        float, About("Distance below the setpoint at which that counts as low, in mg/dl.", at_least=0.0)
+    ] = 0.8
     glucose_floor_mg_dl: GlucoseFloor = 65.0
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
     anticipation: Annotated[
         float,
         About(
-            "Share of the meals that are always expected on which doses rest; 0: glucose rests at the setpoint.",
+            "Share of the always expected meals for which insulin is given; 0: glucose rests at the setpoint.",
             at_least=0.0,
             at_most=1.0,
         ),
@@ -192,23 +194,25 @@ class MealMPCSettings(MealTuning):
 
     estimator: Annotated[
         Literal["moving-horizon", "kalman"],
-        About("How meals are estimated: when one begins and ends, over a horizon; or its rate, by a Kalman filter."),
+        About("Estimator of meals: their beginning and end, over a horizon; or their rate, by a Kalman filter."),
     ] = "moving-horizon"
-    meal_horizon: Annotated[int, About("Samples over which its beginning or end is searched for, L.", at_least=1)] = 10
+    meal_horizon: Annotated[
+        int, About("Samples over which the beginning or end of a meal is searched for, L.", at_least=1)
+    ] = 10
     meals_per_h: Annotated[
-        float, About("Meals to be expected per hour; more is quicker and less certain.", above=0.0)
+        float, About("Expected number of meals per hour; more is quicker and less certain.", above=0.0)
     ] = 0.57
     mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0)] = 24.0
     disturbance_variance: Annotated[
-        float, About("Walk of the glucose that nothing explains, (mg/min)².", at_least=0.0)
+        float, About("Variance of the change of unexplained glucose per sample, (mg/min)².", at_least=0.0)
     ] = 8.0
     measurement_variance: Annotated[
         float,
-        About("Variance of a reading as the filter takes it, R; 0: that of the sensor, at least 0.01.", at_least=0.0),
+        About("Variance of a reading that the filter assumes, R; 0: that of the sensor, at least 0.01.", at_least=0.0),
     ] = 0.0
     individual_by: Annotated[
         Literal["record", "basal", "none"],
-        About("With a design for each person: where gain and lag of insulin come from, beside the basal rate."),
+        About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),
     ] = "record"
 
 
@@ -223,10 +227,12 @@ class IMCSettings:
 
 @settings_record
 class PIDSettings:
-    """Settings of the PID controller; what is not given comes from a first-order model."""
+    """Settings of the PID controller; parameters that are not given come from a first-order model."""
 
-    closed_loop_min: Annotated[float, About("Time constant wanted of the loop, in minutes.", above=0.0)] = 30.0
-    gain: Annotated[float, About("K_c, mU/min per mg/dl; 0: from the model.", at_least=0.0)] = 0.0
-    integral_time_min: Annotated[float, About("T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
-    derivative_time_min: Annotated[float, About("T_D, in minutes; -1: from the model.", at_least=-1.0)] = -1.0
+    closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
+    gain: Annotated[float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0)] = 0.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
+    derivative_time_min: Annotated[
+        float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)
+    ] = -1.0
     step_mU_min: FittedStep = 0.0

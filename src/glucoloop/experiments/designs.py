@@ -1,4 +1,4 @@
-"""How the controllers of the catalogue are designed for a patient, a model and a tuning."""
+"""Design of the controllers of the catalogue for a patient, a model and a tuning."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_mod
 
 @dataclass(frozen=True)
 class DesignCase:
-    """What a controller may be designed on; implements `control.design_case.DesignCase`."""
+    """Information on which a controller may be designed; implements `control.design_case.DesignCase`."""
 
     patient: Patient
-    """For designs on a linearised or nonlinear model of the patient."""
+    """Patient, for designs on a linearised or nonlinear model."""
     model: StepResponseModel | None
-    """Identified, and told of the known dead time; None for a controller that does not use one."""
+    """Identified model that includes the known dead time; None for a controller that does not use one."""
     limits: DoseLimits
     sample_time_min: float
     noise_variance: float
-    """Of the readings."""
+    """Noise variance of the readings."""
     dead_time_samples: int
-    """As the controller is to know it: 0 where it is not told."""
+    """Dead time that the controller knows, 0 if it does not know it."""
 
     @property
     def identified(self) -> StepResponseModel:
@@ -62,13 +62,16 @@ class DesignCase:
         return nonlinear_model(self.patient, sample_time_min=self.sample_time_min)
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
-        """First-order model fitted to the answer to a step; None: the usual step, and a dead time that is fitted."""
+        """First-order model fitted to the response to a step.
+
+        For None the step is the usual one, and the dead time is fitted too.
+        """
         return fit_step(
             self.patient, step_mU_min=step_mU_min, delay_min=delay_min, sample_time_min=self.sample_time_min
         )
 
     def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
-        """Diagonal of Q ``(states,)`` of a filter on the patient."""
+        """Diagonal of Q ``(states,)`` of a filter for the patient."""
         return process_noise(self.patient, glucose, other, glucagon)
 
 
@@ -80,23 +83,23 @@ def controller_of(
     *,
     model_is_late: bool = False,
 ) -> Controller:
-    """The controller of a case.
+    """Design the controller of a case.
 
     Parameters
     ----------
     situation : Situation
     case : Case
     patient : Patient, optional
-        For whom it is designed; the nominal patient by default.
+        Patient for whom it is designed; the nominal one by default.
     model : StepResponseModel, optional
-        On which it is designed, if it uses one; by default one is identified from the patient.
+        Model on which it is designed, if it uses one; by default one is identified from the patient.
     model_is_late : bool
         Whether that model holds the dead time already.
 
     Raises
     ------
     ValueError
-        For a design that is not possible.
+        If the controller cannot be designed.
     """
     patient = situation.nominal if patient is None else patient
     entry = controller_entry(case.controller)
@@ -135,7 +138,7 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
     Raises
     ------
     ValueError
-        For an experiment that is not possible.
+        If the experiment is not possible.
     """
     return identify(
         patient,
@@ -150,7 +153,7 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
 
 
 def pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
-    """Height of the pulses of the experiment: what is usual for the patient, and at most the basal rate."""
+    """Height of the pulses of the experiment: the usual one for the patient, but at most the basal rate."""
     return min(patient_entry(situation.patient).pulse_mU_min, basal_insulin_mU_min)
 
 
@@ -160,9 +163,9 @@ def with_guard(
     limits: DoseLimits,
     basal_insulin_mU_min: jax.Array | None = None,
 ) -> Controller:
-    """A controller with the guard that is asked for, if any: its limits as in `registry.guard`.
+    """A controller with the requested guard, if any; its limits are those of `registry.guard`.
 
-    The guard holds the basal rates ``(people,)`` that are given; None: the rate at which the loop starts.
+    The guard holds the given basal rates ``(people,)``, or for None the rate at which the loop starts.
 
     Raises
     ------
@@ -179,10 +182,10 @@ def with_guard(
 
 
 def with_individual_basal(controller: Controller, basal_insulin_mU_min: npt.ArrayLike) -> Controller:
-    """A controller for people whose basal rates are the ones given.
+    """A controller for people with the given basal rates.
 
-    A controller that holds the basal rate of the patient it was designed for has a method ``with_basal``, which gives
-    it each person's own; the others take the rate from the pump when they start, and are handed back as they are.
+    A controller that holds the basal rate of the patient it was designed for has a method ``with_basal``, which sets
+    each person's own; other controllers take the rate from the pump when they start, and are returned unchanged.
     """
     own = getattr(controller, "with_basal", None)
     if own is None:

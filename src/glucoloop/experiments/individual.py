@@ -1,9 +1,9 @@
 """Controllers designed for each person of a trial, many at a time.
 
-The entry of a controller names the function that does it. Linear MPC is designed on a model identified from each
-person's own pulse experiment, and MPC/SE on the person's own linearisation; both are carried out for a block of people
-at once. The model of the meal-aware controller is scaled to each one's own record, in `individual_meal_mpc`. The others
-are designed one by one.
+The entry of a controller names the function that designs it. Linear MPC is designed on a model identified from each
+person's own pulse experiment, and MPC/SE on the person's own linearisation; both are computed for a block of people at
+once. The model of the meal-aware controller is scaled to each person's own record, in `individual_meal_mpc`. Other
+controllers are designed one by one.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from glucoloop.simulation.pulse_experiment import PulseExperiment
 Design = Callable[[VirtualPeople], Controller]
 
 _BY_FILTER: Final = ("held-innovation", "none")
-"""What removes an offset in MPC/SE without a further state."""
+"""Ways of removing an offset in MPC/SE without a further state."""
 
 
 def individual_design(situation: Situation, case: Case, example: VirtualPeople) -> Design | None:
-    """How people get controllers of their own.
+    """Function that designs controllers of people's own.
 
     Parameters
     ----------
     situation : Situation
     case : Case
     example : VirtualPeople
-        Some of them, to show what varies.
+        Some of the people, which show the values that vary.
 
     Returns
     -------
     callable or None
-        None for a controller that is the same for everybody.
+        Design function; None for a controller that is the same for all people.
 
     Raises
     ------
     ValueError
-        For an unknown controller, or a design that is not possible.
+        For an unknown controller, or one that cannot be designed.
     """
     designer = controller_entry(case.controller).individual_designer()
     if designer is None:
@@ -143,11 +143,11 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
 
 
 _DOUBLINGS: Final = 12
-"""Exact to rounding for filters that forget within two days."""
+"""Number of doublings, exact to rounding for filters that forget within two days."""
 
 
 def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Design:
-    """Any controller, designed for one person after the other."""
+    """Any controller, designed for one person after another."""
     del example  # what varies need not be known
 
     def design(people: VirtualPeople) -> Controller:

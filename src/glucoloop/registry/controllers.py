@@ -1,4 +1,4 @@
-"""Controllers by name: what each is, what can be set, and where it is designed.
+"""Catalogue of controllers: description, settings, and place of the design.
 
 A controller joins the command line, the configuration files and the comparisons by one entry in `CONTROLLERS`, or by
 the entry point of another package in the group ``glucoloop.controllers``. The settings of an entry become keys of
@@ -23,7 +23,7 @@ _TUNED: Final = ("move_horizon", "prediction_horizon", "output_weight", "move_we
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerEntry:
-    """A controller, as far as it can be told without designing it.
+    """Description of a controller that is available without designing it.
 
     Raises
     ------
@@ -35,25 +35,28 @@ class ControllerEntry:
     name: str
     summary: str
     design: str
-    """``module:function``; called with a `control.design_case.DesignCase`, and with the record if there is one, the
-    function returns a controller."""
+    """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
+    the record of settings if there is one, and returns a controller.
+    """
     record: type | str | None = None
-    """The settings: a class made by `registry.settings.settings_record`, or ``module:Class``; None: there are none."""
+    """Settings: a class made by `registry.settings.settings_record`, or ``module:Class``, or None without settings."""
     uses_model: bool = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
     individual: str | None = "glucoloop.experiments.individual:one_by_one"
-    """``module:function`` that designs it for each person of a trial, see `experiments.individual.individual_design`;
-    None for a controller that is the same for everybody."""
+    """Place ``module:function`` of the design for each person of a trial, see
+    `experiments.individual.individual_design`; None for a controller that is the same for all people.
+    """
     tunable: bool = False
     """Whether `glucoloop tune` tries a grid of it: it has the settings of a predictive controller, and `horizons` and
     `padded` as `control.LinearMPC` has them."""
     slow: bool = False
-    """Whether a decision takes it so long that studies of many loops close fewer and shorter ones with it."""
+    """Whether a decision takes so long that studies of many loops use fewer and shorter ones with this controller."""
     searched: tuple[Tuned, ...] = ()
     """Settings that `glucoloop robust` can search, with their usual ranges."""
     estimator_settings: tuple[str, ...] = ()
-    """Settings of the estimator of unknown meals that the controller holds, which `glucoloop detect` tries. It then has
-    a setting ``estimator``, and a ``model`` and an ``estimator`` as `control.MealMPC` has them."""
+    """Settings of the estimator of unknown meals in the controller, which `glucoloop detect` tries. The controller then
+    has a setting ``estimator``, and a ``model`` and an ``estimator`` as `control.MealMPC` has them.
+    """
 
     def __post_init__(self) -> None:
         for place in (self.design, self.individual, self.record):
@@ -74,7 +77,7 @@ class ControllerEntry:
 
     @functools.cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """What can be set about it, as its record declares it.
+        """Settings of the controller, as its record declares them.
 
         Raises
         ------
@@ -92,7 +95,7 @@ class ControllerEntry:
         return self.record
 
     def values(self, tuning: Mapping[str, Value]) -> Any:
-        """The record of all its settings; None for a controller that has none.
+        """Record of all its settings; None for a controller without settings.
 
         Raises
         ------
@@ -262,7 +265,7 @@ def setting_names(*controllers: str) -> set[str]:
 
 
 def all_settings() -> dict[str, dict[str, Setting]]:
-    """Setting name -> controller of this package -> its setting of the name."""
+    """Settings of this package's controllers by setting name, then by controller."""
     settings: dict[str, dict[str, Setting]] = {}
     for entry in CONTROLLERS.values():
         for setting in entry.settings:
@@ -273,7 +276,7 @@ def all_settings() -> dict[str, dict[str, Setting]]:
 def complete(
     controller: str, given: Mapping[str, object], patient: PatientEntry, operating_point: str, *, noisy: bool
 ) -> dict[str, Value]:
-    """All settings of a controller: the given ones, and for the others those usual for the patient.
+    """All settings of a controller: the given ones, and the usual ones of the patient for the others.
 
     Raises
     ------
