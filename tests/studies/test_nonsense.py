@@ -64,9 +64,7 @@ def test_nothing_is_broken_by_nonsense():
 
 
 def test_a_guard_that_allows_more_than_it_should_is_found(monkeypatch):
-    monkeypatch.setattr(
-        module, "Caps", lambda settings, limits: Caps(settings=GuardSettings(max_hour=1.2), limits=limits)
-    )
+    monkeypatch.setattr(module, "Caps", lambda settings, **others: Caps(settings=GuardSettings(max_hour=1.2), **others))
     told = []
     result = run_nonsense(NonsenseCheck(samples=20_000, controllers=("basal",)), told.append)
     [arm] = result.arms

@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from glucoloop.control.basal_bolus import BasalBolus, design_basal_bolus
     from glucoloop.control.guard import Guard, guarded
     from glucoloop.control.guard_settings import GuardSettings
     from glucoloop.control.imc import IMC, design_imc
@@ -26,6 +27,7 @@ __all__ = [
     "MPCSE",
     "NLQDMC",
     "PID",
+    "BasalBolus",
     "Controller",
     "Decision",
     "Guard",
@@ -39,6 +41,7 @@ __all__ = [
     "PIDTuning",
     "StateTuning",
     "Status",
+    "design_basal_bolus",
     "design_imc",
     "design_linear_mpc",
     "design_meal_mpc",
@@ -53,6 +56,7 @@ __all__ = [
 _HOME: Final = {
     name: module
     for module, names in {
+        "basal_bolus": ("BasalBolus", "design_basal_bolus"),
         "guard": ("Guard", "guarded"),
         "guard_settings": ("GuardSettings",),
         "imc": ("IMC", "design_imc"),

@@ -38,6 +38,11 @@ class DesignCase(Protocol):
         ...
 
     @property
+    def basal_insulin_mU_min(self) -> float:
+        """The patient's basal rate."""
+        ...
+
+    @property
     def identified(self) -> StepResponseModel:
         """Step response identified from a record, delayed by the known dead time.
 

@@ -11,11 +11,12 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
-from glucoloop.control.guard_doses import Given, first_given, heal_given, most, take_in
+from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.guard_settings import GuardSettings
-from glucoloop.control.protocol import Controller, Decision, Observation, Status
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.units import MIN_PER_DAY
 
 _ORDINARY_MG_DL: Final = 100.0
 """Setpoint that is assumed while no possible one was given."""
@@ -38,6 +39,8 @@ class GuardState:
     setpoint_mg_dl: jax.Array
     suspended: jax.Array
     """Indicator, 1 while insulin is suspended, else 0."""
+    bolus_mU: jax.Array | None = None
+    """Last bolus that the guard asked for; None where the inner controller gives none."""
 
 
 @pytree
@@ -54,6 +57,11 @@ class Guard:
     def sample_time_min(self) -> float:
         """Sample time of the inner controller."""
         return self.inner.sample_time_min
+
+    @property
+    def gives_boluses(self) -> bool:
+        """Whether the inner controller decides on boluses."""
+        return gives_boluses(self.inner)
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
         """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""
@@ -74,7 +82,8 @@ class Guard:
         believed = possible(observation.glucose_mg_dl, observation.valid, self.settings)
         believed = believed & near(observation.glucose_mg_dl, setpoint, self.settings, self.sample_time_min)
         seen = first_seen(observation.glucose_mg_dl, believed, setpoint)
-        clean = _clean(observation, seen, believed, setpoint, delivered)
+        no_bolus = jnp.zeros_like(delivered) if self.gives_boluses else None
+        clean = _clean(observation, seen, believed, setpoint, delivered, no_bolus)
         return GuardState(
             inner=self.inner.init(clean),
             seen=seen,
@@ -82,6 +91,7 @@ class Guard:
             command_mU_min=delivered,
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),
+            bolus_mU=no_bolus,
         )
 
     def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
@@ -96,21 +106,26 @@ class Guard:
         seen, believed, jump = see(
             state.seen, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
         )
-        clean = _clean(observation, seen, believed, setpoint, delivered)
+        bolus_since = self._bolus_since(state, observation)
+        clean = _clean(observation, seen, believed, setpoint, delivered, bolus_since)
         # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
         heals = getattr(self.inner, "heals", False)
         sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape)
         before = state.inner if heals else _where_sound(sound, state.inner, self.inner.init(clean))
         inner, decision = self.inner.step(before, clean)
         sound = sound & jnp.isfinite(decision.insulin_mU_min)
+        if decision.bolus_mU is not None:
+            sound = sound & jnp.isfinite(decision.bolus_mU)
 
         # A reading that is not believed may take insulin away, and never add any.
         told = possible(observation.glucose_mg_dl, observation.valid, settings)
         lowest = jnp.where(told, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
         above = lowest - setpoint
-        given = take_in(state.given, delivered, seen.glucose_mg_dl - setpoint, jump, settings, every)
+        infused = delivered if bolus_since is None else delivered + bolus_since / every
+        given = take_in(state.given, infused, seen.glucose_mg_dl - setpoint, jump, settings, every)
         allowed = most(given, above, settings, self.limits.max_change_mU_min, every)
-        allowed = jnp.where(believed & (seen.held_min <= settings.held_min), allowed, given.basal_mU_min)
+        trusted = believed & (seen.held_min <= settings.held_min)
+        allowed = jnp.where(trusted, allowed, given.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
         unseen, long_unseen = seen.unseen_min > settings.gap_min, seen.unseen_min > settings.long_gap_min
         predicted = seen.glucose_mg_dl + settings.ahead_min * seen.trend_mg_dl_min
@@ -123,11 +138,20 @@ class Guard:
         keeps = self._keeps(dose, delivered)
         dose = jnp.where(keeps, dose, self.limits.clip(dose, delivered))
 
+        limited, bolus = wanted > allowed, None
+        if decision.bolus_mU is not None:
+            asked = jnp.where(sound, jnp.maximum(decision.bolus_mU, 0.0), 0.0)
+            # A reading that is not believed calls for no insulin, but a meal does.
+            may = (trusted | (clean.announced_carbs_g > 0.0)) & ~unseen & ~suspended
+            largest = most_bolus(given, dose, settings, self.limits.max_change_mU_min, every)
+            bolus = jnp.where(may, jnp.minimum(asked, largest), 0.0)
+            limited = limited | (asked > bolus)
+
         status = decision.status
         for holds, of in (
             (~keeps, Status.SATURATED),
             (_told(observation) & ~believed, Status.READING_REJECTED),
-            (wanted > allowed, Status.DOSE_LIMITED),
+            (limited, Status.DOSE_LIMITED),
             (unseen, Status.FALLBACK_BASAL),
             (long_unseen, Status.FALLBACK_REDUCED),
             (suspended, Status.SUSPENDED),
@@ -141,16 +165,21 @@ class Guard:
             command_mU_min=dose,
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
+            bolus_mU=bolus,
         )
-        return state, Decision(insulin_mU_min=dose, status=status)
+        return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus)
 
     def _healed(self, state: GuardState) -> GuardState:
         """The state with every impossible number replaced."""
         told, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(told), told, _ORDINARY_MG_DL)
         basal = jnp.asarray(self.basal_mU_min, told.dtype)
-        given = heal_given(state.given, basal, self.settings, self._highest_rate)
-        command = state.command_mU_min
+        command, bolus, highest = state.command_mU_min, state.bolus_mU, self._highest_rate
+        if bolus is not None:
+            # A lost word is taken for the largest bolus, which allows the least.
+            bolus = jnp.where((bolus >= 0.0) & (bolus <= MOST_BOLUS_MU), bolus, MOST_BOLUS_MU)
+            highest = highest + MOST_BOLUS_MU / self.sample_time_min
+        given = heal_given(state.given, basal, self.settings, highest)
         return GuardState(
             inner=state.inner,
             seen=heal_seen(state.seen, setpoint, self.settings),
@@ -158,6 +187,7 @@ class Guard:
             command_mU_min=jnp.where(self._is_rate(command), command, given.basal_mU_min),
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
+            bolus_mU=bolus,
         )
 
     @property
@@ -168,6 +198,13 @@ class Guard:
     def _is_rate(self, insulin_mU_min: jax.Array) -> jax.Array:
         """Whether a reported rate is possible."""
         return (insulin_mU_min >= 0.0) & (insulin_mU_min <= self._highest_rate)
+
+    def _bolus_since(self, state: GuardState, observation: Observation) -> jax.Array | None:
+        """Bolus of the last sample; a pump that says nothing possible is taken to have done as it was asked."""
+        word = observation.delivered_bolus_mU
+        if state.bolus_mU is None or word is None:
+            return state.bolus_mU
+        return jnp.where((word >= 0.0) & (word <= MOST_BOLUS_MU), word, state.bolus_mU)
 
     def _is_setpoint(self, told_mg_dl: jax.Array) -> jax.Array:
         lowest, highest = self.settings.lowest_reading_mg_dl, self.settings.highest_reading_mg_dl
@@ -192,16 +229,23 @@ def _told(observation: Observation) -> jax.Array:
 
 
 def _clean(
-    observation: Observation, seen: Seen, believed: jax.Array, setpoint: jax.Array, delivered: jax.Array
+    observation: Observation,
+    seen: Seen,
+    believed: jax.Array,
+    setpoint: jax.Array,
+    delivered: jax.Array,
+    bolus_mU: jax.Array | None,
 ) -> Observation:
     """An observation whose fields are all possible values."""
-    carbs = observation.announced_carbs_g
+    carbs, time = observation.announced_carbs_g, observation.time_of_day_min
     return Observation(
         glucose_mg_dl=seen.glucose_mg_dl,
         valid=believed,
         setpoint_mg_dl=setpoint,
         delivered_mU_min=delivered,
         announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0),
+        delivered_bolus_mU=bolus_mU,
+        time_of_day_min=None if time is None else jnp.where((time >= 0.0) & (time < MIN_PER_DAY), time, 0.0),
     )
 
 
@@ -262,6 +306,9 @@ def guarded(
     4. Without a believed reading for long it is the basal rate, then a part of it.
     5. It is 0 while ``y + t y'`` is below the bound.
     6. The dose is clipped to the pump's limits. A dose that was not touched passes bit for bit.
+    7. A bolus is cut so that insulin on board and in an hour, the rate included, stay within ``B_max`` and the cap of
+       the hour. What is read does not bound it otherwise. None is given while insulin is suspended or no reading was
+       believed for long, nor on a reading that is not believed, unless a meal is announced.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting

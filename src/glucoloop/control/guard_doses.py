@@ -13,6 +13,9 @@ rate as fast as the pump can. Call a state safe if that is so for the rate in fo
 So from a safe state every later one is safe, for any readings and any controller, as long as the pump gives no more
 than it was asked for. If it gives more, the guard takes the rate down as fast as the pump can until the caps hold.
 
+A bolus counts as a rate of the sample in which it is given. It is allowed only if both caps hold with it on the whole
+way down from the rate beside it, so that a state after it is safe too.
+
 A rate below the basal rate counts as the basal rate in both caps. So insulin that was withheld is never owed, and the
 way down never has to go below the basal rate.
 """
@@ -114,6 +117,7 @@ def take_in(
     ----------
     given : Given
     delivered_mU_min : (...) array
+        All insulin: the basal rate, and a bolus evenly over the sample.
     above_setpoint_mg_dl : (...) array
         Glucose less the setpoint.
     jump_mg_dl : (...) array
@@ -172,6 +176,48 @@ def most(
     return jnp.maximum(jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min)), given.basal_mU_min)
 
 
+def most_bolus(
+    given: Given,
+    rate_mU_min: jax.Array,
+    settings: GuardSettings,
+    max_change_mU_min: jax.Array | float,
+    sample_time_min: float,
+) -> jax.Array:
+    """Largest bolus that is allowed at a sample beside a rate [mU], so that all insulin keeps both caps.
+
+    A bolus counts in the sample in which it is given. Both caps must then hold while the rate goes down from the given
+    one to the basal rate, as for a rate alone. What is read does not bound a bolus: that of a meal is needed before
+    glucose rises.
+
+    Parameters
+    ----------
+    given : Given
+    rate_mU_min : (...) array
+        The rate beside it.
+    settings : GuardSettings
+    max_change_mU_min : float
+        By which the pump can lower its rate from one sample to the next.
+    sample_time_min : float
+    """
+    kept, others = _kept(settings, sample_time_min), given.hour_mU_min.shape[0]
+    counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)
+    beyond, steep = (counted_rate - given.basal_mU_min) * given.per_basal, max_change_mU_min * given.per_basal
+    largest = jnp.full_like(beyond, math.inf)
+    for n in range(others + 1):
+        # beyond, for n + 1 samples from now on, lowered by a further step at each
+        held, lowered = (sum(f(i) * kept ** (n - i) for i in range(n + 1)) for f in (lambda i: 1.0, float))
+        on_board = kept ** (n + 1) * given.counted + (1.0 - kept) * (held * beyond - lowered * steep)
+        largest = jnp.minimum(largest, (settings.max_on_board - on_board) * (1.0 / ((1.0 - kept) * kept**n)))
+    largest = largest * given.basal_mU_min
+    cap = settings.max_hour * (others + 1) * given.basal_mU_min
+    past = jnp.zeros_like(cap)
+    for n in range(others, -1, -1):
+        past = past + (given.hour_mU_min[n] if n < others else 0.0)
+        of_rate = (n + 1) * counted_rate - 0.5 * n * (n + 1) * max_change_mU_min
+        largest = jnp.minimum(largest, cap - past - of_rate)
+    return jnp.maximum(largest, 0.0) * sample_time_min
+
+
 def _most_beyond(
     target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, kept: float, samples: int
 ) -> jax.Array:
@@ -217,6 +263,8 @@ def _inverse(value: jax.Array) -> jax.Array:
     return jnp.where(some, 1.0 / jnp.where(some, value, 1.0), 0.0)
 
 
+MOST_BOLUS_MU: Final = 100_000.0
+"""No pump gives more at once: a report beyond it is not believed."""
 _ABSURD: Final = 1e4
 """Bound on the numbers of these states; larger ones are corrupted."""
 _AGREE: Final = 1e-3

@@ -236,3 +236,26 @@ class PIDSettings:
         float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)
     ] = -1.0
     step_mU_min: FittedStep = 0.0
+
+
+@settings_record
+class BasalBolusSettings:
+    """Settings of basal-bolus therapy; what is not given follows from the basal rate."""
+
+    carb_ratio_g_U: Annotated[
+        float, About("Carbohydrate that 1 U covers, in g; 0: 500 over the total daily dose.", at_least=0.0)
+    ] = 0.0
+    correction_mg_dl_U: Annotated[
+        float, About("Fall of glucose by 1 U, in mg/dl; 0: 1800 over the total daily dose.", at_least=0.0)
+    ] = 0.0
+    insulin_on_board_min: Annotated[
+        float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0)
+    ] = 300.0
+    correction_above_mg_dl: Annotated[
+        float,
+        About("Reading above which a correction is given without a meal, in mg/dl.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 180.0
+    correction_every_min: Annotated[
+        float,
+        About("Minutes since the last bolus before which no correction is given without a meal.", at_least=0.0),
+    ] = 180.0

@@ -47,6 +47,11 @@ class DesignCase:
     """Dead time that the controller knows, 0 if it does not know it."""
 
     @property
+    def basal_insulin_mU_min(self) -> float:
+        """The patient's basal rate."""
+        return float(self.patient.basal_insulin_mU_min)
+
+    @property
     def identified(self) -> StepResponseModel:
         """The model, for a design that needs one."""
         if self.model is None:

@@ -21,7 +21,7 @@ from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.chance import keys_of_records
-from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
@@ -144,6 +144,13 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
 
 _DOUBLINGS: Final = 12
 """Number of doublings, exact to rounding for filters that forget within two days."""
+
+
+def by_basal_rate(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    """A controller that depends on a person by the basal rate alone."""
+    del example
+    controller = controller_of(situation, case)
+    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
 
 
 def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Design:

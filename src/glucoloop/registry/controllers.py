@@ -212,6 +212,14 @@ CONTROLLERS: Final[dict[str, ControllerEntry]] = {
             uses_model=False,
         ),
         ControllerEntry(
+            name="basal-bolus",
+            summary="basal rate, and boluses for announced meals and against high glucose, by the usual formula",
+            design="glucoloop.control.basal_bolus:design",
+            record="glucoloop.control.settings:BasalBolusSettings",
+            uses_model=False,
+            individual="glucoloop.experiments.individual:by_basal_rate",
+        ),
+        ControllerEntry(
             name="basal",
             summary="no controller: the rate at which the loop starts",
             design="glucoloop.control.open_loop:design",

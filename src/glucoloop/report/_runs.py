@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from glucoloop.report.validity import validity_note
 from glucoloop.simulation import Trace
+from glucoloop.units import MU_PER_U
 
 Floats = npt.NDArray[np.float64]
 
@@ -36,6 +37,8 @@ class Run:
     """Glucose below which the patient's model is not valid."""
     validity_note: str | None
     """Sentence on the times at which glucose was below that limit; None if it never was."""
+    boluses: tuple[tuple[float, float], ...]
+    """Time and size of each bolus that was delivered, (min, U)."""
     meals: tuple[tuple[float, float], ...]
     """Time in min and carbohydrate in g of each meal."""
 
@@ -94,8 +97,14 @@ def _run(label: str, trace: Trace) -> Run:
         basal_insulin_mU_min=float(trace.basal_insulin_mU_min),
         lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
         validity_note=validity_note(trace),
-        meals=tuple((float(t), float(g)) for t, g in zip(t_min, carbs_g, strict=True) if g > 0.0),
+        meals=_above_zero(t_min, carbs_g),
+        boluses=() if trace.bolus_mU is None else _above_zero(t_min, np.asarray(trace.bolus_mU, float) / MU_PER_U),
     )
+
+
+def _above_zero(t_min: Floats, amounts: Floats) -> tuple[tuple[float, float], ...]:
+    """Times and amounts, where there is any."""
+    return tuple((float(t), float(amount)) for t, amount in zip(t_min, amounts, strict=True) if amount > 0.0)
 
 
 def limits_passed(runs: Sequence[Run]) -> list[float]:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _HEIGHTS_MM: Final = {"single": 95.0, "double": 115.0}
 _PANEL_SHARE: Final = 0.8  # of the figure's width; the rest holds labels
+_MOST_NAMED: Final = 12
+"""Boluses whose size is written; more would hide one another."""
 _LINE_MM: Final = 3.0  # a line of text, and about two of its characters
 
 
@@ -41,8 +43,8 @@ def plot(
     """Draw one run, or several of the same scenario over each other.
 
     Above, glucose free of noise, readings as dots where they differ from it, the setpoint, the bound on glucose, and
-    each meal with its carbohydrate. Below, the delivered insulin as steps, the basal rate, and the pump's limits where
-    they come into view.
+    each meal with its carbohydrate. Below, the delivered rate as steps, boluses as stems on an axis in U, the basal
+    rate, and the pump's limits where they come into view.
 
     Parameters
     ----------
@@ -55,7 +57,8 @@ def plot(
     mmol : bool
         Whether a second axis shows glucose in mmol/l.
     units_per_hour : bool
-        Whether a second axis shows insulin in U/h, as pumps do that give it under the skin.
+        Whether a second axis shows insulin in U/h, as pumps do that give it under the skin. Where boluses were given,
+        the second axis is theirs, and the legend tells the basal rate in U/h.
     limits : DoseLimits
         Limits of the pump.
     lowest_glucose_mg_dl : float
@@ -98,7 +101,9 @@ def plot(
     figure.align_ylabels([above, below])
     if mmol:
         _add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
-    if units_per_hour:
+    if any(run.boluses for run in runs):
+        _draw_boluses(below, runs, divisor, entries)
+    elif units_per_hour:
         _add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
@@ -212,6 +217,39 @@ def _draw_insulin(
     axes.set_ylabel("Insulin (mU/min)")
     axes.set_ylim(low, high)
     axes.set_xlim(0.0, max(run.horizon_min for run in runs) / divisor)
+
+
+def _draw_boluses(axes: Axes, runs: Sequence[Run], divisor: float, entries: dict[str, Artist]) -> None:
+    """A stem for each bolus, on an axis of its own in units of insulin, with its size above where there is room."""
+    from matplotlib.lines import Line2D
+
+    right = axes.twinx()
+    for index, run in enumerate(runs):
+        colour = _style.line_style(index)["color"]
+        t = np.array([t for t, _ in run.boluses]) / divisor
+        size = np.array([size for _, size in run.boluses])
+        right.vlines(t, 0.0, size, color=colour, linewidth=1.2, zorder=4)
+        right.plot(t, size, linestyle="none", marker="o", markersize=3.5, color=colour, zorder=4)
+        if len(runs) == 1 and t.size <= _MOST_NAMED:
+            for place, units in zip(t, size, strict=True):
+                right.annotate(
+                    f"{units:.3g} U",
+                    (place, units),
+                    xytext=(0, 3),
+                    textcoords="offset points",
+                    ha="center",
+                    va="bottom",
+                    fontsize=FONT_PT,
+                )
+    largest = max(size for run in runs for _, size in run.boluses)
+    low, high = axes.get_ylim()
+    # zero of both axes at one height
+    right.set_ylim(1.35 * largest * low / high, 1.35 * largest)
+    right.set_ylabel("Bolus (U)", fontsize=FONT_PT)
+    right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
+    right.spines["top"].set_visible(False)
+    right.spines["right"].set_linewidth(0.6)
+    entries["bolus"] = Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=3.5)
 
 
 def _extent(shown: Sequence[Floats]) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import GuardSettings
+from glucoloop.control.guard_doses import MOST_BOLUS_MU
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.units import MIN_PER_H
 
@@ -32,6 +33,8 @@ class Counted:
     """(samples, ...) rates of the last hour but one sample, each at least the basal rate."""
     asked_mU_min: jax.Array
     """The last rate that was asked for."""
+    asked_bolus_mU: jax.Array | None
+    """The last bolus that was asked for; None for a controller that gives none."""
     binds: jax.Array
     """1 while the caps bind, else 0."""
 
@@ -43,6 +46,8 @@ class Caps:
     settings: GuardSettings = static()
     limits: DoseLimits = PARKER_1999_LIMITS
     sample_time_min: float = static(default=5.0)
+    boluses: bool = static(default=False)
+    """Whether the controller gives boluses."""
 
     def init(self, basal_mU_min: jax.Array) -> Counted:
         """State after a long time at the basal rate."""
@@ -52,37 +57,59 @@ class Caps:
             on_board=jnp.zeros_like(basal_mU_min),
             hour_mU_min=jnp.broadcast_to(basal_mU_min, (others, *jnp.shape(basal_mU_min))),
             asked_mU_min=basal_mU_min,
+            asked_bolus_mU=jnp.zeros_like(basal_mU_min) if self.boluses else None,
             binds=jnp.ones_like(basal_mU_min),
         )
 
-    def step(self, counted: Counted, told_mU_min: jax.Array, asked_mU_min: jax.Array) -> tuple[Counted, jax.Array]:
-        """Count the rate of the last sample, and check the rate that is asked for now.
+    def step(
+        self,
+        counted: Counted,
+        told_mU_min: jax.Array,
+        asked_mU_min: jax.Array,
+        told_bolus_mU: jax.Array | None = None,
+        asked_bolus_mU: jax.Array | None = None,
+    ) -> tuple[Counted, jax.Array]:
+        """Count the insulin of the last sample, and check the dose that is asked for now.
 
         Parameters
         ----------
         counted : Counted
         told_mU_min : (...) array
-            Rate that the pump reports; an impossible one is replaced by the rate that was asked for.
+            Rate that the pump says it gave; where it says no possible rate, it is taken to have done as it was asked.
         asked_mU_min : (...) array
+        told_bolus_mU, asked_bolus_mU : (...) array, optional
+            The same of boluses; None for a controller that gives none.
 
         Returns
         -------
         Counted, (...) array
-            Insulin counted so far, and whether both caps hold or do not bind.
+            What was given by now, and whether both caps hold or do not bind.
         """
         basal, settings = counted.basal_mU_min, self.settings
         possible = (told_mU_min >= 0.0) & (told_mU_min <= 2.0 * self.limits.max_mU_min)
-        given = jnp.where(possible, told_mU_min, counted.asked_mU_min)
+        given, before = jnp.where(possible, told_mU_min, counted.asked_mU_min), counted.asked_mU_min
+        if counted.asked_bolus_mU is not None and told_bolus_mU is not None and asked_bolus_mU is not None:
+            known = (told_bolus_mU >= 0.0) & (told_bolus_mU <= MOST_BOLUS_MU)
+            given = given + jnp.where(known, told_bolus_mU, counted.asked_bolus_mU) / self.sample_time_min
+            before = before + counted.asked_bolus_mU / self.sample_time_min
+        asked = asked_mU_min if asked_bolus_mU is None else asked_mU_min + asked_bolus_mU / self.sample_time_min
         on_board = self._on_board(counted.on_board, given, basal)
         hour = jnp.concatenate([counted.hour_mU_min, jnp.maximum(given, basal)[None]])[1:]
         within = on_board <= settings.max_on_board + _ROUNDING
         most_of_hour = settings.max_hour * (hour.shape[0] + 1) * basal * (1.0 + _ROUNDING)
         within = within & (jnp.sum(hour, axis=0) + basal <= most_of_hour)
-        binds = jnp.where(given > counted.asked_mU_min + _ROUNDING, 0.0, counted.binds)
+        binds = jnp.where(given > before + _ROUNDING, 0.0, counted.binds)
         binds = jnp.where((given <= basal) & within, 1.0, binds)
-        kept = self._on_board(on_board, asked_mU_min, basal) <= settings.max_on_board + _ROUNDING
-        kept = kept & (jnp.sum(hour, axis=0) + jnp.maximum(asked_mU_min, basal) <= most_of_hour)
-        after = Counted(basal_mU_min=basal, on_board=on_board, hour_mU_min=hour, asked_mU_min=asked_mU_min, binds=binds)
+        kept = self._on_board(on_board, asked, basal) <= settings.max_on_board + _ROUNDING
+        kept = kept & (jnp.sum(hour, axis=0) + jnp.maximum(asked, basal) <= most_of_hour)
+        after = Counted(
+            basal_mU_min=basal,
+            on_board=on_board,
+            hour_mU_min=hour,
+            asked_mU_min=asked_mU_min,
+            asked_bolus_mU=asked_bolus_mU,
+            binds=binds,
+        )
         return after, kept | (binds < 0.5)
 
     def _on_board(self, before: jax.Array, rate_mU_min: jax.Array, basal_mU_min: jax.Array) -> jax.Array:

@@ -98,7 +98,9 @@ class Promises:
         decision = cast(WatchedDecision, happened.decision)
         if self.caps is None or counted is None:
             return counted, jnp.ones_like(decision.insulin_mU_min, bool)
-        return self.caps.step(counted, decision.told_mU_min, decision.insulin_mU_min)
+        return self.caps.step(
+            counted, decision.told_mU_min, decision.insulin_mU_min, decision.told_bolus_mU, decision.bolus_mU
+        )
 
     def held(
         self, happened: Sampled, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True

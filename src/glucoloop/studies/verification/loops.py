@@ -59,7 +59,11 @@ class WatchedLoops:
         self._situation = situation = usual_situation() if situation is None else situation
         self._seed, self._order = seed, order
         self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
-        caps = Caps(settings=controller.settings, limits=limits) if isinstance(controller, Guard) else None
+        caps = (
+            Caps(settings=controller.settings, limits=limits, boluses=controller.gives_boluses)
+            if isinstance(controller, Guard)
+            else None
+        )
         example = draw_people(seed, np.arange(2), situation.patient)
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
         self._loop = PeopleLoop(

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Decision, Guard, Observation, Status
+from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.designs import with_guard
 from glucoloop.experiments.situation import usual_situation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -45,6 +46,8 @@ PROMISES: Final = (COMMAND, RATE, STATUS, CONTROLLER, CAPS)
 _TOLD: Final = 10
 """Number of broken loops that are listed for each promise and controller."""
 _ROUNDING_MU_MIN: Final = 1e-9
+_BOLUS_OF_RATE_MIN: Final = 60.0
+"""A bolus that is asked for or reported at will is an hour of the rate that is."""
 _NONSENSE: Final = np.array(
     [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-3, 0.5, 1.0, 1e5, -1e5, 1e18, 1e300, -1e300, 1.7e308]
 )
@@ -124,11 +127,15 @@ class NonsenseResult:
 
 @pytree
 class _Wilful:
-    """A controller that asks for an arbitrary rate at times."""
+    """A controller that asks for an arbitrary rate at times, and an arbitrary bolus if it gives boluses."""
 
     inner: Controller
     asks: jax.Array
     wilful: jax.Array
+
+    @property
+    def gives_boluses(self) -> bool:
+        return gives_boluses(self.inner)
 
     @property
     def sample_time_min(self) -> float:
@@ -143,8 +150,12 @@ class _Wilful:
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
         state, decision = self.inner.step(state, observation)
-        asked = jnp.where(self.wilful > 0.5, self.asks, decision.insulin_mU_min)
-        return state, Decision(insulin_mU_min=asked, status=decision.status)
+        asked, bolus = jax.tree.map(
+            lambda dose, factor: jnp.where(self.wilful > 0.5, factor * self.asks, dose),
+            (decision.insulin_mU_min, decision.bolus_mU),
+            (1.0, None if decision.bolus_mU is None else _BOLUS_OF_RATE_MIN),
+        )
+        return state, Decision(insulin_mU_min=asked, status=decision.status, bolus_mU=bolus)
 
 
 @pytree
@@ -152,6 +163,8 @@ class _Carry:
     guard: Any
     counted: Counted
     asked_mU_min: jax.Array
+    asked_bolus_mU: jax.Array | None
+    """None for a controller that gives no boluses."""
     whole: jax.Array
     """Indicator, 1 while no word of the memory was overwritten."""
     broken: jax.Array
@@ -166,7 +179,8 @@ class _Loops:
         guard = with_guard(catalogue_controller(name), {}, limits)
         if not isinstance(guard, Guard):
             raise TypeError(f"a guard was asked for around {name}, and {type(guard).__name__} was made")
-        self._guard, self._caps = guard, Caps(settings=guard.settings, limits=limits)
+        self._guard, self._caps = guard, Caps(settings=guard.settings, limits=limits, boluses=guard.gives_boluses)
+        self._no_bolus = jnp.zeros(()) if guard.gives_boluses else None
         self._setpoint = usual_situation().target_mg_dl
         self.words = sum(np.size(leaf) for leaf in jax.tree.leaves(self._begin(jnp.asarray(20.0)).guard))
         told = self._told(np.zeros(1, np.int64))
@@ -207,11 +221,13 @@ class _Loops:
             setpoint_mg_dl=jnp.asarray(self._setpoint),
             delivered_mU_min=basal_mU_min,
             announced_carbs_g=jnp.zeros(()),
+            delivered_bolus_mU=self._no_bolus,
         )
         return _Carry(
             guard=self._guard.with_basal(basal_mU_min).init(observation),
             counted=self._caps.init(basal_mU_min),
             asked_mU_min=basal_mU_min,
+            asked_bolus_mU=self._no_bolus,
             whole=jnp.ones(()),
             broken=jnp.zeros(len(PROMISES)),
         )
@@ -222,31 +238,41 @@ class _Loops:
         guard = dataclasses.replace(
             guard, inner=_Wilful(inner=guard.inner, asks=told["asks"], wilful=told["wilful"]), settings=guard.settings
         )
-        word = jnp.where(told["as_asked"] > 0.5, carry.asked_mU_min, told["delivered"])
+        word, word_bolus = jax.tree.map(
+            lambda asked, factor: jnp.where(told["as_asked"] > 0.5, asked, factor * told["delivered"]),
+            (carry.asked_mU_min, carry.asked_bolus_mU),
+            (1.0, None if carry.asked_bolus_mU is None else _BOLUS_OF_RATE_MIN),
+        )
         observation = Observation(
             glucose_mg_dl=told["reading"],
             valid=told["valid"] > 0.5,
             setpoint_mg_dl=told["setpoint"],
             delivered_mU_min=word,
             announced_carbs_g=told["carbs"],
+            delivered_bolus_mU=word_bolus,
         )
         state, decision = guard.step(_overwritten(carry.guard, told["word"], told["value"]), observation)
-        asked = decision.insulin_mU_min
+        asked, bolus = decision.insulin_mU_min, decision.bolus_mU
         whole = jnp.where(told["word"] >= 0.0, 0.0, carry.whole)
-        counted, kept = self._caps.step(carry.counted, word, asked)
+        counted, kept = self._caps.step(carry.counted, word, asked, word_bolus, bolus)
         meant = (word >= limits.min_mU_min) & (word <= limits.max_mU_min)
         known = jnp.asarray(False)
         for status in Status:
             known = known | (decision.status == int(status))
         held = {
-            COMMAND: jnp.isfinite(asked) & (asked >= limits.min_mU_min) & (asked <= limits.max_mU_min),
+            COMMAND: jnp.isfinite(asked)
+            & (asked >= limits.min_mU_min)
+            & (asked <= limits.max_mU_min)
+            & _is_dose(bolus),
             RATE: (jnp.abs(asked - word) <= limits.max_change_mU_min + _ROUNDING_MU_MIN) | ~meant,
             STATUS: known,
             CONTROLLER: all_finite(state),
             CAPS: kept | (whole < 0.5),
         }
         broken = carry.broken + jnp.where(jnp.stack([held[name] for name in PROMISES]), 0.0, 1.0)
-        return _Carry(guard=state, counted=counted, asked_mU_min=asked, whole=whole, broken=broken), asked
+        return _Carry(
+            guard=state, counted=counted, asked_mU_min=asked, asked_bolus_mU=bolus, whole=whole, broken=broken
+        ), asked
 
     def _told(self, loop: npt.NDArray[np.int64]) -> dict[str, Array]:
         """Inputs of each loop at each sample, ``(SAMPLES, n)`` each."""
@@ -279,6 +305,11 @@ class _Loops:
             "word": np.where(lost, np.floor(memory * 20.0 * self.words), -1.0),
             "value": anything("value", _NONSENSE),
         }
+
+
+def _is_dose(bolus_mU: jax.Array | None) -> jax.Array:
+    """Whether a bolus, if there is one, is a number from 0 on."""
+    return jnp.asarray(True) if bolus_mU is None else jnp.isfinite(bolus_mU) & (bolus_mU >= 0.0)
 
 
 def _overwritten(state: Any, word: jax.Array, value: jax.Array) -> Any:

@@ -1,0 +1,254 @@
+"""Basal-bolus therapy: a constant basal rate, and a bolus for each meal and against high glucose.
+
+This is what people with a pump and without an algorithm do, and the baseline against which the field measures
+algorithms. The formula of the bolus is that of pumps' bolus calculators. Insulin on board is the insulin of boluses
+that is still under the skin, in the two depots of Hovorka et al. (2004).
+
+References
+----------
+H. Zisser, L. Robinson, W. Bevier, E. Dassau, C. Ellingsen, F. J. Doyle III, L. Jovanovic, "Bolus calculator: a review
+of four 'smart' insulin pumps", Diabetes Technol. Ther. 10(6), 2008, 441-444.
+J. Walsh, R. Roberts, T. Bailey, "Guidelines for optimal bolus calculator settings in adults", J. Diabetes Sci. Technol.
+5(1), 2011, 129-135 (the rules of 500 and 1800 and their variants).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
+from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import BasalBolusSettings
+from glucoloop.control.tuning import check_sample_time
+from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.units import MIN_PER_DAY, MU_PER_U
+
+CARB_RULE: Final = 500.0
+"""Carbohydrate [g] that 1 U covers, times the total daily dose [U]; 450 to 500 are in use."""
+CORRECTION_RULE: Final = 1800.0
+"""Fall of glucose [mg/dl] by 1 U, times the total daily dose [U]; 1700 to 1960 are in use."""
+BASAL_SHARE: Final = 0.5
+"""Part of the total daily dose that is the basal rate."""
+_MOST_CARBS_G: Final = 1000.0
+"""More than anybody eats at once."""
+_LEFT: Final = 4.744
+"""Time constants of two equal depots in a row after which 5 % of the insulin is left: ``(1 + x) exp(-x) = 0.05``."""
+_LONG_AGO_MIN: Final = 1e5
+
+
+@pytree
+class BasalBolusState:
+    """What is remembered of boluses."""
+
+    first_mU: jax.Array
+    """Insulin of boluses in the first depot under the skin."""
+    second_mU: jax.Array
+    """In the second one."""
+    since_min: jax.Array
+    """Time since the last bolus that was asked for."""
+    asked_mU: jax.Array
+    """Bolus that was asked for at the last sample, in case the pump says nothing."""
+
+
+@pytree
+class BasalBolus:
+    """Basal rate and boluses; see `design_basal_bolus`."""
+
+    basal_mU_min: jax.Array | float
+    carb_ratio_g_U: jax.Array | float | None
+    """None: by the rule of 500."""
+    correction_mg_dl_U: jax.Array | float | None
+    """None: by the rule of 1800."""
+    insulin_on_board_min: jax.Array | float
+    correction_above_mg_dl: jax.Array | float
+    correction_every_min: jax.Array | float
+    limits: DoseLimits
+    bolus: BolusLimits
+    sample_time_min: float = static()
+    gives_boluses: ClassVar[bool] = True
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> BasalBolus:
+        """The same for a person with the given basal rate; what comes from a rule follows the rate."""
+        return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
+
+    def carb_ratio(self) -> jax.Array:
+        """Carbohydrate that 1 U covers [g/U]."""
+        given = self.carb_ratio_g_U
+        return jnp.asarray(CARB_RULE / self._daily_dose_U() if given is None else given)
+
+    def correction_factor(self) -> jax.Array:
+        """Fall of glucose by 1 U [mg/dl/U]."""
+        given = self.correction_mg_dl_U
+        return jnp.asarray(CORRECTION_RULE / self._daily_dose_U() if given is None else given)
+
+    def _daily_dose_U(self) -> jax.Array:
+        """Total daily dose, estimated from the basal rate; that of somebody without a basal rate is kept above 0."""
+        basal_U = jnp.asarray(self.basal_mU_min) * (MIN_PER_DAY / MU_PER_U)
+        return jnp.maximum(basal_U, _LEAST_DAILY_BASAL_U) / BASAL_SHARE
+
+    def init(self, observation: Observation) -> BasalBolusState:
+        """No bolus was given for long."""
+        zero = jnp.zeros_like(observation.delivered_mU_min)
+        return BasalBolusState(first_mU=zero, second_mU=zero, since_min=zero + _LONG_AGO_MIN, asked_mU=zero)
+
+    def step(self, state: BasalBolusState, observation: Observation) -> tuple[BasalBolusState, Decision]:
+        """Take in the bolus that was delivered, and decide on the next one."""
+        first, second = self._absorbed(state, self._delivered(state, observation))
+        known, on_board = is_known(observation), first + second
+        above = observation.glucose_mg_dl - observation.setpoint_mg_dl
+        wanted = above * (MU_PER_U / self.correction_factor())
+        # Insulin on board is taken off a correction and never off the insulin for a meal, which is not digested yet.
+        correction = jnp.where(wanted > 0.0, jnp.maximum(wanted - on_board, 0.0), wanted)
+        correction = jnp.where(known & jnp.isfinite(wanted), correction, 0.0)
+        carbs = observation.announced_carbs_g
+        eats = (carbs > 0.0) & (carbs <= _MOST_CARBS_G)
+        for_meal = jnp.where(eats, carbs, 0.0) * (MU_PER_U / self.carb_ratio())
+        high = known & (observation.glucose_mg_dl > self.correction_above_mg_dl)
+        alone = high & (state.since_min >= self.correction_every_min)
+        bolus = jnp.where(eats | alone, for_meal + correction, 0.0)
+        bolus = jnp.clip(bolus, 0.0, self.bolus.max_mU)
+        since = jnp.minimum(state.since_min + self.sample_time_min, _LONG_AGO_MIN)
+        after = BasalBolusState(
+            first_mU=first,
+            second_mU=second,
+            since_min=jnp.where(bolus >= self.bolus.min_mU, self.sample_time_min, since),
+            asked_mU=bolus,
+        )
+        basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, bolus.dtype), bolus.shape)
+        decision = decide(basal, delivered_since(observation, basal), self.limits, known)
+        return after, dataclasses.replace(decision, bolus_mU=bolus)
+
+    def _delivered(self, state: BasalBolusState, observation: Observation) -> jax.Array:
+        """Bolus since the last sample: what the pump says, or what was asked for where it says no possible dose."""
+        word = observation.delivered_bolus_mU
+        if word is None:
+            return state.asked_mU
+        return jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, state.asked_mU)
+
+    def _absorbed(self, state: BasalBolusState, bolus_mU: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """The two depots a sample after a bolus, exactly."""
+        samples = self.sample_time_min * _LEFT / self.insulin_on_board_min
+        left, first = jnp.exp(-samples), state.first_mU + bolus_mU
+        return first * left, (state.second_mU + first * samples) * left
+
+
+_LEAST_DAILY_BASAL_U: Final = 0.5
+
+
+@checked
+def design_basal_bolus(
+    basal_mU_min: float,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    carb_ratio_g_U: float | None = None,
+    correction_mg_dl_U: float | None = None,
+    insulin_on_board_min: float = 300.0,
+    correction_above_mg_dl: float = 180.0,
+    correction_every_min: float = 180.0,
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    sample_time_min: float = 5.0,
+) -> BasalBolus:
+    """Basal-bolus therapy.
+
+    The rate is always the basal rate. With a meal that is announced the bolus is::
+
+        carbs / CR + max(0, (G - target) / CF - IOB)      where G is above the target
+        carbs / CR + (G - target) / CF                    where it is below
+
+    and never below 0. The second term alone is given where G is above a bound and no bolus was given for long.
+
+    ============  ==============================================  ==========================
+    variable      meaning                                         setting
+    ============  ==============================================  ==========================
+    ``carbs``     carbohydrate as it was announced, g
+    ``CR``        carbohydrate that 1 U covers, g/U               ``carb_ratio_g_U``
+    ``G``         the reading, mg/dl; without one no correction
+    ``CF``        fall of glucose by 1 U, mg/dl/U                 ``correction_mg_dl_U``
+    ``IOB``       insulin of boluses still under the skin, U      ``insulin_on_board_min``
+    ============  ==============================================  ==========================
+
+    Parameters
+    ----------
+    basal_mU_min : float
+        The person's basal rate.
+    limits : DoseLimits
+        Of the basal rate.
+    carb_ratio_g_U : float, optional
+        By default 500 g over the total daily dose in U, which is taken for twice the basal rate.
+    correction_mg_dl_U : float, optional
+        By default 1800 mg/dl over the total daily dose in U.
+    insulin_on_board_min : float
+        Time after which 5 % of a bolus is still under the skin.
+    correction_above_mg_dl : float
+        Reading above which a correction is given without a meal.
+    correction_every_min : float
+        Time since the last bolus before which it is not.
+    bolus : BolusLimits
+        Of the pump; no larger bolus is asked for.
+    sample_time_min : float
+
+    Raises
+    ------
+    ValueError
+        For a basal rate outside the limits, or a setting that is not above 0 and finite.
+
+    Examples
+    --------
+    >>> controller = design_basal_bolus(6.73)
+    >>> round(float(controller.carb_ratio()), 1), round(float(controller.correction_factor()))
+    (25.8, 93)
+    """
+    check_sample_time(sample_time_min)
+    if not is_traced(basal_mU_min, limits) and not (
+        math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min
+    ):
+        raise ValueError(
+            f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
+            f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
+        )
+    for name, value, unit in (
+        ("carb ratio", carb_ratio_g_U, "g/U"),
+        ("correction factor", correction_mg_dl_U, "mg/dl/U"),
+        ("time of insulin on board", insulin_on_board_min, "min"),
+        ("bound of corrections", correction_above_mg_dl, "mg/dl"),
+    ):
+        if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
+            raise ValueError(f"a {name} of {value:g} {unit} is not possible; give a finite value above 0")
+    if not is_traced(correction_every_min) and not 0.0 <= correction_every_min < math.inf:
+        raise ValueError(
+            f"corrections every {correction_every_min:g} min are not possible; give a finite time of 0 or more"
+        )
+    return BasalBolus(
+        basal_mU_min=basal_mU_min,
+        carb_ratio_g_U=carb_ratio_g_U,
+        correction_mg_dl_U=correction_mg_dl_U,
+        insulin_on_board_min=insulin_on_board_min,
+        correction_above_mg_dl=correction_above_mg_dl,
+        correction_every_min=correction_every_min,
+        limits=limits,
+        bolus=bolus,
+        sample_time_min=sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
+    """The controller of the catalogue, for a patient's basal rate."""
+    return design_basal_bolus(
+        case.basal_insulin_mU_min,
+        case.limits,
+        carb_ratio_g_U=settings.carb_ratio_g_U or None,
+        correction_mg_dl_U=settings.correction_mg_dl_U or None,
+        insulin_on_board_min=settings.insulin_on_board_min,
+        correction_above_mg_dl=settings.correction_above_mg_dl,
+        correction_every_min=settings.correction_every_min,
+        sample_time_min=case.sample_time_min,
+    )
