@@ -114,7 +114,7 @@ def parts(situation: str, precision: str, people: int) -> dict[str, float]:
     watched = [
         ("drawing people, basal rates", engine, "virtual_people"),
         ("drawing meals", engine, "draw_meals"),
-        ("keys of chance", engine, "keys_of_people"),
+        ("random keys", engine, "keys_of_people"),
         ("kernel", made._engine._kernel, "run"),
         ("matrices of insulin", driven_block, "driven_matrices"),
         ("histograms", engine, "count"),

@@ -15,8 +15,8 @@ PACKAGE = Path(glucoloop.__file__).parent
 
 # Words with which no docstring begins: the noun that they refer to stands somewhere else, or nowhere.
 OPENERS = frozenset(
-    re.split(
-        r"\s+",
+    re.findall(
+        r"\w+",
         "about above according across after against along also amid among and around as at because before behind below "
         "beside between beyond but by during else except for from he her here him his how if in inside into it its "
         "itself like likewise near neither no nobody none nor not nothing of off on once only or out outside over per "
@@ -32,7 +32,7 @@ LEAST_WORDS = 3
 
 
 def fault_of_lead(text: str) -> str | None:
-    """What is wrong with the first paragraph of a docstring, with how to mend it; None for a good one."""
+    """Fault of the first paragraph of a docstring, with the mend; None for a good one."""
     lead = text.strip().split("\n\n")[0]
     phrase = SHAPE.sub("", lead)
     words = phrase.split()
@@ -49,14 +49,14 @@ def fault_of_lead(text: str) -> str | None:
 
 
 def fault_of_entry(text: str) -> str | None:
-    """What is wrong with the description of a parameter or a result; None for a good one."""
+    """Fault of the description of a parameter or a result, with the mend; None for a good one."""
     if first_word(SHAPE.sub("", text)) in OPENERS - {"as", "see"}:
         return f"the entry '{text}' is a fragment; begin with the noun: 'Variance of a reading' for 'Of a reading'"
     return None
 
 
 def fault_of_person(text: str) -> str | None:
-    """Whether a docstring speaks of 'him'."""
+    """Fault of a docstring that calls a person 'him', with the mend; None for a good one."""
     found = PERSONAL.search(text)
     return f"it says '{found[0]}'; say 'the person' or 'the patient'" if found else None
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from glucoloop.control import Status, design_pid, guarded, internal_model_tuning
 from glucoloop.episodes import Episodes
-from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import with_guard, with_individual_basal
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import patient

@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop._pytree import pytree
 from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MPCTuning, design_linear_mpc
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, eaten
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel

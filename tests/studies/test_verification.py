@@ -12,8 +12,8 @@ import pytest
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.episodes import Episode, never
-from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.soundness import sound

@@ -13,7 +13,7 @@ import numpy as np
 
 from glucoloop.config.identification import IdentificationConfig, identification_keys
 from glucoloop.config.run import place_of
-from glucoloop.experiments.chance import record_key
+from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import (
     Identification,

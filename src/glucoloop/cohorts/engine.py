@@ -17,8 +17,8 @@ from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, own_controllers
 from glucoloop.experiments.case import Case
-from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.meals import eaten
 from glucoloop.meals.plan import draw_meals

@@ -13,7 +13,7 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from glucoloop.control import Controller, GuardSettings, guarded
 from glucoloop.experiments.case import Case
-from glucoloop.experiments.chance import record_key
+from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import FirstOrderModel, Identification

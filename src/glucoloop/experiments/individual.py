@@ -20,8 +20,8 @@ from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.case import Case
-from glucoloop.experiments.chance import keys_of_records
 from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from glucoloop.control import Controller, MealMPC
 from glucoloop.experiments.case import Case
-from glucoloop.experiments.chance import keys_of_records
 from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import design_csrs

@@ -16,7 +16,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.patients.population import VirtualPeople, population, virtual_people

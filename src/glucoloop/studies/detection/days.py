@@ -16,8 +16,8 @@ from glucoloop._pytree import pytree, static
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.case import Case
-from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten
 from glucoloop.meals.plan import draw_meals

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.population import Population, of_people, virtual_people
 from glucoloop.simulation.people_plant import varying

@@ -10,7 +10,7 @@ import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial
 from glucoloop.control import Status
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import of_people, virtual_people

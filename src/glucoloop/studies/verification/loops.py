@@ -14,8 +14,8 @@ import numpy.typing as npt
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Guard
 from glucoloop.experiments.assemble import PeopleLoop
-from glucoloop.experiments.chance import keys_of_people
 from glucoloop.experiments.designs import with_individual_basal
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.patients.model import patient_model
