@@ -1,8 +1,8 @@
 """Basal-bolus therapy: a constant basal rate, and a bolus for each meal and against high glucose.
 
-This is what people with a pump and without an algorithm do, and the baseline against which the field measures
-algorithms. The formula of the bolus is that of pumps' bolus calculators. Insulin on board is the insulin of boluses
-that is still under the skin, in the two depots of Hovorka et al. (2004).
+It is the therapy of people with a pump and without an algorithm, and the baseline against which the field measures
+algorithms. The formula of the bolus is that of the bolus calculators of pumps. Insulin on board is the insulin of
+boluses that is still under the skin, in the two depots of Hovorka et al. (2004).
 
 References
 ----------
@@ -39,24 +39,26 @@ CORRECTION_RULE: Final = 1800.0
 BASAL_SHARE: Final = 0.5
 """Part of the total daily dose that is the basal rate."""
 _MOST_CARBS_G: Final = 1000.0
-"""More than anybody eats at once."""
+"""Largest carbohydrate of a meal that is accepted."""
 _LEFT: Final = 4.744
-"""Time constants of two equal depots in a row after which 5 % of the insulin is left: ``(1 + x) exp(-x) = 0.05``."""
+"""Number of time constants of two equal depots in a row after which 5 % of the insulin is left: ``(1 + x) exp(-x) =
+0.05``.
+"""
 _LONG_AGO_MIN: Final = 1e5
 
 
 @pytree
 class BasalBolusState:
-    """What is remembered of boluses."""
+    """State of the controller: past boluses."""
 
     first_mU: jax.Array
     """Insulin of boluses in the first depot under the skin."""
     second_mU: jax.Array
-    """In the second one."""
+    """Insulin of boluses in the second depot."""
     since_min: jax.Array
     """Time since the last bolus that was asked for."""
     asked_mU: jax.Array
-    """Bolus that was asked for at the last sample, in case the pump says nothing."""
+    """Bolus that was asked for at the last sample, used if the pump reports nothing."""
 
 
 @pytree
@@ -65,9 +67,9 @@ class BasalBolus:
 
     basal_mU_min: jax.Array | float
     carb_ratio_g_U: jax.Array | float | None
-    """None: by the rule of 500."""
+    """Carbohydrate that 1 U covers [g/U], or None for the rule of 500."""
     correction_mg_dl_U: jax.Array | float | None
-    """None: by the rule of 1800."""
+    """Fall of glucose by 1 U [mg/dl/U], or None for the rule of 1800."""
     insulin_on_board_min: jax.Array | float
     correction_above_mg_dl: jax.Array | float
     correction_every_min: jax.Array | float
@@ -77,7 +79,7 @@ class BasalBolus:
     gives_boluses: ClassVar[bool] = True
 
     def with_basal(self, insulin_mU_min: jax.Array) -> BasalBolus:
-        """The same for a person with the given basal rate; what comes from a rule follows the rate."""
+        """The same controller for a person with the given basal rate; values from a rule follow the rate."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
 
     def carb_ratio(self) -> jax.Array:
@@ -91,17 +93,17 @@ class BasalBolus:
         return jnp.asarray(CORRECTION_RULE / self._daily_dose_U() if given is None else given)
 
     def _daily_dose_U(self) -> jax.Array:
-        """Total daily dose, estimated from the basal rate; that of somebody without a basal rate is kept above 0."""
+        """Total daily dose, estimated from the basal rate; for a person without a basal rate it is kept above 0."""
         basal_U = jnp.asarray(self.basal_mU_min) * (MIN_PER_DAY / MU_PER_U)
         return jnp.maximum(basal_U, _LEAST_DAILY_BASAL_U) / BASAL_SHARE
 
     def init(self, observation: Observation) -> BasalBolusState:
-        """No bolus was given for long."""
+        """State without boluses for a long time."""
         zero = jnp.zeros_like(observation.delivered_mU_min)
         return BasalBolusState(first_mU=zero, second_mU=zero, since_min=zero + _LONG_AGO_MIN, asked_mU=zero)
 
     def step(self, state: BasalBolusState, observation: Observation) -> tuple[BasalBolusState, Decision]:
-        """Take in the bolus that was delivered, and decide on the next one."""
+        """Include the bolus that was delivered, and decide on the next one."""
         first, second = self._absorbed(state, self._delivered(state, observation))
         known, on_board = is_known(observation), first + second
         above = observation.glucose_mg_dl - observation.setpoint_mg_dl
@@ -128,14 +130,14 @@ class BasalBolus:
         return after, dataclasses.replace(decision, bolus_mU=bolus)
 
     def _delivered(self, state: BasalBolusState, observation: Observation) -> jax.Array:
-        """Bolus since the last sample: what the pump says, or what was asked for where it says no possible dose."""
+        """Bolus since the last sample: the reported one, or the requested one if the report is impossible."""
         word = observation.delivered_bolus_mU
         if word is None:
             return state.asked_mU
         return jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, state.asked_mU)
 
     def _absorbed(self, state: BasalBolusState, bolus_mU: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The two depots a sample after a bolus, exactly."""
+        """Content of the two depots a sample after a bolus, exact."""
         samples = self.sample_time_min * _LEFT / self.insulin_on_board_min
         left, first = jnp.exp(-samples), state.first_mU + bolus_mU
         return first * left, (state.second_mU + first * samples) * left
@@ -157,14 +159,15 @@ def design_basal_bolus(
     bolus: BolusLimits = USUAL_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> BasalBolus:
-    """Basal-bolus therapy.
+    """Controller for basal-bolus therapy.
 
     The rate is always the basal rate. With a meal that is announced the bolus is::
 
         carbs / CR + max(0, (G - target) / CF - IOB)      where G is above the target
         carbs / CR + (G - target) / CF                    where it is below
 
-    and never below 0. The second term alone is given where G is above a bound and no bolus was given for long.
+    and never below 0. Without a meal, the second term is given if G is above a bound and no bolus was given for some
+    time.
 
     ============  ==============================================  ==========================
     variable      meaning                                         setting
@@ -181,19 +184,19 @@ def design_basal_bolus(
     basal_mU_min : float
         The person's basal rate.
     limits : DoseLimits
-        Of the basal rate.
+        Limits of the basal rate.
     carb_ratio_g_U : float, optional
-        By default 500 g over the total daily dose in U, which is taken for twice the basal rate.
+        Carbohydrate that 1 U covers; by default 500 g over the total daily dose in U, which is twice the basal rate.
     correction_mg_dl_U : float, optional
-        By default 1800 mg/dl over the total daily dose in U.
+        Fall of glucose by 1 U; by default 1800 mg/dl over the total daily dose in U.
     insulin_on_board_min : float
         Time after which 5 % of a bolus is still under the skin.
     correction_above_mg_dl : float
         Reading above which a correction is given without a meal.
     correction_every_min : float
-        Time since the last bolus before which it is not.
+        Shortest time from the last bolus to such a correction.
     bolus : BolusLimits
-        Of the pump; no larger bolus is asked for.
+        Limits of the pump; no larger bolus is asked for.
     sample_time_min : float
 
     Raises
@@ -241,7 +244,7 @@ def design_basal_bolus(
 
 
 def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
-    """The controller of the catalogue, for a patient's basal rate."""
+    """Basal-bolus controller of the catalogue, for a patient's basal rate."""
     return design_basal_bolus(
         case.basal_insulin_mU_min,
         case.limits,

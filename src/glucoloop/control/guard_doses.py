@@ -193,10 +193,10 @@ def most_bolus(
     ----------
     given : Given
     rate_mU_min : (...) array
-        The rate beside it.
+        Rate beside the bolus.
     settings : GuardSettings
     max_change_mU_min : float
-        By which the pump can lower its rate from one sample to the next.
+        Largest change of the pump's rate from one sample to the next.
     sample_time_min : float
     """
     kept, others = _kept(settings, sample_time_min), given.hour_mU_min.shape[0]
@@ -264,7 +264,7 @@ def _inverse(value: jax.Array) -> jax.Array:
 
 
 MOST_BOLUS_MU: Final = 100_000.0
-"""No pump gives more at once: a report beyond it is not believed."""
+"""Largest bolus of any pump; a report beyond it is not believed."""
 _ABSURD: Final = 1e4
 """Bound on the numbers of these states; larger ones are corrupted."""
 _AGREE: Final = 1e-3

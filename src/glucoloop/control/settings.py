@@ -240,7 +240,7 @@ class PIDSettings:
 
 @settings_record
 class BasalBolusSettings:
-    """Settings of basal-bolus therapy; what is not given follows from the basal rate."""
+    """Settings of basal-bolus therapy; values that are not given follow from the basal rate."""
 
     carb_ratio_g_U: Annotated[
         float, About("Carbohydrate that 1 U covers, in g; 0: 500 over the total daily dose.", at_least=0.0)

@@ -75,15 +75,15 @@ class Caps:
         ----------
         counted : Counted
         told_mU_min : (...) array
-            Rate that the pump says it gave; where it says no possible rate, it is taken to have done as it was asked.
+            Rate that the pump reports; an impossible one is replaced by the rate that was asked for.
         asked_mU_min : (...) array
         told_bolus_mU, asked_bolus_mU : (...) array, optional
-            The same of boluses; None for a controller that gives none.
+            Boluses in the same way, or None for a controller without boluses.
 
         Returns
         -------
         Counted, (...) array
-            What was given by now, and whether both caps hold or do not bind.
+            Insulin counted so far, and whether both caps hold or do not bind.
         """
         basal, settings = counted.basal_mU_min, self.settings
         possible = (told_mU_min >= 0.0) & (told_mU_min <= 2.0 * self.limits.max_mU_min)

@@ -164,7 +164,7 @@ class _Carry:
     counted: Counted
     asked_mU_min: jax.Array
     asked_bolus_mU: jax.Array | None
-    """None for a controller that gives no boluses."""
+    """Bolus that was asked for, or None for a controller without boluses."""
     whole: jax.Array
     """Indicator, 1 while no word of the memory was overwritten."""
     broken: jax.Array
