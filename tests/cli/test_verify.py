@@ -104,7 +104,7 @@ def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
     assert answer.code == 130
     assert "50 loops, 14400 samples" in answer.out
     assert answer.err.splitlines()[-1] == (
-        "glucoloop: interrupted; of 100 loops 50 were checked to the end, and are told."
+        "glucoloop: interrupted; of 100 loops 50 were checked to the end; their results follow."
     )
 
 

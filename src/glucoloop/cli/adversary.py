@@ -21,7 +21,7 @@ HELP: Final = (
     "Search for the worst plausible sensor errors: those that bring a controller's glucose lowest.\n\n"
     "Each reading may be wrong by a part of the true glucose, and a few times the reading is stuck. An evolution "
     "strategy (CMA-ES) tries some ten thousand sequences of errors on one person and keeps those with the most time "
-    "below 54 mg/dl. Beside it stand errors of the same size by chance, on a population. Without options it is IMC, "
+    "below 54 mg/dl. Beside it stand random errors of the same size, on a population. Without options it is IMC, "
     "MPC and MPC/SE, guarded, and 50 g at 50 min; nlqdmc-se and meal-mpc take hours and are searched when named. A "
     "folder given by --out grows generation by generation; after Ctrl-C the same command goes on.\n\n"
     "  glucoloop adversary --out worst\n\n"
@@ -40,13 +40,23 @@ _OWN: Final = (
         "errors_pct",
         "--error",
         list[float],
-        "Largest error of a reading, of the true glucose; repeat it for more, each is searched for by itself.",
+        "Largest error of a reading, in percent of the true glucose; repeat it for more, each has a search of its own.",
         _ERRORS,
         metavar="PCT",
         default="10, 20, 30",
     ),
-    Option("hold_min", "--hold", float, "An error stays the same for so long.", _ERRORS, metavar="MIN", default="15"),
-    Option("stuck_times", "--stuck-times", int, "Stretches of a stuck reading.", _ERRORS, metavar="N", default="3"),
+    Option(
+        "hold_min", "--hold", float, "Time for which an error stays the same.", _ERRORS, metavar="MIN", default="15"
+    ),
+    Option(
+        "stuck_times",
+        "--stuck-times",
+        int,
+        "Number of stretches with a stuck reading.",
+        _ERRORS,
+        metavar="N",
+        default="3",
+    ),
     Option("stuck_min", "--stuck-for", float, "Length of each.", _ERRORS, metavar="MIN", default="30"),
     Option(
         "person",
@@ -60,20 +70,36 @@ _OWN: Final = (
         "generations",
         "--generations",
         int,
-        "How long each search goes on.",
+        "Number of generations of each search.",
         _SEARCH,
         metavar="N",
         default="300; nlqdmc-se, meal-mpc: 30",
     ),
     Option("starts", "--starts", int, "Searches side by side.", _SEARCH, metavar="N", default="8"),
-    Option("sequences", "--sequences", int, "Sequences in a generation, of each.", _SEARCH, metavar="N", default="32"),
-    Option("search_seed", "--search-seed", int, "The same seed tries the same.", _SEARCH, metavar="N", default="1"),
+    Option(
+        "sequences",
+        "--sequences",
+        int,
+        "Number of sequences in a generation, for each start.",
+        _SEARCH,
+        metavar="N",
+        default="32",
+    ),
+    Option(
+        "search_seed",
+        "--search-seed",
+        int,
+        "The same seed tries the same sequences.",
+        _SEARCH,
+        metavar="N",
+        default="1",
+    ),
     dataclasses.replace(GUARDS, default="with"),
 )
 _WORDS: Final = {
-    "people": "How many meet errors by chance.",
-    "out": "Folder for the worst loops, drawn, and tables; a search that was begun there goes on.",
-    "overwrite": "Begin again, whatever search the folder holds.",
+    "people": "Number of people with random errors, for comparison.",
+    "out": "Folder for figures of the worst loops and tables; an unfinished search in it is resumed.",
+    "overwrite": "Begin again and replace the search in the folder.",
 }
 _DEFAULTS: Final = {
     "duration_min": "600",

@@ -50,7 +50,7 @@ _DEFAULTS: Final = {
     "meal_time_spread_min": "90",
     "noise_variance": "1.45",
 }
-_WORDS: Final = {"known_dead_time": "Tell controller and estimators of the dead time."}
+_WORDS: Final = {"known_dead_time": "Whether controller and estimators know the dead time."}
 _OWN: Final = (
     Option("days", "--days", int, "Days of each person.", "Meals", metavar="N", default="100; of several people 1"),
     Option(

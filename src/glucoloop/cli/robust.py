@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from glucoloop.studies.robust.search import Candidate
 
 HELP: Final = (
-    f"Search for a tuning of {SEARCHED.name} that holds for people and in noise: a trade-off, and the chosen "
-    "tuning.\n\n"
+    f"Search for a tuning of {SEARCHED.name} that holds for people and under noise: the trade-off, and the "
+    "chosen tuning.\n\n"
     "Each candidate closes the loop of people of a population and of the nominal patient under one noise after "
     "another; many candidates go through one compiled program. Two objectives make a front, and the others can be "
     "bounded. The chosen tuning is checked on people and noise that the search never saw, and written so that "
@@ -33,7 +33,7 @@ HELP: Final = (
     "patient in noise, and people-undershoot-p95, people-peak-p95 and people-below-60.\n\n"
     "  glucoloop robust --out robust\n\n"
     "  glucoloop robust --at-most total-variation=mpc-se --at-most people-below-60=0 --rounds 8 --out robust\n\n"
-    "  glucoloop robust --sampler random --move-weight .1:1 --caution-weight 7.5 --out chance\n\n"
+    "  glucoloop robust --sampler random --move-weight .1:1 --caution-weight 7.5 --out random\n\n"
     "  glucoloop run --noise 1.45 --config robust/best.toml"
 )
 _RANGED: Final = {of.name: of for of in SEARCHED.searched}
@@ -67,8 +67,8 @@ _SHARED: Final = (
 _DEFAULTS: Final = {MEALS: "50g@50min", "duration_min": "600", "noise_variance": "1.45"}
 _WORDS: Final = {
     "duration_min": "Length of the run.",
-    "out": "Folder of the search; one that was begun there goes on.",
-    "overwrite": "Begin again, whatever search the folder holds.",
+    "out": "Folder of the search; an unfinished search in it is resumed.",
+    "overwrite": "Begin again and replace the search in the folder.",
     "json": "Print the summary as one JSON object.",
     MEALS: "Carbohydrate and time, like 50g@50min; repeat it for more meals.",
 }
@@ -79,7 +79,7 @@ _CHECK: Final = "Check on others"
 _OWN: Final = (
     Option("people", "--people", int, "People of the population.", _SUBJECTS, metavar="N", default="40"),
     Option("people_seed", "--people-seed", int, "Of them.", _SUBJECTS, metavar="N", default="424242"),
-    Option("seeds", "--seeds", int, "Noises of the nominal patient.", _SUBJECTS, metavar="N", default="40"),
+    Option("seeds", "--seeds", int, "Number of noises of the nominal patient.", _SUBJECTS, metavar="N", default="40"),
     Option("first_seed", "--first-seed", int, "The first of them.", _SUBJECTS, metavar="N", default="900000"),
     Option("check_people", "--check-people", int, "People of the check.", _CHECK, metavar="N", default="200"),
     Option("check_people_seed", "--check-people-seed", int, "Of them.", _CHECK, metavar="N", default="424243"),
@@ -98,7 +98,8 @@ _OWN: Final = (
         "at_most",
         "--at-most",
         list[str],
-        "A bound, like total-variation=500, or total-variation=mpc-se: what a controller beside comes to; repeat it.",
+        "A bound, like total-variation=500, or total-variation=mpc-se: the value of a reference controller; repeat it "
+        "for more.",
         _SEARCH,
         metavar="NAME=X",
     ),
@@ -106,7 +107,7 @@ _OWN: Final = (
         "beside",
         "--beside",
         list[str],
-        "A controller with its usual tuning that is shown beside; repeat it for more.",
+        "A reference controller with its usual tuning; repeat it for more.",
         _SEARCH,
         metavar="NAME",
         default="mpc-se",
@@ -115,26 +116,29 @@ _OWN: Final = (
         "sampler",
         "--sampler",
         str,
-        "How candidates are proposed: tpe, Parzen estimators; nsga2, evolution; random, chance, which needs no Optuna.",
+        "Sampler of the candidates: tpe, Parzen estimators; nsga2, evolution; random, which needs no Optuna.",
         _SEARCH,
         metavar="tpe|nsga2|random",
         default="tpe",
     ),
-    Option("sampler_seed", "--sampler-seed", int, "Of its chance.", _SEARCH, metavar="N", default="0"),
-    Option("batch", "--batch", int, "Candidates that are proposed at a time.", _SEARCH, metavar="N", default="64"),
+    Option("sampler_seed", "--sampler-seed", int, "Seed of the sampler.", _SEARCH, metavar="N", default="0"),
+    Option(
+        "batch", "--batch", int, "Number of candidates that are proposed at a time.", _SEARCH, metavar="N", default="64"
+    ),
     Option("rounds", "--rounds", int, "How often, in all.", _SEARCH, metavar="N", default="4"),
     Option(
         "prefer",
         "--prefer",
         str,
-        "Which tuning of the front is chosen: the least of one of its objectives, or both, the nearest to the least of "
-        "either.",
+        "Choice of a tuning of the front: an objective, for its least value, or both, for the nearest to both.",
         _SEARCH,
         metavar="NAME|both",
         default="both",
     ),
 )
-_TOP: Final = Option("top", "--top", int, "Tunings of the front in the table.", _SEARCH, metavar="N", default="10")
+_TOP: Final = Option(
+    "top", "--top", int, "Number of tunings of the front in the table.", _SEARCH, metavar="N", default="10"
+)
 
 
 def _tuning_options() -> Iterator[Option]:
@@ -205,7 +209,7 @@ def _finish(asked: Robust, folder: RowsFolder[Candidate]) -> Found:
 
     if folder.finished:
         return found_before(asked, folder.rows, folder.summary())
-    with stage("Drawing people, and trying what stands beside"):
+    with stage("Drawing people, and trying the reference controllers"):
         engine = SearchEngine(asked.search)
         references = engine.references()
     if engine.subjects.infeasible:

@@ -35,8 +35,8 @@ HELP: Final = (
 _NOT_HERE: Final = ("traces", "guard", NO_FAULT, DASK.key, "mmol")
 _WORDS: Final = {
     FAULTS: f"A fault that is tried alone, in place of the usual ones; repeat it for more. {KINDS_OF_FAULTS}",
-    "out": "Folder of the test; one that was begun there goes on.",
-    "overwrite": "Begin again, whatever test the folder holds.",
+    "out": "Folder of the test; an unfinished test in it is resumed.",
+    "overwrite": "Begin again and replace the test in the folder.",
 }
 _DEFAULTS: Final = {
     "people": "100",

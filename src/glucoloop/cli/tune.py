@@ -49,13 +49,13 @@ HELP: Final = (
 MOST_SEEDS: Final = 1000
 _GRID: Final = "Grid"
 _SUMMARIES: Final = {
-    "move_horizon": ("Moves that are planned, m.", "1:4"),
-    "prediction_horizon": ("Samples looked ahead, p; those below m are left out.", "1:14"),
+    "move_horizon": ("Numbers of planned moves, m.", "1:4"),
+    "prediction_horizon": ("Numbers of predicted samples, p; those below m are left out.", "1:14"),
     "reference_filter": (
-        "How slowly the reference approaches, φ_r.",
+        "Filters of the reference, φ_r; closer to 1 is slower.",
         "mpc-se: .3:.8:.05; nlqdmc-se: .3:.5:.1,.57,.7,.8",
     ),
-    "output_weight": ("Weight on the error of glucose, Γ_y; it matters beside Γ_u alone.", "the paper's"),
+    "output_weight": ("Weights on the error of glucose, Γ_y; only the ratio to Γ_u matters.", "the paper's"),
     "move_weight": ("Weight on each move of insulin, Γ_u.", "the paper's"),
 }
 _RANGES: Final = tuple(
@@ -63,9 +63,15 @@ _RANGES: Final = tuple(
     for key, (summary, default) in _SUMMARIES.items()
 )
 _SEEDS: Final = Option(
-    "seeds", "--seeds", int, "Runs of each tuning with noise, from --seed on.", _GRID, metavar="N", default="5"
+    "seeds",
+    "--seeds",
+    int,
+    "Number of runs of each tuning with noise, from --seed on.",
+    _GRID,
+    metavar="N",
+    default="5",
 )
-_TOP: Final = Option("top", "--top", int, "Tunings in the table.", _GRID, metavar="N", default="10")
+_TOP: Final = Option("top", "--top", int, "Number of tunings in the table.", _GRID, metavar="N", default="10")
 
 
 _NOT_TUNED: Final = ("guard", *GUARD)

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from glucoloop.studies.verification.result import CampaignResult
 
 HELP: Final = (
-    "Close random loops with random faults, and check at every sample what every loop promises.\n\n"
+    "Simulate random loops with random faults, and check at every sample the promises of every loop.\n\n"
     "People of the patient's populations eat up to four meals at any time and meet up to three faults of sensor and "
     "pump at once, absurd ones among them, under every controller, with a guard and without. It leaves with 0 if every "
     "promise was kept, and with 1 if one was broken; then broken loops are told, each with the command that closes it "
     "again."
     "\n\n"
-    "All of that comes by chance; `glucoloop adversary` searches for the sensor errors that do the most harm.\n\n"
+    "All of that is drawn at random; `glucoloop adversary` searches for the sensor errors that do the most harm.\n\n"
     "  glucoloop verify\n\n"
     "  glucoloop verify --loops 1000000 --seed 2 --json > found.json\n\n"
     "  glucoloop verify --seed 2 --controller mpc --person 17\n\n"
@@ -36,7 +36,7 @@ _RUN: Final = "Campaign"
 _OUTPUT: Final = "Output"
 
 OPTIONS: Final = (
-    Option("loops", "--loops", int, "How many, or a few more.", _RUN, metavar="N", default="100000"),
+    Option("loops", "--loops", int, "Number of loops, or a few more.", _RUN, metavar="N", default="100000"),
     Option("seed", "--seed", int, "The same seed gives the same loops.", _RUN, metavar="N", default="1"),
     Option(
         "controllers",
@@ -48,12 +48,12 @@ OPTIONS: Final = (
         default="all",
     ),
     dataclasses.replace(PATIENT, panel=_RUN),
-    Option("person", "--person", int, "Only the loops of this one, with what fails in them.", _RUN, metavar="N"),
+    Option("person", "--person", int, "Only the loops of this person, with their faults.", _RUN, metavar="N"),
     Option(
         "nonsense",
         "--nonsense",
         int,
-        "Instead, tell guarded controllers nonsense in so many samples, with memory lost, and check doses and caps.",
+        "Instead, give guarded controllers nonsense in so many samples, with memory lost, and check doses and caps.",
         _RUN,
         metavar="SAMPLES",
     ),
@@ -116,7 +116,7 @@ def _check_campaign(campaign: Campaign, *, as_json: bool) -> NoReturn:
         _print_json(campaign_report(campaign, result, seconds))
     else:
         _print(campaign_told(campaign, result, seconds))
-    _leave(result, f"of {loops} loops {result.loops} were checked to the end, and are told")
+    _leave(result, f"of {loops} loops {result.loops} were checked to the end; their results follow")
 
 
 def _check_nonsense(nonsense: NonsenseCheck, *, as_json: bool) -> NoReturn:

@@ -87,6 +87,6 @@ def sentences(asked: Adversary, rows: Sequence[dict[str, Any]]) -> Iterator[str]
     tried = int(np.sum([row["sequences_tried"] for row in rows]))
     yield f"{title_of(asked)}; {tried} sequences were tried. A search finds some of the worst; it proves no bound."
     yield (
-        f"Random errors: of the same size, drawn evenly, on {rows[0]['random_people']} people of "
+        f"Random errors: of the same size, drawn uniformly, on {rows[0]['random_people']} people of "
         f"{asked.base.population.name}."
     )

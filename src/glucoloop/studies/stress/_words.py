@@ -101,8 +101,8 @@ def _without_a_fault(grid: Grid) -> list[str]:
         told.append(f"{controller}: {below} and {highest}")
     how = " (without → with the guard)" if len(grid.guards) > 1 else ""
     sentences = [
-        f"Without a fault, the longest time that anybody spends below 60 mg/dl, and the highest glucose in mg/dl{how}, "
-        f"are {'; '.join(told)}."
+        f"Without a fault, the longest time that a person spends below 60 mg/dl, and the highest glucose in "
+        f"mg/dl{how}, are {'; '.join(told)}."
     ]
     if True in grid.guards:
         acts = (
