@@ -1,4 +1,4 @@
-"""``glucoloop detect``: how soon, how surely and how well meals that nobody announced are estimated."""
+"""``glucoloop detect``: delay, certainty and accuracy of the estimates of meals that are not announced."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ _OPTIONS: Final = (
 
 @with_options(_OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, try it, write it and tell it."""
+    """Check the request, run the test, write and print the results."""
     keys, output, file = split_off_output(given)
     if not keys.get("estimators"):
         keys.pop("estimators", None)

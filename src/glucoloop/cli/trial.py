@@ -117,7 +117,7 @@ def _simulator(trial: Trial, threads: int | None) -> Simulate:
 
 @contextlib.contextmanager
 def _people_counted(folder: TrialFolder) -> Iterator[Callable[[int], None]]:
-    """Show how many people are done; the engine tells of people under one controller each."""
+    """Show the number of finished people; the engine reports people under one controller each."""
     with counted(folder.trial.people, folder.people_done(), "people") as more:
         yield lambda tried: more(tried / len(folder.trial.cases))
 

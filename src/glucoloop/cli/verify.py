@@ -63,7 +63,7 @@ OPTIONS: Final = (
 
 @with_options(OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, carry it out, and tell it."""
+    """Check the request, run the loops, and print the results."""
     as_json = bool(given.pop("json", False))
     if "person" in given and "loops" in given:
         raise ValueError("--loops and --person exclude one another; leave one out")

@@ -1,4 +1,4 @@
-"""Controllers: pure functions from observations to doses, designed once and never handed a patient.
+"""Controllers: pure functions from observations to doses, designed once and without access to a patient.
 
 The names below are imported when first used: the settings of the controllers are read without JAX, for help.
 """

@@ -293,21 +293,21 @@ def guarded(
     *,
     basal_mU_min: float | None = None,
 ) -> Guard:
-    """Guard a controller.
+    """Wrap a controller in a guard.
 
     At each sample, in this order:
 
     1. Every field of the observation is checked. A reading that is not a number, out of range, too fast or stuck is
-       handed on as not valid, and the controller rides on its model; nonsense in another field is replaced by what was
-       told last.
-    2. The controller decides. If its memory or its dose is no longer finite, it is woken anew and the basal rate given.
-    3. Its dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
-       but not below the basal rate. ``B' = min(B + (y - r - e - d) / F, B_max)`` is what may be on board.
-    4. Without a believed reading for long it is the basal rate, then a part of it.
-    5. It is 0 while ``y + t y'`` is below the bound.
-    6. The dose is clipped to the pump's limits. A dose that was not touched passes bit for bit.
+       passed on as not valid, and the controller relies on its model; an impossible value of another field is replaced
+       by the last possible one.
+    2. The controller decides. If its memory or its dose is not finite, it is restarted and the basal rate is given.
+    3. The dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
+       but not below the basal rate. ``B' = min(B + (y - r - e - d) / F, B_max)`` is the insulin that may be on board.
+    4. After some time without a believed reading the dose is the basal rate, and later a part of it.
+    5. The dose is 0 while ``y + t y'`` is below the bound.
+    6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
     7. A bolus is cut so that insulin on board and in an hour, the rate included, stay within ``B_max`` and the cap of
-       the hour. What is read does not bound it otherwise. None is given while insulin is suspended or no reading was
+       the hour. Readings do not bound it otherwise. No bolus is given while insulin is suspended or no reading was
        believed for long, nor on a reading that is not believed, unless a meal is announced.
 
     ============  =========================================================  ====================
@@ -315,14 +315,14 @@ def guarded(
     ============  =========================================================  ====================
     ``b``         basal rate
     ``B``         insulin on board, in basal rates beyond the basal rate     ``max_on_board``
-    ``k``         what is left of it after a sample                          ``on_board_tau_min``
+    ``k``         share of it that is left after a sample                    ``on_board_tau_min``
     ``y - r``     the last believed reading less the setpoint
-    ``e, F, A``   error, fall, and what is always allowed                    ``error_mg_dl``, ...
-    ``d``         part of the reading that came by a jump                    ``doubt_tau_min``
+    ``e, F, A``   error, fall, and dose that is always allowed               ``error_mg_dl``, ...
+    ``d``         part of the reading that is due to a jump                  ``doubt_tau_min``
     ``t, y'``     time ahead, and trend                                      ``ahead_min``
     ============  =========================================================  ====================
 
-    The status is that of the weightiest reason, and the controller's own if there was none.
+    The status is that of the most serious rule that applied, or else the controller's own.
 
     Parameters
     ----------

@@ -16,8 +16,8 @@ than it was asked for. If it gives more, the guard takes the rate down as fast a
 A bolus counts as a rate of the sample in which it is given. It is allowed only if both caps hold with it on the whole
 way down from the rate beside it, so that a state after it is safe too.
 
-A rate below the basal rate counts as the basal rate in both caps. So insulin that was withheld is never owed, and the
-way down never has to go below the basal rate.
+A rate below the basal rate counts as the basal rate in both caps. So insulin that was withheld is never given later,
+and the way down never has to go below the basal rate.
 """
 
 from __future__ import annotations
@@ -186,8 +186,8 @@ def most_bolus(
     """Largest bolus that is allowed at a sample beside a rate [mU], so that all insulin keeps both caps.
 
     A bolus counts in the sample in which it is given. Both caps must then hold while the rate goes down from the given
-    one to the basal rate, as for a rate alone. What is read does not bound a bolus: that of a meal is needed before
-    glucose rises.
+    one to the basal rate, as for a rate alone. Readings do not bound a bolus: that of a meal is needed before glucose
+    rises.
 
     Parameters
     ----------

@@ -43,30 +43,31 @@ class GuardSettings:
     reduced_fraction: float = 0.5
     """Part of the basal rate that is given after that time."""
     low_mg_dl: float = 65.0
-    """Insulin is suspended if glucose is predicted to be lower. Basal-IQ (Tandem) takes 80 mg/dl, too near to a
-    setpoint of 81, and 70 for glucose now."""
+    """Predicted glucose below which insulin is suspended. Basal-IQ (Tandem) takes 80 mg/dl, too near to a setpoint of
+    81, and 70 for glucose now.
+    """
     ahead_min: float = 40.0
     """Time of the prediction along the trend. Basal-IQ looks 30 min ahead; with 40 fewer people went low after an
     occlusion.
     """
     hysteresis_mg_dl: float = 5.0
-    """Insulin is given again if glucose is predicted to be higher than the bound by this."""
+    """Distance above that bound from which insulin is given again."""
     max_hour: float = 2.4
     """Largest dose in an hour, in basal hours. OpenAPS allows 3 times the largest basal rate of the day; the paper's
     pump gives at most 2.6 times the nominal one."""
     max_on_board: float = 1.3
     """Largest insulin on board beyond the basal rate, as a multiple of it."""
     on_board_tau_min: float = 90.0
-    """Time constant with which insulin on board is forgotten: that of glucose after a step of insulin, 89 min."""
+    """Time constant with which insulin on board decays: that of glucose after a step of insulin, 89 min."""
     fall_mg_dl: float = 60.0
     """Glucose above the setpoint, beyond the error, for which one basal rate may be on board. Glucose of the nominal
     patient falls by 77 mg/dl, in the end, under twice the basal rate."""
     error_mg_dl: float = 5.0
-    """Error of the sensor: insulin is added for what a reading exceeds the setpoint by more than this."""
+    """Error of the sensor: insulin is added only for the excess of a reading over the setpoint beyond it."""
     always_basal: float = 1.2
-    """Multiple of the basal rate that is allowed whatever is read, but for a predicted low."""
+    """Multiple of the basal rate that is allowed at any reading, except at a predicted low."""
     doubt_tau_min: float = 480.0
-    """Time constant with which it is forgotten that a reading jumped, which is put down to the sensor."""
+    """Time constant with which the doubt about a jump of the reading, which is attributed to the sensor, decays."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

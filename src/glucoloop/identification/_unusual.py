@@ -24,7 +24,7 @@ ROW_STEP = Quantity(
     240.0,
     (OtherUnit("h", MIN_PER_H), OtherUnit("s", 1.0 / MIN_PER_H), OtherUnit("days", _DAY_MIN)),
 )
-"""Sensors tell glucose every 1 to 15 minutes; by hand it is measured every few hours."""
+"""Plausible time between rows: sensors give glucose every 1 to 15 minutes; by hand it is measured every few hours."""
 MOSTLY = 0.5
 """Part of the rows without insulin above which the column is taken to hold boluses."""
 

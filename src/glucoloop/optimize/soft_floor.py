@@ -9,7 +9,7 @@ and quadratic in pieces. Each round minimises, within the limits, the piece on w
 lowest point on the way to that minimum. The number of rounds is fixed, so that nothing branches.
 
 Moves that minimise the piece on which they lie minimise the whole, which is convex and has the same gradient there.
-This is how convergence is told.
+This is the test of convergence.
 
 References
 ----------

@@ -130,7 +130,7 @@ class ControllerEntry:
         return designer
 
     def individual_designer(self) -> Callable[..., Any] | None:
-        """The function that designs it for each person, if it is not the same for everybody.
+        """Function that designs the controller for each person; None if it is the same for all people.
 
         Raises
         ------

@@ -32,7 +32,7 @@ def bands(values: Floats) -> Floats:
     Raises
     ------
     ValueError
-        If nobody is left.
+        If no person is left.
     """
     finite = values[:, np.isfinite(values).all(axis=0)]
     if finite.shape[1] == 0:

@@ -1,4 +1,4 @@
-"""Meals that nobody announced, estimated from glucose and insulin alone."""
+"""Estimation of meals that are not announced, from glucose and insulin alone."""
 
 from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.kalman import MealKalman, design_meal_kalman
