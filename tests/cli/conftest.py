@@ -1,13 +1,21 @@
 """The command line in this process: what it prints and how it leaves."""
 
 import json
+import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from glucoloop.cli import main
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.faults import fault_entry
+from glucoloop.registry.patients import patient_entry
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,32 @@ def glucoloop(capsys, monkeypatch, tmp_path) -> Command:
         return Answer(code=left.value.code or 0, out=captured.out, err=captured.err)
 
     return command
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch) -> Callable[[str, str, str, str], None]:
+    """Put a module of the examples into the current folder, as a package that adds one of its names to a group."""
+    installed = []
+
+    def installing(module: str, group: str, name: str, attribute: str) -> None:
+        shutil.copy(EXAMPLES / f"{module}.py", tmp_path)
+        package = tmp_path / f"{module}-1.0.dist-info"
+        package.mkdir()
+        (package / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+        (package / "entry_points.txt").write_text(f"[glucoloop.{group}]\n{name} = {module}:{attribute}\n")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        monkeypatch.chdir(tmp_path)
+        forget()
+        installed.append(module)
+
+    def forget() -> None:
+        for entry in (controller_entry, fault_entry, patient_entry):
+            entry.cache_clear()
+
+    yield installing
+    forget()
+    for module in installed:
+        sys.modules.pop(module, None)
 
 
 @pytest.fixture

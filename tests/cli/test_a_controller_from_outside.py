@@ -2,8 +2,6 @@
 
 import dataclasses
 import importlib
-import shutil
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -23,19 +21,10 @@ SHORT = ("--duration", "120", "--meal", "20g@20min")
 
 
 @pytest.fixture
-def outside(tmp_path, monkeypatch):
+def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    shutil.copy(EXAMPLE, tmp_path)
-    package = tmp_path / "your_own_controller-1.0.dist-info"
-    package.mkdir()
-    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: your-own-controller\nVersion: 1.0\n")
-    (package / "entry_points.txt").write_text(f"[glucoloop.controllers]\nyour-own-pi = {NAME}\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    controller_entry.cache_clear()
-    yield tmp_path
-    controller_entry.cache_clear()
-    sys.modules.pop("your_own_controller", None)
+    install("your_own_controller", "controllers", "your-own-pi", "ENTRY")
+    return tmp_path
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):

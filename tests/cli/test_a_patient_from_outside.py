@@ -1,15 +1,13 @@
 """A patient that another package brings is at home in every command."""
 
 import json
-import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.registry.patients import patient_entry, patient_names
+from glucoloop.registry.patients import patient_names
 from glucoloop.registry.plugins import added_names
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kanderian.py"
@@ -17,19 +15,10 @@ NAME = "kanderian:PERSON_1"
 
 
 @pytest.fixture
-def outside(tmp_path, monkeypatch):
+def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    shutil.copy(EXAMPLE, tmp_path)
-    package = tmp_path / "kanderian-1.0.dist-info"
-    package.mkdir()
-    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: kanderian\nVersion: 1.0\n")
-    (package / "entry_points.txt").write_text(f"[glucoloop.patients]\nperson-1 = {NAME}\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    patient_entry.cache_clear()
-    yield tmp_path
-    patient_entry.cache_clear()
-    sys.modules.pop("kanderian", None)
+    install("kanderian", "patients", "person-1", "PERSON_1")
+    return tmp_path
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):

@@ -22,6 +22,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
     [
         ("close_the_loop", "undershoot 10.2 mg/dl, settled in 345 min"),
         ("your_own_controller", "glucose from"),
+        ("your_own_fault", "readings: 60, 80, 100"),
         ("your_own_data", "1 of 576 samples were missing"),
         ("a_guarded_controller", "alone: glucose down to 59.9 mg/dl"),
         ("kanderian", "1.321 U/h hold 120 mg/dl"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -24,9 +23,10 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import DoseLimits
-from glucoloop.registry.controllers import ControllerEntry, controller_entry
+from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import PREFIX
 from glucoloop.registry.patients import patient_entry
+from glucoloop.registry.plugins import made_by
 from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
 
@@ -119,22 +119,9 @@ def controller_of(
         noise_variance=situation.noise_variance,
         dead_time_samples=known_samples,
     )
-    return with_guard(_designed(entry, design, case.tuning), case.guard, situation.limits)
-
-
-def _designed(entry: ControllerEntry, design: DesignCase, tuning: Mapping[str, Value]) -> Controller:
-    designer = entry.designer()
-    try:
-        settings = entry.values(tuning)
-        controller: Controller = designer(design) if settings is None else designer(design, settings)
-    except ValueError as error:
-        [*_, (frame, _)] = traceback.walk_tb(error.__traceback__)
-        raised_by = str(frame.f_globals.get("__name__"))
-        if raised_by.partition(".")[0] != designer.__module__.partition(".")[0]:
-            raise
-        # somebody else's package refuses its settings: as much the user's mistake as where this one does
-        raise ValueError(str(error)) from error
-    return controller
+    settings = entry.values(case.tuning)
+    controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
+    return with_guard(controller, case.guard, situation.limits)
 
 
 def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:

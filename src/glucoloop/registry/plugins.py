@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import sys
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +60,25 @@ def loaded(value: str) -> Any:
     except Exception as error:  # whatever somebody else's module does when it is imported
         raise ValueError(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
     return found
+
+
+def made_by(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Result of a function that an entry names.
+
+    Raises
+    ------
+    ValueError
+        With the words of the function, where it refuses what it is given: that is as much the user's mistake in
+        another package as in this one, while an error further down is a mistake of the package.
+    """
+    try:
+        return function(*args, **kwargs)
+    except ValueError as error:
+        [*_, (frame, _)] = traceback.walk_tb(error.__traceback__)
+        raised_by = str(frame.f_globals.get("__name__"))
+        if raised_by.partition(".")[0] != function.__module__.partition(".")[0]:
+            raise
+        raise ValueError(str(error)) from error
 
 
 def _imported(module: str) -> Any:

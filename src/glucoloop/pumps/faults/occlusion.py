@@ -75,12 +75,12 @@ def occlusion(
 
 
 @checked
-def missed_pulses(probability: float, inner: Pump | None = None, *, noticed: bool = False, key: int = 0) -> Occlusion:
+def missed_pulses(share: float, inner: Pump | None = None, *, noticed: bool = False, key: int = 0) -> Occlusion:
     """Pump that delivers nothing in random single samples, neither its basal rate nor a bolus.
 
     Parameters
     ----------
-    probability : float
+    share : float
         Probability that the insulin of a sample does not reach the person; samples are independent.
     inner : Pump, optional
         Inner pump; one with the limits of the paper by default.
@@ -94,4 +94,4 @@ def missed_pulses(probability: float, inner: Pump | None = None, *, noticed: boo
     ValueError
         For a number out of its range.
     """
-    return occlusion(recurring(probability, key=key), inner, noticed=noticed)
+    return occlusion(recurring(share, key=key), inner, noticed=noticed)

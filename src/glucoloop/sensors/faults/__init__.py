@@ -3,7 +3,7 @@
 from glucoloop.sensors.faults.calibration import Calibration, calibration
 from glucoloop.sensors.faults.compression import Compression, compression
 from glucoloop.sensors.faults.drift import Drift, drift
-from glucoloop.sensors.faults.late import Late, late
+from glucoloop.sensors.faults.late import Late, late, late_by
 from glucoloop.sensors.faults.missing import Missing, missing
 from glucoloop.sensors.faults.nonsense import Nonsense, nonsense
 from glucoloop.sensors.faults.out_of_order import OutOfOrder, out_of_order
@@ -28,6 +28,7 @@ __all__ = [
     "compression",
     "drift",
     "late",
+    "late_by",
     "missing",
     "nonsense",
     "out_of_order",

@@ -10,10 +10,12 @@ the reading, so that it never exceeds the reading.
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
@@ -45,6 +47,11 @@ class Compression:
     """Fraction of the reading that is lost in the end."""
     left: jax.Array | float
     """Share of the remaining way that is left after a sample: ``exp(-sample time / time constant)``."""
+
+    @staticmethod
+    def numbers(settings: Mapping[str, Any], sample_time_min: float) -> dict[str, Any]:
+        """Fields of the class from settings, which may be arrays of people."""
+        return {"depth": settings["depth"], "left": np.exp(-sample_time_min / settings["tau_min"])}
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
         """State without compression."""

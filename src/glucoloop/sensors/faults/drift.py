@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +26,11 @@ class Drift:
     episodes: Episodes
     mg_dl_sample: jax.Array | float
     """Growth from one sample to the next."""
+
+    @staticmethod
+    def numbers(settings: Mapping[str, Any], sample_time_min: float) -> dict[str, Any]:
+        """Fields of the class from settings, which may be arrays of people."""
+        return {"mg_dl_sample": settings["mg_dl_h"] * sample_time_min / MIN_PER_H}
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
         """State of the inner sensor and of the fault before the first reading."""

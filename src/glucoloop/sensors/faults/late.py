@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 import jax
 import jax.numpy as jnp
 
@@ -11,6 +14,8 @@ from glucoloop.episodes import Episodes
 from glucoloop.sensors.faults.past import LONGEST, filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
+
+_HAIR: Final = 1e-9  # of a sample: whole minutes over whole minutes may come out just above a whole number
 
 
 @pytree
@@ -53,3 +58,9 @@ def late(samples: int, episodes: Episodes, inner: Sensor | None = None) -> Late:
     if not 1 <= samples <= LONGEST:
         raise ValueError(f"a delay of {samples} samples is not possible; give a whole number from 1 to {LONGEST}")
     return Late(inner=or_ideal(inner), episodes=episodes, samples=samples)
+
+
+def late_by(delay_min: float, episodes: Episodes, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Late:
+    """Sensor whose readings are late by some minutes, rounded up to samples; see `late`."""
+    delay = delay_min / sample_time_min
+    return late(math.ceil(delay - _HAIR) if math.isfinite(delay) else 0, episodes, inner)

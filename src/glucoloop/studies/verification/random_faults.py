@@ -7,6 +7,7 @@ person's number alone.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,36 +18,33 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.episodes import Episodes
-from glucoloop.pumps import DoseLimits, LimitedPump, Pump, Resolution
-from glucoloop.pumps.faults import BatteryGap, Occlusion
+from glucoloop.experiments.faulty import put_around
+from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.registry.fault_text import fault_text
-from glucoloop.registry.faults import DURATION, FAULTS, KEY, PER_DAY, START, fault
+from glucoloop.registry.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultEntry, fault
+from glucoloop.registry.settings import Value
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
-from glucoloop.sensors import faults as of_sensor
 from glucoloop.threefry import uniforms
-from glucoloop.units import MIN_PER_DAY, MIN_PER_H
+from glucoloop.units import MIN_PER_DAY
 
 Floats = npt.NDArray[np.float64]
 
 MOST_AT_ONCE: Final = 3
 SAMPLE_MIN: Final = 5.0
 LONGEST_SAMPLES: Final = 48
-DELAYS_SAMPLES: Final = (1, 12)
-AMONG: Final = (2, 8)
 
 _TO_THE_END: Final = 0.15
 """Share of the planned faults that last to the end."""
 _RECURS: Final = 0.3
-_NONSENSE: Final = (math.nan, math.inf, -math.inf, 0.0, 2000.0, 1e300, -1e300, -40.0, 600.0, 20.0)
-_NO_STEP: Final = 2.0**-1000
-"""Resolution that changes no dose, since division by a power of two is exact."""
 
-SENSOR_KINDS: Final = (
-    *("missing", "late", "repeated", "out-of-order", "spikes", "stuck"),
-    *("drift", "calibration", "compression", "saturation", "nonsense"),
+SENSOR_KINDS: Final = tuple(entry.name for entry in FAULTS.values() if entry.part == "sensor")
+PUMP_KINDS: Final = tuple(
+    kind
+    for entry in FAULTS.values()
+    if entry.part == "pump"
+    for kind in ((entry.name,) if entry.both is None else (entry.name, f"{entry.name}, {entry.both}"))
 )
-PUMP_KINDS: Final = ("resolution", "battery", "missed-pulses", "occlusion", "occlusion, noticed")
-"""Kinds of pump faults from the inside out, so that faults inside a pump without power do not restart with it."""
+"""Kinds of pump faults, from the inside out."""
 KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
 
 
@@ -56,8 +54,8 @@ class Order:
 
     sensor: tuple[str, ...]
     """Kinds of sensor faults from the inside out."""
-    delay_samples: int
-    among: int
+    shared: Mapping[str, Mapping[str, Value]]
+    """Values of settings that all people share, by kind."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -74,8 +72,10 @@ def random_order(seed: int, number: int) -> Order:
 
     return Order(
         sensor=tuple(kind for _, kind in sorted(zip(score, SENSOR_KINDS, strict=True))),
-        delay_samples=whole("delay", *DELAYS_SAMPLES),
-        among=whole("among", *AMONG),
+        shared={
+            kind: {} if entry.shared is None else entry.shared(whole)
+            for kind, entry in ((kind, _entry(kind)) for kind in KINDS)
+        },
     )
 
 
@@ -104,30 +104,34 @@ class RandomFaults:
             bound_mg_dl=_of(self.noise_bound_mg_dl, person),
         )
         for kind in self.order.sensor:
-            value = {name: _of(values, person) for name, values in self.settings[kind].items()}
-            sensor = _SENSORS[kind](self.order, sensor, self._episodes(kind, person), value)
+            sensor = self._around(kind, sensor, person)
         return sensor
 
     def pump(self, limits: DoseLimits, *, person: int | None = None) -> Pump:
         """Pumps of all people, or of one."""
-        coarse = {name: _of(values, person) for name, values in self.settings["resolution"].items()}
-        is_coarse = _of(self.there["resolution"], person)
-        pump: Pump = Resolution(
-            inner=LimitedPump(limits=limits),
-            limits=limits,
-            step_mU_min=jnp.where(is_coarse, coarse["step_mU_min"], _NO_STEP),
-            least_mU_min=jnp.where(is_coarse, coarse["least_mU_min"], 0.0),
-        )
-        pump = BatteryGap(inner=pump, episodes=self._episodes("battery", person))
-        pump = Occlusion(inner=pump, episodes=self._episodes("missed-pulses", person), open_fraction=0.0)
-        for kind in ("occlusion", "occlusion, noticed"):
-            pump = Occlusion(
-                inner=pump,
-                episodes=self._episodes(kind, person),
-                open_fraction=_of(self.settings[kind]["open_fraction"], person),
-                noticed=kind != "occlusion",
-            )
+        pump: Pump = LimitedPump(limits=limits)
+        for kind in PUMP_KINDS:
+            pump = self._around(kind, pump, person, limits)
         return pump
+
+    def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
+        """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
+        entry = _entry(kind)
+        usual = put_around(inner, fault(entry.name, self._shared(kind)), SAMPLE_MIN, limits)
+        values: dict[str, Any] = {name: _of(many, person) for name, many in self.settings[kind].items()}
+        if entry.idle:
+            there = _of(self.there[kind], person)
+            values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
+        own = usual.numbers(values, SAMPLE_MIN) if hasattr(usual, "numbers") else values
+        if hasattr(usual, "episodes"):
+            own = {**own, "episodes": self._episodes(kind, person)}
+        return dataclasses.replace(usual, **own)
+
+    def _shared(self, kind: str) -> dict[str, Value]:
+        """Settings of a kind that all people share."""
+        both = _entry(kind).both
+        noticed = {both: True} if both is not None and kind.endswith(f", {both}") else {}
+        return {**noticed, **self.order.shared[kind]}
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
@@ -145,28 +149,21 @@ class RandomFaults:
         )
 
     def _text(self, kind: str, person: int) -> str:
-        name, _, noticed = kind.partition(", ")
-        given: dict[str, object] = {KEY: _key(kind)}
-        if noticed:
-            given["noticed"] = True
-        if name == "late":
-            given["delay_min"] = self.order.delay_samples * SAMPLE_MIN
-        elif name == "out-of-order":
-            given["among"] = self.order.among
+        entry, given = _entry(kind), {KEY: _key(kind), **self._shared(kind)}
         for setting, values in self.settings[kind].items():
             value = float(values[person])
-            given[setting] = int(value) if FAULTS[name].all_settings[setting].type is int else value
+            given[setting] = int(value) if entry.all_settings[setting].type is int else value
         often, lasts = float(self.probability[kind][person]), float(self.length[kind][person])
-        if name == "missed-pulses":
-            given["share"] = often
-        elif FAULTS[name].timed:
+        if entry.each_sample is not None:
+            given[entry.each_sample] = often
+        elif entry.timed:
             if often > 0.0:
                 given[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
             else:
                 given[START] = float(self.earliest[kind][person]) * SAMPLE_MIN
             if math.isfinite(lasts):
                 given[DURATION] = lasts * SAMPLE_MIN
-        return fault_text(fault(name, given))
+        return fault_text(fault(entry.name, given))
 
 
 def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) -> RandomFaults:
@@ -188,7 +185,7 @@ def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) 
         endless = ~recurs & (drawn(f"endless {kind}") < _TO_THE_END)
         often = 2.0 ** -np.floor(2.0 + 6.0 * drawn(f"often {kind}"))
         first = np.floor(samples * drawn(f"onset {kind}"))
-        if kind == "missed-pulses":
+        if _entry(kind).each_sample is not None:
             recurs, lasts, endless, often = there[kind], np.ones(people.size), ~there[kind], drawn("share")
         earliest[kind] = np.where(there[kind] & ~recurs, first, np.inf)
         length[kind] = np.where(endless, np.inf, lasts)
@@ -211,27 +208,12 @@ def _settings(kind: str, drawn: Callable[..., Floats]) -> dict[str, Floats]:
     def even(low: float, high: float, index: int = 0) -> Floats:
         return low + (high - low) * drawn(f"size {kind}", index)
 
-    if kind == "repeated":
-        return {"times": np.floor(even(2.0, 13.0))}
-    if kind == "spikes":
-        return {"size_mg_dl": even(-1000.0, 1000.0)}
-    if kind == "drift":
-        return {"mg_dl_h": even(-1.0, 1.0) * 10.0 ** even(0.0, 3.0, 1)}
-    if kind == "calibration":
-        return {"gain": 10.0 ** even(-1.0, 1.0), "offset_mg_dl": even(-200.0, 200.0, 1)}
-    if kind == "compression":
-        return {"depth": even(0.05, 1.0), "tau_min": even(1.0, 60.0, 1)}
-    if kind == "saturation":
-        low = even(0.0, 150.0)
-        return {"low_mg_dl": low, "high_mg_dl": low + even(1.0, 300.0, 1)}
-    if kind == "nonsense":
-        return {"value": np.asarray(_NONSENSE)[np.floor(even(0.0, float(len(_NONSENSE)))).astype(int)]}
-    if kind == "resolution":
-        step = 2.0 ** np.floor(even(-4.0, 4.0))
-        return {"step_mU_min": step, "least_mU_min": step * np.floor(even(0.0, 4.0, 1))}
-    if kind.startswith("occlusion"):
-        return {"open_fraction": np.where(even(0.0, 1.0) < 0.5, 0.0, even(0.0, 0.95, 1))}
-    return {}
+    draw = _entry(kind).draw
+    return {} if draw is None else {name: np.asarray(values) for name, values in draw(even).items()}
+
+
+def _entry(kind: str) -> FaultEntry:
+    return FAULTS[kind.partition(", ")[0]]
 
 
 def _key(kind: str) -> int:
@@ -241,24 +223,3 @@ def _key(kind: str) -> int:
 
 def _of(values: Any, person: int | None) -> Any:
     return values if person is None else values[person]
-
-
-Make = Callable[[Order, Sensor, Episodes, Mapping[str, Any]], Any]
-
-_SENSORS: Final[dict[str, Make]] = {
-    "missing": lambda order, inner, when, of: of_sensor.Missing(inner=inner, episodes=when),
-    "late": lambda order, inner, when, of: of_sensor.Late(inner=inner, episodes=when, samples=order.delay_samples),
-    "repeated": lambda order, inner, when, of: of_sensor.Repeated(inner=inner, episodes=when, times=of["times"]),
-    "out-of-order": lambda order, inner, when, of: of_sensor.OutOfOrder(inner=inner, episodes=when, among=order.among),
-    "spikes": lambda order, inner, when, of: of_sensor.Spikes(inner=inner, episodes=when, **of),
-    "stuck": lambda order, inner, when, of: of_sensor.Stuck(inner=inner, episodes=when),
-    "drift": lambda order, inner, when, of: of_sensor.Drift(
-        inner=inner, episodes=when, mg_dl_sample=of["mg_dl_h"] * SAMPLE_MIN / MIN_PER_H
-    ),
-    "calibration": lambda order, inner, when, of: of_sensor.Calibration(inner=inner, episodes=when, **of),
-    "compression": lambda order, inner, when, of: of_sensor.Compression(
-        inner=inner, episodes=when, depth=of["depth"], left=np.exp(-SAMPLE_MIN / of["tau_min"])
-    ),
-    "saturation": lambda order, inner, when, of: of_sensor.Saturation(inner=inner, episodes=when, **of),
-    "nonsense": lambda order, inner, when, of: of_sensor.Nonsense(inner=inner, episodes=when, **of),
-}

@@ -1,0 +1,69 @@
+"""A fault of your own: a sensor that gives its readings in coarse steps while the fault is present.
+
+A fault is a record around another sensor (or pump), whose field ``inner`` is that sensor. Its entry, at the end, makes
+it known to every command.
+
+    python examples/your_own_fault.py
+    glucoloop run --fault 'your_own_fault:ENTRY, step_mg_dl=20, start_min=60'
+"""
+
+import functools
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+import glucoloop as gl
+from glucoloop.control import internal_model_tuning
+from glucoloop.episodes import Episodes, always
+from glucoloop.registry.faults import FaultEntry
+from glucoloop.registry.settings import Default, Setting
+from glucoloop.sensors import Reading, Sensor
+from glucoloop.sensors.faults.wrapping import Within, begin, read_within
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["inner", "episodes", "step_mg_dl"], meta_fields=[])
+@dataclass(frozen=True)
+class Coarse:
+    """Gives the reading of the inner sensor in whole steps."""
+
+    inner: Sensor
+    episodes: Episodes
+    step_mg_dl: float
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
+        """State of the inner sensor and of the fault before the first reading."""
+        return begin(self, glucose_mg_dl, key)
+
+    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
+        """Read the inner sensor; ``age`` is the number of samples since the fault began, negative without a fault."""
+        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+        coarse = self.step_mg_dl * jnp.round(reading.glucose_mg_dl / self.step_mg_dl)
+        glucose = jnp.where(age >= 0.0, coarse, reading.glucose_mg_dl)
+        return state, Reading(glucose_mg_dl=glucose, valid=reading.valid)
+
+
+def coarse(step_mg_dl: float, episodes: Episodes, inner: Sensor) -> Coarse:
+    """The fault around a sensor; called with its settings, with its times and with the sensor.
+
+    What is not possible is refused here, since a sensor cannot raise.
+    """
+    if not 0.0 < step_mg_dl < float("inf"):
+        raise ValueError(f"a step of {step_mg_dl:g} mg/dl is not possible; give a finite value above 0")
+    return Coarse(inner, episodes, step_mg_dl)
+
+
+ENTRY = FaultEntry(
+    name="coarse",
+    part="sensor",
+    summary="readings are given in coarse steps",
+    make="your_own_fault:coarse",
+    settings=(Setting("step_mg_dl", float, "Step of the readings.", Default(10.0)),),
+)
+
+if __name__ == "__main__":
+    sensor = coarse(20.0, always(), gl.white_noise(1.45))
+    trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), sensor, key=1)
+    print(
+        f"readings: {', '.join(f'{float(reading):g}' for reading in sorted(set(trace.reading_mg_dl.tolist())))} mg/dl"
+    )

@@ -1,0 +1,62 @@
+"""A fault that another package brings is at home in every command."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.registry.faults import FaultEntry, fault_entry, fault_names
+
+NAME = "your_own_fault:ENTRY"
+
+
+@pytest.fixture
+def outside(install, tmp_path):
+    """A folder with the module, and an entry point that names it."""
+    install("your_own_fault", "faults", "coarse", "ENTRY")
+    return tmp_path
+
+
+def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
+    assert "coarse" in fault_names()
+    assert fault_entry("coarse") == fault_entry(NAME)
+
+
+@pytest.mark.parametrize("name", ["coarse", NAME])
+def test_it_is_around_the_sensor_while_it_is_there(outside, name):
+    sensor = surroundings_of(Situation(faults=(f"{name}, step_mg_dl=20, start_min=5",))).sensor
+    glucose = jnp.asarray(87.0)
+    state, told = sensor.init(glucose, jax.random.key(0)), []
+    for sample in range(3):
+        state, reading = sensor.read(state, glucose, jax.random.key(sample))
+        told.append(float(reading.glucose_mg_dl))
+    np.testing.assert_array_equal(told, [87.0, 80.0, 80.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("no_such_module:X", "no_such_module cannot be imported"),
+        ("your_own_fault:coarse", "your_own_fault:coarse is an instance of function; it has to be one of FaultEntry"),
+        ("nobody", "unknown fault 'nobody'"),
+        (f"{NAME}, step=1", "has no setting 'step'; the known ones are: start_min, latest_min"),
+        (f"{NAME}, step_mg_dl=0", "a step of 0 mg/dl is not possible; give a finite value above 0"),
+    ],
+)
+def test_what_is_wrong_is_told(outside, refused, text, told):
+    assert told in refused("run", "--controller", "basal", "--fault", text)
+
+
+def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
+    given = ("--controller", "basal", "--duration", "60", "--no-meal", "--fault", f"{NAME}, start_min=20")
+    first = glucoloop("run", *given, "--out", "a", "--json")
+    assert first.code == 0, first.err
+    assert first.json["config"]["faults"] == [f"{NAME}, start_min=20, step_mg_dl=10"]
+    assert glucoloop("run", "--config", "a/run.toml", "--json").json["config"] == first.json["config"]
+
+
+def test_an_entry_without_a_place_is_refused():
+    with pytest.raises(ValueError, match="'here' of the fault x is no place; write it like module:function"):
+        FaultEntry("x", "sensor", "", "here")
