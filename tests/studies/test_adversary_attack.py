@@ -76,7 +76,7 @@ def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
     assert worst.lane.glucose_mg_dl.min() >= worst.lowest_mg_dl
 
 
-def test_people_err_by_chance_each_in_a_way_of_his_own(attack, space):
+def test_each_person_has_random_errors_of_their_own(attack, space):
     found = random_errors(attack, space, 5, seed=1)
     fewer = random_errors(attack, space, 3, seed=1)
     np.testing.assert_array_equal(found.harm.lowest_mg_dl[:3], fewer.harm.lowest_mg_dl)

@@ -85,7 +85,7 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         amplitude = np.minimum(patient_entry(situation.patient).pulse_mU_min, basal)  # insulin cannot be taken back
         keys = keys_of_records(situation.seed, people.draw.person)
         glucose = experiment.run(people.patient, people.rest, basal + amplitude * pulses[:, None], keys)
-        # somebody without a basal rate has no record; the others' must not wait for him
+        # a person without a basal rate has no record; those of the others must not wait for it
         known = np.isfinite(glucose).all(axis=0)
         deviation = np.where(known, (glucose - glucose.mean(axis=0)) / np.where(known, amplitude, 1.0), 0.0)
         response = cross_correlation(pulses, deviation, memory)
