@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import at_once, checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaParameters
@@ -22,6 +22,7 @@ from glucoloop.patients.hovorka.rest import (
     rest_under,
 )
 from glucoloop.patients.protocol import Inputs
+from glucoloop.patients.resting import Rest
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
@@ -70,7 +71,7 @@ class HovorkaPatient:
         ValueError
             If the infusion is negative or not finite, or so large that glucose would fall to zero.
         """
-        return _physiological(self.parameters, insulin_mU_min)
+        return _REST.state(self.parameters, insulin_mU_min)
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
         """Infusion that holds the given plasma glucose.
@@ -80,7 +81,7 @@ class HovorkaPatient:
         ValueError
             If no infusion of 0 or more holds it.
         """
-        return _holding(self.parameters, glucose_mg_dl)
+        return _REST.insulin(self.parameters, glucose_mg_dl)
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Infusion that holds a plasma glucose, and the state there; NaN for people whom no rate holds."""
@@ -164,51 +165,14 @@ class HovorkaPatient:
         return equations.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
-def _physiological(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> jax.Array:
-    if is_traced(p, insulin_mU_min):
-        traced: jax.Array = rest_under(p, jnp.asarray(insulin_mU_min, float))
-        return traced
-    with at_once():
-        return _physiological_now(p, np.asarray(insulin_mU_min, float))
-
-
-def _physiological_now(p: HovorkaParameters, u: npt.NDArray[np.float64]) -> jax.Array:
-    possible = np.isfinite(u) & (u >= 0.0)
-    if not np.all(possible):
-        raise ValueError(
-            f"an insulin infusion of {u[~possible].flat[0]:g} mU/min is not possible; give a finite rate of 0 or more"
-        )
-    most = np.asarray(infusion_without_production_mU_min(p))
-    excessive = u >= most
-    if np.any(excessive):
-        rate = np.broadcast_to(u, excessive.shape)[excessive].flat[0]
-        raise ValueError(
-            f"no physiological steady state exists at {rate:g} mU/min: the liver would make no glucose, and glucose "
-            f"would fall to 0 mg/dl; give less than {np.min(most):.2f} mU/min"
-        )
-    x: jax.Array = rest_under(p, jnp.asarray(u))
-    return x
-
-
-def _holding(p: HovorkaParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
-    if is_traced(p, glucose_mg_dl):
-        traced: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
-        return traced
-    with at_once():
-        return _holding_now(p, np.asarray(glucose_mg_dl, float))
-
-
-def _holding_now(p: HovorkaParameters, glucose: npt.NDArray[np.float64]) -> jax.Array:
-    u: jax.Array = infusion_for(p, jnp.asarray(glucose))
-    impossible = ~np.isfinite(np.asarray(u))
-    if np.any(impossible):
-        wanted = np.broadcast_to(glucose, impossible.shape)[impossible].flat[0]
-        highest = np.min(np.asarray(glucose_without_insulin_mg_dl(p)))
-        raise ValueError(
-            f"no insulin infusion holds glucose at {wanted:g} mg/dl; give a value above 0 and at most "
-            f"{highest:.2f} mg/dl, where this patient rests without insulin"
-        )
-    return u
+_REST: Final = Rest(
+    under=rest_under,
+    holding=infusion_for,
+    glucose_mg_dl=equations.plasma_glucose_mg_dl,
+    largest_mU_min=infusion_without_production_mU_min,
+    highest_mg_dl=glucose_without_insulin_mg_dl,
+    beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
+)
 
 
 @checked
@@ -220,13 +184,7 @@ def at_basal(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> Hovorka
     ValueError
         If no physiological steady state exists.
     """
-    with at_once(p, insulin_mU_min):
-        x = _physiological(p, insulin_mU_min)
-        return HovorkaPatient(
-            parameters=p,
-            basal_insulin_mU_min=jnp.asarray(insulin_mU_min, float),
-            setpoint_mg_dl=equations.plasma_glucose_mg_dl(p, x),
-        )
+    return HovorkaPatient(**_REST.at_basal(p, insulin_mU_min))
 
 
 @checked
@@ -238,10 +196,4 @@ def at_setpoint(p: HovorkaParameters, glucose_mg_dl: jax.Array | float) -> Hovor
     ValueError
         If no infusion of 0 or more holds it.
     """
-    with at_once(p, glucose_mg_dl):
-        u = _holding(p, glucose_mg_dl)
-        return HovorkaPatient(
-            parameters=p,
-            basal_insulin_mU_min=u,
-            setpoint_mg_dl=jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape),
-        )
+    return HovorkaPatient(**_REST.at_setpoint(p, glucose_mg_dl))

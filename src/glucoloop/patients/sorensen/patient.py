@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import at_once, checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.patients.protocol import Inputs
+from glucoloop.patients.resting import Rest
 from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.sorensen.basal_state import with_fasting_glucose
 from glucoloop.patients.sorensen.equations import SorensenParameters
@@ -54,7 +55,7 @@ class SorensenPatient:
         ValueError
             If the infusion is negative or not finite, or so large that glucose would rest at or below zero.
         """
-        return _physiological(self.parameters, insulin_mU_min)
+        return _REST.state(self.parameters, insulin_mU_min)
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
         """Infusion that holds the given glucose.
@@ -64,7 +65,7 @@ class SorensenPatient:
         ValueError
             If no infusion of 0 or more holds it.
         """
-        return _holding(self.parameters, glucose_mg_dl)
+        return _REST.insulin(self.parameters, glucose_mg_dl)
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Infusion `(...)` that holds a glucose, and the state `(19, ...)` there.
@@ -135,47 +136,14 @@ class SorensenPatient:
         return sorensen.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
-def _physiological(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> jax.Array:
-    if is_traced(p, insulin_mU_min):
-        traced: jax.Array = rest_under(p, jnp.asarray(insulin_mU_min, float))
-        return traced
-    with at_once():
-        return _physiological_now(p, np.asarray(insulin_mU_min, float))
-
-
-def _physiological_now(p: SorensenParameters, u: npt.NDArray[np.float64]) -> jax.Array:
-    if not np.all(np.isfinite(u) & (u >= 0.0)):
-        worst = u[~(np.isfinite(u) & (u >= 0.0))].flat[0]
-        raise ValueError(f"an insulin infusion of {worst:g} mU/min is not possible; give a finite rate of 0 or more")
-    x: jax.Array = rest_under(p, jnp.asarray(u))
-    glucose = np.asarray(x[sorensen.ARTERIAL_GLUCOSE])
-    if not np.all(glucose > 0.0):
-        rate = np.broadcast_to(u, glucose.shape)[~(glucose > 0.0)].flat[0]
-        most = float(np.min(np.asarray(infusion_for(p, jnp.asarray(0.0)))))
-        raise ValueError(
-            f"no physiological steady state exists at {rate:g} mU/min: glucose would rest at or below 0 mg/dl; "
-            f"give less than {most:.2f} mU/min"
-        )
-    return x
-
-
-def _holding(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
-    if is_traced(p, glucose_mg_dl):
-        traced: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
-        return traced
-    with at_once():
-        return _holding_now(p, glucose_mg_dl)
-
-
-def _holding_now(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> jax.Array:
-    u: jax.Array = infusion_for(p, jnp.asarray(glucose_mg_dl, float))
-    if not bool(jnp.all(jnp.isfinite(u) & (jnp.asarray(glucose_mg_dl) > 0.0))):
-        highest = float(jnp.min(rest_under(p, jnp.asarray(0.0))[sorensen.ARTERIAL_GLUCOSE]))
-        raise ValueError(
-            f"no insulin infusion holds glucose at {float(np.max(glucose_mg_dl)):g} mg/dl; "
-            f"give a value above 0 and at most {highest:.2f} mg/dl, where this patient rests without insulin"
-        )
-    return u
+_REST: Final = Rest(
+    under=rest_under,
+    holding=infusion_for,
+    glucose_mg_dl=lambda p, x: x[sorensen.ARTERIAL_GLUCOSE],
+    largest_mU_min=lambda p: infusion_for(p, jnp.asarray(0.0)),
+    highest_mg_dl=lambda p: rest_under(p, jnp.asarray(0.0))[sorensen.ARTERIAL_GLUCOSE],
+    beyond="glucose would rest at or below 0 mg/dl",
+)
 
 
 @checked
@@ -187,13 +155,7 @@ def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> Sorens
     ValueError
         If no physiological steady state exists.
     """
-    with at_once(p, insulin_mU_min):
-        x = _physiological(p, insulin_mU_min)
-        return SorensenPatient(
-            parameters=p,
-            basal_insulin_mU_min=jnp.asarray(insulin_mU_min, float),
-            setpoint_mg_dl=x[sorensen.ARTERIAL_GLUCOSE],
-        )
+    return SorensenPatient(**_REST.at_basal(p, insulin_mU_min))
 
 
 @checked
@@ -205,13 +167,7 @@ def at_setpoint(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> Sore
     ValueError
         If no infusion of 0 or more holds it.
     """
-    with at_once(p, glucose_mg_dl):
-        u = _holding(p, glucose_mg_dl)
-        return SorensenPatient(
-            parameters=p,
-            basal_insulin_mU_min=u,
-            setpoint_mg_dl=jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape),
-        )
+    return SorensenPatient(**_REST.at_setpoint(p, glucose_mg_dl))
 
 
 # The paper states both 22.33 mU/min and 81 mg/dl. With the published references, which are those of a person with a
