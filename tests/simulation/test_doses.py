@@ -15,10 +15,15 @@ from glucoloop.arguments import ArgumentTypeError
 from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.episodes import once
-from glucoloop.meals import Meal, Scenario
+from glucoloop.experiments.assemble import PeopleLoop
+from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.situation import Situation
+from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics import summarise
+from glucoloop.metrics.running import RunningMetrics
 from glucoloop.pumps import occlusion
 from glucoloop.simulation import simulate
+from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import ENGINES
 
 PATIENT = gl.patient("hovorka-2004")
@@ -171,3 +176,25 @@ def test_what_is_no_time_of_day_is_refused(start_min):
 def test_an_impossible_announcement_is_refused(announced_g):
     with pytest.raises(ValueError, match="announced as"):
         Meal(50.0, 50.0, announced_g=announced_g)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_each_controller_of_a_cohort_is_told_what_is_announced_to_it(engine):
+    """Boluses of 50 mU for each gram, and everybody is told of another amount."""
+    people = gl.virtual_people(gl.population("nominal", patient="hovorka-2004"), 1, range(3))
+    told = np.array([[20.0, 40.0, 60.0]])
+    grid = sample_grid(300.0, 5.0)
+    loop = PeopleLoop(
+        Situation(patient="hovorka-2004", announced=True, start_min=0.0),
+        _Bolus(),
+        people,
+        grid,
+        RunningMetrics(setpoint_mg_dl=120.0, inside_min=tuple(grid.inside_min.tolist())),
+        meals=eaten([Meal(50.0, 50.0)]),
+        own_announcements=True,
+        engine=engine,
+    )
+    run = loop.run(people, keys_of_people(1, people.draw.person), announced_g=told)
+    basal = 5.0 * run.insulin_mU_min.sum(axis=0) - 50.0 * told[0]
+    np.testing.assert_allclose(basal, basal[0], rtol=1e-9)
+    assert np.all(np.diff(run.glucose_mg_dl[-1]) < -5.0)

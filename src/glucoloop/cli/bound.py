@@ -31,6 +31,9 @@ HELP: Final = (
 _BOUND: Final = "Bound"
 _NOT_HERE: Final = (
     "announce_meals",
+    "carb_error_pct",
+    "carb_bias_pct",
+    "start",
     "pump_resolution_mU_min",
     "faults",
     "no_fault",

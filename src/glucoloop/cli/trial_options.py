@@ -133,7 +133,7 @@ TRIAL: Final = (
         },
         panel={
             **dict.fromkeys(("patient", "setpoint_mg_dl", "seed", "operating_point"), _PEOPLE),
-            "announce_meals": _MEALS,
+            **dict.fromkeys(("announce_meals", "carb_error_pct", "carb_bias_pct", "start"), _MEALS),
         },
     ),
     Option(

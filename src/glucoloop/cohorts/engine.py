@@ -20,7 +20,8 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
-from glucoloop.meals import eaten
+from glucoloop.meals import Eaten, eaten
+from glucoloop.meals.counting import counted_g
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.metrics.summary import Metrics
@@ -140,6 +141,7 @@ def _prepare_cases(
         grid,
         fold,
         meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
+        own_announcements=trial.miscounts,
         own=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
         around=own_around,
         varied=own_around.of_people(around.values(), 1),
@@ -254,11 +256,30 @@ def _drawn(
     if trial.plan.meals:
         meals = draw_meals(trial.plan, trial.seed, person)
         first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
+    told = None if meals is None else announced_to(trial, meals, person)
     around = None if of_case.around is None else of_case.around(person.size)
     people = of_case.loop.people(
-        drawn, keys_of_people(trial.seed, person), around=around, meals=meals if trial.plan.varies else None
+        drawn,
+        keys_of_people(trial.seed, person),
+        around=around,
+        meals=meals if trial.plan.varies else None,
+        announced_g=told,
     )
     return people, drawn, first_meal_min
+
+
+def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:
+    """What is announced of the meals of some people, ``(meals, people)``; None: what they eat, or nothing."""
+    if not trial.miscounts:
+        return None
+    return counted_g(
+        np.asarray(meals.carbs_g),
+        trial.seed,
+        person,
+        error_pct=trial.carb_error_pct,
+        bias_pct=trial.carb_bias_pct,
+        meals_a_day=len(trial.plan.meals),
+    )
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

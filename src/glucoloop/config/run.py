@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from glucoloop.config.clock_text import parse_time_of_day
 from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.sentences import one_sentence
 from glucoloop.config.unusual import (
@@ -26,6 +27,7 @@ from glucoloop.config.unusual import (
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal, Scenario, meal_model_of
+from glucoloop.meals.counting import counted_meals
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.plausible import (
@@ -145,6 +147,12 @@ class SituationKeys(SurroundingKeys):
     """Keys that all controllers of a comparison share."""
 
     announce_meals: bool = False
+    carb_error_pct: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    """Standard deviation of what is announced of a meal, in percent of it."""
+    carb_bias_pct: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    """Mean error of what is announced, in percent."""
+    start: str | None = None
+    """Time of day at the start, like 07:00, or None if the controller is not told."""
     noise_bound_mg_dl: NoiseBound = 5.0
     site: str | None = None
     """Site of the sensor, or None for the site at which glucose is controlled."""
@@ -171,6 +179,34 @@ class SituationKeys(SurroundingKeys):
         """
         return whole_samples(self.dead_time_min, self.sample_time_min)
 
+    def eaten(self) -> tuple[Meal, ...]:
+        """Meals of the run, with what is announced of each where it is counted with an error."""
+        meals, errs = super().eaten(), self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0
+        if not errs:
+            return meals
+        return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
+
+    @property
+    def start_min(self) -> float | None:
+        """Time of day at the start, in minutes after midnight.
+
+        Raises
+        ------
+        ValueError
+            For a text that is none.
+        """
+        return None if self.start is None else parse_time_of_day(self.start)
+
+    def scenario(self, *, announced: bool = False) -> Scenario:
+        """Meals, length, target, start and time of day.
+
+        Raises
+        ------
+        ValueError
+            For meals, a length or a time of day that are not possible.
+        """
+        return dataclasses.replace(super().scenario(announced=announced), start_min=self.start_min)
+
     def situation(self) -> Situation:
         """Situation of an experiment from these keys.
 
@@ -182,6 +218,9 @@ class SituationKeys(SurroundingKeys):
         return dataclasses.replace(
             self.surroundings(),
             announced=self.announce_meals,
+            carb_error_pct=self.carb_error_pct,
+            carb_bias_pct=self.carb_bias_pct,
+            start_min=self.start_min,
             noise_bound_mg_dl=self.noise_bound_mg_dl,
             dead_time_samples=self.dead_time_samples,
             site=self.site,
@@ -303,6 +342,12 @@ def refuse_impossible(situation: SituationKeys) -> None:
     ValueError
         For either.
     """
+    miscounted = situation.carb_error_pct != 0.0 or situation.carb_bias_pct != 0.0
+    if miscounted and not situation.announce_meals:
+        raise ValueError(
+            "an error of counting carbohydrate concerns announced meals only; announce the meals (--announce-meals), "
+            "or leave the error and the bias out"
+        )
     meal_model_of(patient(situation.patient, situation.operating_point), situation.situation().gut)
     known = sites(patient(situation.patient, situation.operating_point))
     if situation.site is not None and situation.site not in known:

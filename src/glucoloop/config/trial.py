@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 
 from glucoloop.cohorts.trial import MOST_PEOPLE, Trial, usual_shard_people
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, refuse_idle, under_shared
+from glucoloop.config.clock_text import time_of_day_text
 from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.population import named_population, population_keys, read_population
@@ -46,6 +47,9 @@ SITUATION_KEYS: Final = (
     "setpoint_mg_dl",
     "meal_model",
     "announce_meals",
+    "carb_error_pct",
+    "carb_bias_pct",
+    "start",
     "sample_time_min",
     "noise_variance",
     "noise_bound_mg_dl",
@@ -182,6 +186,9 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         "meal_time_spread_min": plan.time_spread_min,
         "meal_model": trial.meal_model,
         "announce_meals": trial.announced,
+        "carb_error_pct": trial.carb_error_pct,
+        "carb_bias_pct": trial.carb_bias_pct,
+        "start": None if trial.start_min is None else time_of_day_text(trial.start_min),
         "noise_variance": trial.noise_variance,
         "noise_bound_mg_dl": trial.noise_bound_mg_dl,
         "dead_time_min": trial.dead_time_samples * trial.sample_time_min,

@@ -33,6 +33,10 @@ class Situation:
     """
     announced: bool = False
     """Whether the controller is told of meals when they begin."""
+    carb_error_pct: float = 0.0
+    """Standard deviation of what is announced of a meal, in percent of it; see `meals.counting`."""
+    carb_bias_pct: float = 0.0
+    """Mean error of what is announced, in percent."""
     start_min: float | None = None
     """Time of day at the start, in minutes after midnight, which the controller gets, or None if it gets none."""
     noise_variance: float = 0.0
@@ -48,6 +52,11 @@ class Situation:
     """Faults of sensor and pump, the first innermost; see `registry.fault_text`."""
     sample_time_min: float = 5.0
     seed: int = 0
+
+    @property
+    def miscounts(self) -> bool:
+        """Whether something else is announced than is eaten."""
+        return self.announced and (self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0)
 
     @property
     def whom(self) -> tuple[PatientEntry, str]:

@@ -18,7 +18,7 @@ from glucoloop.units import MIN_PER_DAY
 
 MOST_DAYS: Final = 366
 MOST_MEALS_A_DAY: Final = 100
-_DAY: Final = 1 << 16  # between the random numbers of one day and of the next
+DAY: Final = 1 << 16  # between the random numbers of one day and of the next
 
 
 @checked
@@ -162,7 +162,7 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     )
     for row in range(len(nominal)):
         day, which = divmod(row, len(plan.meals))
-        index = day * _DAY + which
+        index = day * DAY + which
         if plan.time_spread_min > 0.0:
             t_min[row] += plan.time_spread_min * (2.0 * uniforms(seed, "meal time", people, index) - 1.0)
         if plan.size_spread_pct > 0.0:

@@ -8,7 +8,7 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.cohorts.engine import PreparedTrial
+from glucoloop.cohorts.engine import PreparedTrial, announced_to
 from glucoloop.control import Status
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario
@@ -46,6 +46,8 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
     number = np.array([person], np.int64)
     drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
     meals = draw_meals(trial.plan, trial.seed, number)
+    counted = announced_to(trial, meals, number)
+    told = meals.carbs_g if counted is None else counted
     controller = of_case.controller
     if of_case.loop.own is not None:
         own = of_case.loop.own(drawn)
@@ -57,14 +59,15 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
         of_case.surroundings.pump,
         Scenario(
             [
-                Meal(float(carbs_g), float(t_min), float(eating_min))
-                for carbs_g, t_min, eating_min in zip(
-                    meals.carbs_g[:, 0], meals.t_min[:, 0], meals.eating_min[:, 0], strict=True
+                Meal(*map(float, of_meal))
+                for of_meal in zip(
+                    *(values[:, 0] for values in (meals.carbs_g, meals.t_min, meals.eating_min, told)), strict=True
                 )
             ],
             trial.plan.horizon_min,
             announced=trial.announced,
             meal_model=trial.gut,
+            start_min=trial.start_min,
         ),
         keys_of_people(trial.seed, number)[0],
     )
@@ -117,11 +120,22 @@ def _of_readings(trace: Trace, before: Any, known: Any) -> Iterator[str]:
         yield f"One reading was {abs(largest):.0f} mg/dl too {'high' if largest > 0.0 else 'low'}."
 
 
+def _insulin(trace: Trace) -> Iterator[Any]:
+    """All insulin that was asked for, delivered and reported at each sample, as rates: boluses count evenly."""
+    sample_time_min = trace.fine_t_min[-1] / trace.t_min.shape[0]
+    for rate, bolus in (
+        (trace.command_mU_min, trace.command_bolus_mU),
+        (trace.insulin_mU_min, trace.bolus_mU),
+        (trace.reported_mU_min, trace.reported_bolus_mU),
+    ):
+        yield rate if bolus is None else rate + bolus / sample_time_min
+
+
 def _of_pump(trace: Trace, so_far: Any, before: Any) -> Iterator[str]:
-    command, given = np.asarray(trace.command_mU_min), np.asarray(trace.insulin_mU_min)
+    command, given, said = (np.asarray(dose) for dose in _insulin(trace))
     lost = float((command - given)[so_far].sum() / max(command[so_far].sum(), 1.0))
     if lost > _LESS:
         yield f"Until then the pump had delivered {100.0 * lost:.0f} % less than it was told."
-    untold = float(np.nansum((np.asarray(trace.reported_mU_min) - given)[so_far]))
+    untold = float(np.nansum((said - given)[so_far]))
     if untold > _LESS * float(given[so_far].sum()):
         yield "It had not said so."

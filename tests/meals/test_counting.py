@@ -1,0 +1,80 @@
+"""Carbohydrate as it is counted: whose error it is, how large, and what reaches the controller of it."""
+
+import numpy as np
+import pytest
+
+from glucoloop.config import read_run
+from glucoloop.config.clock_text import parse_time_of_day, time_of_day_text
+from glucoloop.config.trial import read_trial, trial_keys
+from glucoloop.meals import Meal
+from glucoloop.meals.counting import counted_g, counted_meals
+from glucoloop.meals.plan import MealPlan, draw_meals
+
+PEOPLE = np.arange(4000)
+
+
+def counted(carbs_g, person=PEOPLE, seed=7, *, error_pct=30.0, bias_pct=0.0, meals_a_day=3):
+    eaten = np.repeat(np.asarray(carbs_g, float)[:, None], len(person), axis=1)
+    return counted_g(eaten, seed, person, error_pct=error_pct, bias_pct=bias_pct, meals_a_day=meals_a_day)
+
+
+def test_the_error_has_the_mean_and_the_deviation_that_are_asked_for():
+    told = counted([50.0, 80.0], bias_pct=-10.0) / np.array([[50.0], [80.0]])
+    np.testing.assert_allclose(told.mean(axis=1), 0.9, atol=4 * 0.3 / np.sqrt(4000))
+    np.testing.assert_allclose(told.std(axis=1), 0.3, atol=0.015)
+    assert abs(np.corrcoef(told)[0, 1]) < 0.06  # each meal has an error of its own
+
+
+def test_a_person_counts_the_same_whoever_else_is_drawn_and_however_many_days_follow():
+    some, days = counted([50.0, 60.0, 70.0], [17, 3]), counted([50.0, 60.0, 70.0] * 2, PEOPLE)
+    np.testing.assert_array_equal(some, days[:3, [17, 3]])
+    assert not np.array_equal(days[:3], days[3:])
+    assert not np.array_equal(some, counted([50.0, 60.0, 70.0], [17, 3], seed=8))
+
+
+def test_nothing_impossible_is_announced():
+    told = counted([900.0, 5.0], error_pct=100.0)
+    assert told.min() == 0.0
+    assert told.max() == 1000.0
+
+
+def test_a_bias_alone_is_exact():
+    np.testing.assert_allclose(counted([50.0], error_pct=0.0, bias_pct=20.0), 60.0, rtol=1e-14)
+
+
+def test_a_run_counts_as_person_0_of_a_trial_of_its_seed():
+    meals = [Meal(70.0, 360.0), Meal(50.0, 50.0)]
+    told = [meal.announced_g for meal in counted_meals(meals, 7, error_pct=30.0, bias_pct=0.0)]
+    of_trial = draw_meals(MealPlan(meals), 7, [0])
+    expected = counted_g(of_trial.carbs_g, 7, [0], error_pct=30.0, bias_pct=0.0, meals_a_day=2)[:, 0]
+    np.testing.assert_array_equal(told, expected)
+
+
+KEYS = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -5.0, "start": "07:30"}
+
+
+def test_a_run_and_a_trial_are_read_again_from_their_own_keys():
+    run = read_run(KEYS)
+    assert run.situation.scenario(announced=True).start_min == 450.0
+    assert run.situation.situation().miscounts
+    assert read_run(run.keys()) == run
+    trial = read_trial({**KEYS, "people": 3})
+    assert (trial.carb_error_pct, trial.carb_bias_pct, trial.start_min) == (30.0, -5.0, 450.0)
+    assert read_trial({k: v for k, v in trial_keys(trial).items() if k != "case" and v is not None}).start_min == 450.0
+
+
+@pytest.mark.parametrize("read", [read_run, read_trial])
+def test_an_error_of_what_is_not_announced_is_refused(read):
+    with pytest.raises(ValueError, match="announce the meals"):
+        read({"carb_error_pct": 30.0})
+
+
+@pytest.mark.parametrize("text", ["24:00", "7", "07:60", "7.30", "", "-1:00", "٠٧:٣٠"])
+def test_what_is_no_time_of_day_is_refused(text):
+    with pytest.raises(ValueError, match="no time of day"):
+        parse_time_of_day(text)
+
+
+def test_a_time_of_day_is_read_and_written():
+    assert parse_time_of_day(" 7:05 ") == 425.0
+    assert time_of_day_text(parse_time_of_day("23:59")) == "23:59"
