@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 from glucoloop.report import _style
-from glucoloop.studies.adversary import search_all
 from glucoloop.studies.adversary.keys import read_adversary
+from glucoloop.studies.adversary.outcome import search_all
 
 GUIDE = Path(__file__).resolve().parent / "guide"
 NAMES = {"mpc": "MPC", "mpc-se": "MPC/SE"}
