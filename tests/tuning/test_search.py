@@ -16,6 +16,8 @@ from glucoloop.control import (
     design_open_loop,
 )
 from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.situation import usual_situation
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
@@ -24,7 +26,7 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.tuning.designers import designer
 from glucoloop.tuning.grid import tuning_grid
-from glucoloop.tuning.paper import paper_tuning_rank, printed_tuning
+from glucoloop.tuning.paper import paper_tuning_surface, printed_tuning
 from glucoloop.tuning.search import _block, search
 from glucoloop.tuning.stacking import move_slots, padded, stack
 from glucoloop.tuning.surface import TuningSurface, tuning_text
@@ -32,6 +34,13 @@ from glucoloop.tuning.surface import TuningSurface, tuning_text
 PAPER = PARKER_1999["setpoint-81", False]
 Q = process_noise(patient(), *PAPER.noise)
 SHORT = Scenario(horizon_min=150.0)
+
+
+def design_of(name, model=None, **situation):
+    """Design of a usual case."""
+    made = dataclasses.replace(usual_situation(), **situation)
+    case = usual_case(name, made)
+    return designer(made, dataclasses.replace(case, known_dead_time=bool(situation)), model)
 
 
 def traces_agree(one, other):
@@ -92,7 +101,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
     seen = []
     surface = search(
         patient_81,
-        designer("mpc", patient_81, model=identified_81.model),
+        design_of("mpc", identified_81.model),
         grid,
         progress=lambda done, total: seen.append((done, total)),
     )
@@ -109,7 +118,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
 @pytest.mark.long
 def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_81, name, tuning):
     other = dataclasses.replace(tuning, reference_filter=0.3, prediction_horizon=9)
-    surface = search(patient_81, name, [tuning, other], scenario=SHORT)
+    surface = search(patient_81, design_of(name), [tuning, other], scenario=SHORT, name=name)
     if name == "mpc-se":
         controller = design_mpc_se(linear_model(patient_81), Q, tuning)
     else:
@@ -123,7 +132,7 @@ def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_
 def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, identified_81):
     seeds, sensor = (3, 4, 5), white_noise(1.45)
     grid = [MPCTuning(2, 10, 3.0, 1.0), MPCTuning(2, 12, 3.0, 1.0)]
-    design = designer("mpc", patient_81, model=identified_81.model)
+    design = design_of("mpc", identified_81.model)
     surface = search(patient_81, design, grid, sensor=sensor, quiet_sensor=None, seeds=seeds, scenario=SHORT)
     alone = [float(summarise(simulate(patient_81, design(grid[0]), sensor, None, SHORT, seed)).sse) for seed in seeds]
     assert surface.sse[0] == pytest.approx(np.median(alone), abs=1e-9)
@@ -131,7 +140,7 @@ def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, 
 
 
 def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
-    design = designer("mpc", patient_81, model=identified_81.model, dead_time_samples=2)
+    design = design_of("mpc", identified_81.model, dead_time_samples=2)
     told = design_linear_mpc(identified_81.model.delayed(2), MPCTuning(2, 10))
     np.testing.assert_array_equal(design(MPCTuning(2, 8)).gain, told.gain)
     for name, by_hand in (
@@ -139,7 +148,7 @@ def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
         ("nlqdmc-se", lambda: design_nlqdmc_se(nonlinear_model(patient_81), Q, PAPER.nlqdmc_se, dead_time_samples=2)),
     ):
         tuning = printed_tuning("setpoint-81", name)
-        ours = designer(name, patient_81, dead_time_samples=2)(tuning)
+        ours = design_of(name, dead_time_samples=2)(tuning)
         assert jax.tree.structure(ours) == jax.tree.structure(by_hand())
         for one, other in zip(jax.tree.leaves(ours), jax.tree.leaves(by_hand()), strict=True):
             np.testing.assert_array_equal(one, other)
@@ -147,7 +156,7 @@ def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
 
 def test_tuning_without_a_controller_is_left_out_and_told(patient_81, identified_81):
     flat = dataclasses.replace(identified_81.model, step_response=jnp.zeros(36).at[3:].set(-1.0))
-    design = designer("mpc", patient_81, model=flat)
+    design = design_of("mpc", flat)
     surface = search(patient_81, design, tuning_grid([1], [2, 5]), scenario=SHORT)
     assert surface.tunings == (MPCTuning(1, 5),)
     assert surface.refused[0][0] == MPCTuning(1, 2)
@@ -156,19 +165,19 @@ def test_tuning_without_a_controller_is_left_out_and_told(patient_81, identified
         search(patient_81, design, tuning_grid([1], [2]))
 
 
-def test_bad_searches(patient_81):
-    tuning = MPCTuning()
+def test_bad_searches(patient_81, identified_81):
+    tuning, design = MPCTuning(), design_of("mpc", identified_81.model)
     with pytest.raises(ValueError, match="the grid has no tuning"):
-        search(patient_81, "mpc", [])
+        search(patient_81, design, [])
     with pytest.raises(ValueError, match="no seeds"):
-        search(patient_81, "mpc", [tuning], seeds=[])
+        search(patient_81, design, [tuning], seeds=[])
     with pytest.raises(ValueError, match="too large"):
-        search(patient_81, "mpc", [tuning] * 101, seeds=range(2000))
+        search(patient_81, design, [tuning] * 101, seeds=range(2000))
     with pytest.raises(ValueError, match="'pid' cannot be tuned"):
-        search(patient_81, "pid", [tuning])
+        design_of("pid")
     with pytest.raises(ValueError, match="filtered reference"):
-        search(patient_81, "mpc-se", [tuning])
-    with pytest.raises(ValueError, match="the known ones are: fasting-81, nominal-22, setpoint-81"):
+        search(patient_81, design_of("mpc-se"), [tuning])
+    with pytest.raises(ValueError, match="unknown operating point 'elsewhere'"):
         printed_tuning("elsewhere", "mpc")
 
 
@@ -224,9 +233,10 @@ def test_columns_are_a_table():
 
 
 @pytest.mark.long
-def test_printed_tuning_of_linear_mpc_is_not_the_least_sum_of_squares(patient_81, identified_81):
+def test_printed_tuning_of_linear_mpc_is_not_the_least_sum_of_squares(identified_81):
     """More moves keep lowering the sum, and the printed tuning stands far from the best that does not ring."""
-    rank = paper_tuning_rank(patient_81, "setpoint-81", "mpc", model=identified_81.model)
+    surface = paper_tuning_surface("setpoint-81", "mpc", model=identified_81.model)
+    rank = surface.rank_of(printed_tuning("setpoint-81", "mpc"))
     assert rank.tuning == MPCTuning(2, 8)
     assert (rank.rank, rank.points) == (28, 40)
     assert rank.best.move_horizon == 4

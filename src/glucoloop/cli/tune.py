@@ -216,6 +216,7 @@ def _search(asked: _Asked) -> _Found:
     from glucoloop.cli import closed_loop
     from glucoloop.experiments.surroundings import pump_of, sensor_of
     from glucoloop.simulation import Adaptive, Exponential
+    from glucoloop.tuning.designers import designer
     from glucoloop.tuning.paper import usual_tuning
     from glucoloop.tuning.search import search
 
@@ -224,12 +225,12 @@ def _search(asked: _Asked) -> _Found:
     with stage("Identifying"):
         model = closed_loop.model_for(run, made)
 
-    def design(tuning: MPCTuning) -> Any:
-        settings = {**run.case.tuning, **dataclasses.asdict(tuning)}
-        settings = {key: value for key, value in settings.items() if key in run.case.tuning}
-        tuned = dataclasses.replace(run, case=run.case.model_copy(update={"tuning": settings}))
-        return closed_loop.controller_for(tuned, made, model)
-
+    design = designer(
+        made,
+        run.case.case(),
+        None if model is None else model.step_response_model(),
+        model_is_late=model is not None and bool(model.provenance.dead_time_min),
+    )
     printed = usual_tuning(made, run.case.controller)
     called = "printed" if made.patient == USUAL_PATIENT.name else "usual"
     grid = [*asked.grid] if printed in asked.grid else [*asked.grid, printed]

@@ -11,7 +11,7 @@ from glucoloop.config.meal_text import meal_text
 from glucoloop.config.run import SurroundingKeys, ask_about_surroundings, checked, of_patient
 from glucoloop.config.run import whole_samples as whole_dead_time
 from glucoloop.plausible import DURATION
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import refuse_unknown_keys
 
 _MOST_KNOWN: Final = 20
 
@@ -50,9 +50,7 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
         For an unknown key, a value of the wrong type or out of bounds, or nothing asked for.
     """
     known = list(BoundConfig.model_fields)
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
+    refuse_unknown_keys(keys, known)
     asked = checked(BoundConfig, of_patient(keys), names)
     if not asked.allow_unusual:
         ask_about_surroundings(asked, asked.eaten(), names)

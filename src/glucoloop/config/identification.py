@@ -27,7 +27,7 @@ from glucoloop.config.run import (
 from glucoloop.config.unusual import ask_about
 from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import refuse_unknown_keys
 
 EXPERIMENT_KEYS: Final = (
     "patient",
@@ -90,9 +90,7 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
         For an unknown key, a value of the wrong type or out of bounds, or keys that exclude one another.
     """
     known = IdentificationConfig.model_fields
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
+    refuse_unknown_keys(keys, known)
     called = {key: (names or {}).get(key, key) for key in keys}
     if "data" in keys:
         for key in called.keys() & set(EXPERIMENT_KEYS):

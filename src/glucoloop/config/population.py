@@ -14,7 +14,7 @@ from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
 from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import known_names, refuse_unknown_keys
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
@@ -61,9 +61,7 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
         For an unknown key, a value of the wrong type or out of bounds, or a table that can make a person who cannot be.
     """
     known = (*_Named.model_fields, VARY_KEY)
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r} of a population; {known_names(key, known)}")
+    refuse_unknown_keys(keys, known, " of a population")
     named = checked(_Named, {key: value for key, value in keys.items() if key != VARY_KEY})
     if not is_printable(named.name or name):
         raise ValueError(

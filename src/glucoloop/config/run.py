@@ -48,7 +48,7 @@ from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import START
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.settings import Value, known_names
+from glucoloop.registry.settings import Value, refuse_unknown_keys
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 LONGEST_RUN_MIN: Final = 366 * 1440.0
@@ -300,7 +300,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
         For an unknown key, or a value of the wrong type or out of bounds.
     """
     refuse_unknown(keys)
-    situation = checked(SituationKeys, _only(of_patient(keys), SituationKeys), names)
+    situation = checked(SituationKeys, only(of_patient(keys), SituationKeys), names)
     if not situation.allow_unusual:
         ask_about_surroundings(situation, situation.eaten(), names)
         ask_about_clock(situation.meals, situation.duration_min)
@@ -377,7 +377,7 @@ def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], na
 
 def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
     """Read a case from flat keys, completed for its situation."""
-    own = _only(keys, CaseKeys)
+    own = only(keys, CaseKeys)
     controller = str(own.get("controller", "mpc"))
     _refuse_reserved(catalogue.controller_entry(controller))
     known = catalogue.setting_names(controller)
@@ -533,9 +533,7 @@ def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
 def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> None:
     """Refuse a key that belongs neither to a situation, a case nor a controller of this package or of the cases."""
     known = run_keys(*controllers_of(keys, cases))
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
+    refuse_unknown_keys(keys, known)
 
 
 def run_keys(*controllers: str) -> list[str]:
@@ -575,5 +573,6 @@ def checked(record: type[Record], keys: Mapping[str, object], names: Mapping[str
         raise ValueError(one_sentence(error, record, names)) from None
 
 
-def _only(keys: Mapping[str, object], record: type[BaseModel]) -> dict[str, object]:
+def only(keys: Mapping[str, object], record: type[BaseModel]) -> dict[str, object]:
+    """Keys of a record among others."""
     return {key: value for key, value in keys.items() if key in record.model_fields}

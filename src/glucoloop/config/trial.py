@@ -24,6 +24,7 @@ from glucoloop.config.run import (
     controllers_of,
     faults_told,
     of_patient,
+    only,
     overlay,
     read_case,
     refuse_impossible,
@@ -34,7 +35,7 @@ from glucoloop.meals.plan import MOST_DAYS, MealPlan
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.printable import is_printable
 from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import known_names, refuse_unknown_keys
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.units import MIN_PER_DAY
@@ -116,7 +117,7 @@ def read_trial(
     called = {key: (names or {}).get(key, key) for key in keys}
     if all(key in keys for key in _LENGTHS):
         raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
-    own = checked(TrialKeys, {key: keys[key] for key in TrialKeys.model_fields if key in keys}, names)
+    own = checked(TrialKeys, only(keys, TrialKeys), names)
     situation = checked(SituationKeys, of_patient({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
@@ -232,9 +233,7 @@ def _own_case_keys(controllers: Sequence[str]) -> list[str]:
 
 def _refuse_unknown(keys: Mapping[str, object], controllers: Sequence[str]) -> None:
     known = [*trial_key_names(), *(key for key in _own_case_keys(controllers) if key != "controller")]
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r} of a trial; {known_names(key, known)}")
+    refuse_unknown_keys(keys, known, " of a trial")
 
 
 def _population(told: object, name: str, patient: str) -> Population:

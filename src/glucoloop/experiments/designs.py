@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import jax
@@ -60,10 +61,19 @@ class DesignCase:
 
     def linearised(self) -> LinearModel:
         """The patient linearised at the operating point."""
-        return linear_model(self.patient, sample_time_min=self.sample_time_min)
+        return self._linear
 
     def nonlinear(self) -> FedModel:
         """The equations of the patient."""
+        return self._nonlinear
+
+    # Kept, since a search designs many controllers on the same models.
+    @functools.cached_property
+    def _linear(self) -> LinearModel:
+        return linear_model(self.patient, sample_time_min=self.sample_time_min)
+
+    @functools.cached_property
+    def _nonlinear(self) -> FedModel:
         return nonlinear_model(self.patient, sample_time_min=self.sample_time_min)
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
@@ -88,7 +98,19 @@ def controller_of(
     *,
     model_is_late: bool = False,
 ) -> Controller:
-    """Design the controller of a case.
+    """Design the controller of a case; see `design_of` for parameters and errors."""
+    return design_of(situation, case, patient, model, model_is_late=model_is_late)(case.tuning)
+
+
+def design_of(
+    situation: Situation,
+    case: Case,
+    patient: Patient | None = None,
+    model: StepResponseModel | None = None,
+    *,
+    model_is_late: bool = False,
+) -> Callable[[Mapping[str, Value]], Controller]:
+    """Make the design of a case for any settings of its controller, on models that are made once.
 
     Parameters
     ----------
@@ -119,9 +141,13 @@ def controller_of(
         noise_variance=situation.noise_variance,
         dead_time_samples=known_samples,
     )
-    settings = entry.values(case.tuning)
-    controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
-    return with_guard(controller, case.guard, situation.limits)
+
+    def designed(tuning: Mapping[str, Value]) -> Controller:
+        settings = entry.values(tuning)
+        controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
+        return with_guard(controller, case.guard, situation.limits)
+
+    return designed
 
 
 def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:

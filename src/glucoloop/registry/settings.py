@@ -218,6 +218,14 @@ def _check_bounds(record: Any) -> None:
             raise ValueError(f"{article}{words} of {value:g}{unit} {verb} not possible; give {about.possible(kind)}")
 
 
+def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "") -> None:
+    """Raise ValueError for the first key that is not known; ``of`` says of what: ``" of a trial"``."""
+    names = list(known)
+    for key in keys:
+        if key not in names:
+            raise ValueError(f"unknown key {key!r}{of}; {known_names(key, names)}")
+
+
 def known_names(unknown: str, known: Iterable[str]) -> str:
     """Text about known names after an unknown one: the most similar one, and the others unless they are many."""
     names = list(known)

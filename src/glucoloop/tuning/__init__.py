@@ -1,1 +1,5 @@
-"""Tuning searches: every tuning of a grid in the loop, and the acceptable ones among them."""
+"""Searches for tunings: every combination of a grid in one batch, and samplers that propose points round by round.
+
+`search` tries a grid. `samplers` draws by chance or asks Optuna, and `evolution` is CMA-ES; both are asked for points
+and told of their results by turns, so that a study can resume.
+"""

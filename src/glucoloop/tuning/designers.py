@@ -1,131 +1,52 @@
-"""Designs of controllers in which only the tuning is left open."""
+"""Design of a controller from its tuning alone: the situation, the models and all other settings are given."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
-from glucoloop.control import (
-    MPCSE,
-    Controller,
-    MPCTuning,
-    StateTuning,
-    design_linear_mpc,
-    design_mpc_se,
-    design_nlqdmc_se,
-)
-from glucoloop.control.parker1999 import MEASUREMENT_VARIANCE, PARKER_1999
+from glucoloop.control import Controller, MPCTuning, StateTuning
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.designs import design_of
+from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients import Patient
-from glucoloop.patients.capabilities import process_noise as noise_of_states
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.registry.controllers import TUNABLE, controller_entry
-from glucoloop.simulation import identify, linear_model, nonlinear_model
 
 Designer = Callable[[MPCTuning], Controller]
-"""Function from a tuning to a controller."""
+"""Function that makes the controller of a tuning."""
 
 
-def uses_reference_filter(controller: str) -> bool:
-    """Whether phi_r is among the tuned parameters.
+def kind_of_tuning(controller: str) -> type[MPCTuning]:
+    """Kind of the tunings of a controller: `StateTuning` if it has a reference filter.
 
     Raises
     ------
     ValueError
-        For a controller that is not known here.
+        For a controller that cannot be tuned.
     """
-    if not controller_entry(controller).tunable:
+    entry = controller_entry(controller)
+    if not entry.tunable:
         raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
-    return any(setting.name == "reference_filter" for setting in controller_entry(controller).settings)
+    return StateTuning if any(setting.name == "reference_filter" for setting in entry.settings) else MPCTuning
 
 
 def designer(
-    controller: str,
-    patient: Patient,
-    *,
-    model: StepResponseModel | None = None,
-    process_noise: ArrayLike | None = None,
-    measurement_variance: float = MEASUREMENT_VARIANCE,
-    limits: DoseLimits = PARKER_1999_LIMITS,
-    sample_time_min: float = 5.0,
-    dead_time_samples: int = 0,
+    situation: Situation, case: Case, model: StepResponseModel | None = None, *, model_is_late: bool = False
 ) -> Designer:
-    """Make a design that is a function of the tuning alone.
-
-    Parameters
-    ----------
-    controller : {"mpc", "mpc-se", "nlqdmc-se"}
-    patient : Patient
-        Patient whose linearised or nonlinear model the controllers with state estimation use.
-    model : StepResponseModel, optional
-        Model of linear MPC, without the dead time; by default one is identified from a noise-free record.
-    process_noise : (n,) or (n, n) array, optional
-        Q of the controllers with state estimation; by default the reading of the paper at setpoint-81 without noise.
-    measurement_variance : float
-        R of the controllers with state estimation, (mg/dl)^2.
-    limits : DoseLimits
-    sample_time_min : float
-    dead_time_samples : int
-        Dead time that the controller knows of; its horizon grows by as much.
+    """Make the design of a tuning in a situation; parameters as for `experiments.designs.design_of`.
 
     Raises
     ------
     ValueError
-        For an unknown controller.
+        For a controller that cannot be tuned, or a design that is not possible.
     """
-    if not uses_reference_filter(controller):
-        told = identify(patient, sample_time_min=sample_time_min).model if model is None else model
-        told = told.delayed(dead_time_samples)
+    kind = kind_of_tuning(case.controller)
+    design = design_of(situation, case, model=model, model_is_late=model_is_late)
 
-        def linear(tuning: MPCTuning) -> Controller:
-            longer = tuning.prediction_horizon + dead_time_samples
-            return design_linear_mpc(told, dataclasses.replace(tuning, prediction_horizon=longer), limits)
+    def tuned(tuning: MPCTuning) -> Controller:
+        if not isinstance(tuning, kind):
+            raise ValueError("the controller follows a filtered reference; give the grid reference filters")
+        own = {name: value for name, value in dataclasses.asdict(tuning).items() if name in case.tuning}
+        return design({**case.tuning, **own})
 
-        return linear
-    if process_noise is None:
-        process_noise = noise_of_states(patient, *PARKER_1999["setpoint-81", False].noise)
-    if controller == "nlqdmc-se":
-        nonlinear = nonlinear_model(patient, sample_time_min=sample_time_min)
-
-        def nlqdmc(tuning: MPCTuning) -> Controller:
-            return design_nlqdmc_se(
-                nonlinear,
-                process_noise,
-                _with_reference(tuning),
-                limits,
-                measurement_variance=measurement_variance,
-                dead_time_samples=dead_time_samples,
-            )
-
-        return nlqdmc
-    linearised = linear_model(patient, sample_time_min=sample_time_min)
-
-    @functools.cache
-    def unfiltered(tuning: StateTuning) -> MPCSE:
-        return design_mpc_se(
-            linearised,
-            process_noise,
-            tuning,
-            limits,
-            measurement_variance=measurement_variance,
-            dead_time_samples=dead_time_samples,
-        )
-
-    def mpc_se(tuning: MPCTuning) -> Controller:
-        tuning = _with_reference(tuning)
-        # The filter shapes the reference alone: a grid of filters needs one design.
-        base = unfiltered(dataclasses.replace(tuning, reference_filter=0.0))
-        longer = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
-        return dataclasses.replace(base, reference=jnp.asarray(longer.reference()))
-
-    return mpc_se
-
-
-def _with_reference(tuning: MPCTuning) -> StateTuning:
-    if not isinstance(tuning, StateTuning):
-        raise ValueError("the controller follows a filtered reference; give the grid reference filters")
-    return tuning
+    return tuned

@@ -10,17 +10,14 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, Final
 
-from glucoloop.control import MPCTuning, StateTuning
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control import MPCTuning
 from glucoloop.experiments.case import usual_case
-from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients import Patient
-from glucoloop.patients.capabilities import process_noise
-from glucoloop.tuning.designers import designer, uses_reference_filter
+from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.tuning.search import Progress, search
-from glucoloop.tuning.surface import TuningRank, TuningSurface
+from glucoloop.tuning.surface import TuningSurface
 
 MOVE_HORIZONS: Final = range(1, 5)
 PREDICTION_HORIZONS: Final = range(1, 15)
@@ -30,37 +27,35 @@ hundred times as long.
 """
 
 
-def printed_tuning(operating_point: str, controller: str, *, noisy: bool = False) -> MPCTuning:
-    """The tuning that the paper prints for one of its controllers.
-
-    Raises
-    ------
-    ValueError
-        For an unknown controller or operating point.
-    """
-    uses_reference_filter(controller)
-    if (operating_point, noisy) not in PARKER_1999:
-        known = ", ".join(sorted({point for point, _ in PARKER_1999}))
-        raise ValueError(f"the paper's tunings are not known at {operating_point!r}; the known ones are: {known}")
-    paper = PARKER_1999[operating_point, noisy]
-    return {"mpc": paper.mpc, "mpc-se": paper.mpc_se, "nlqdmc-se": paper.nlqdmc_se}[controller]
-
-
 def usual_tuning(situation: Situation, controller: str) -> MPCTuning:
-    """The tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one.
+    """Tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one.
 
     Raises
     ------
     ValueError
         For a controller that cannot be tuned.
     """
-    kind = StateTuning if uses_reference_filter(controller) else MPCTuning
+    kind = kind_of_tuning(controller)
     settings: Mapping[str, Any] = usual_case(controller, situation).tuning
     return kind(**{field.name: settings[field.name] for field in dataclasses.fields(kind)})
 
 
+def printed_tuning(operating_point: str, controller: str) -> MPCTuning:
+    """Tuning that the paper prints for one of its controllers, without noise.
+
+    Raises
+    ------
+    ValueError
+        For an unknown controller or operating point.
+    """
+    return usual_tuning(_situation(operating_point), controller)
+
+
+def _situation(operating_point: str) -> Situation:
+    return dataclasses.replace(usual_situation(), operating_point=operating_point)
+
+
 def paper_tuning_surface(
-    patient: Patient,
     operating_point: str,
     controller: str,
     *,
@@ -71,38 +66,23 @@ def paper_tuning_surface(
 
     Parameters
     ----------
-    patient : Patient
     operating_point : {"setpoint-81", "nominal-22", "fasting-81"}
     controller : {"mpc", "mpc-se", "nlqdmc-se"}
     model : StepResponseModel, optional
         Model of linear MPC; identified from a noise-free record by default.
     progress : callable, optional
-        Callback as in `search`.
+        As in `search`.
     """
-    printed = printed_tuning(operating_point, controller)
-    filters = parse_numbers(REFERENCE_FILTERS[controller]) if uses_reference_filter(controller) else None
+    situation, printed = _situation(operating_point), printed_tuning(operating_point, controller)
+    filters = REFERENCE_FILTERS.get(controller)
     grid = tuning_grid(
         MOVE_HORIZONS,
         PREDICTION_HORIZONS,
         output_weights=[printed.output_weight],
         move_weights=[printed.move_weight],
-        reference_filters=filters,
+        reference_filters=None if filters is None else parse_numbers(filters),
         reference_start=getattr(printed, "reference_start", 1),
     )
-    noise = process_noise(patient, *PARKER_1999[operating_point, False].noise)
-    design = designer(controller, patient, model=model, process_noise=noise)
+    design = designer(situation, usual_case(controller, situation), model)
     points = grid if printed in grid else [*grid, printed]
-    return search(patient, design, points, name=controller, progress=progress)
-
-
-def paper_tuning_rank(
-    patient: Patient,
-    operating_point: str,
-    controller: str,
-    *,
-    model: StepResponseModel | None = None,
-    progress: Progress | None = None,
-) -> TuningRank:
-    """Rank and sum of squared errors of the printed tuning on that surface; arguments as there."""
-    surface = paper_tuning_surface(patient, operating_point, controller, model=model, progress=progress)
-    return surface.rank_of(printed_tuning(operating_point, controller))
+    return search(situation.nominal, design, points, name=controller, progress=progress)

@@ -25,7 +25,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation import simulate
 from glucoloop.simulation.plant import Integrator
-from glucoloop.tuning.designers import Designer, designer
+from glucoloop.tuning.designers import Designer
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.stacking import horizons, move_slots, padded, stack
 from glucoloop.tuning.surface import TuningSurface
@@ -59,7 +59,7 @@ class _Scores:
 
 def search(
     patient: Patient,
-    controller: str | Designer,
+    design: Designer,
     grid: Sequence[MPCTuning],
     *,
     scenario: Scenario | None = None,
@@ -69,7 +69,7 @@ def search(
     pump: Pump | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     integrator: Integrator | None = None,
-    name: str | None = None,
+    name: str = "controller",
     progress: Progress | None = None,
 ) -> TuningSurface:
     """Simulate the loop with every tuning of a grid, as one batch, and score each.
@@ -77,8 +77,8 @@ def search(
     Parameters
     ----------
     patient : Patient
-    controller : {"mpc", "mpc-se", "nlqdmc-se"} or callable
-        A controller by name, designed as `designer` does by default, or a design of one's own.
+    design : callable
+        Function that makes the controller of a tuning, see `designer`.
     grid : sequence of MPCTuning
         Tunings, see `tuning_grid`.
     scenario : Scenario, optional
@@ -93,7 +93,7 @@ def search(
     pump : Pump, optional
         Pump; by default one with `limits`.
     limits : DoseLimits
-        Limits of the constraints (17) and (18), and of controllers by name.
+        Limits of the constraints (17) and (18).
     integrator : Integrator, optional
         Argument of `simulate`.
     name : str, optional
@@ -108,7 +108,7 @@ def search(
     Raises
     ------
     ValueError
-        For a grid or seeds that are empty or too many, an unknown controller, or a grid of which the design refuses
+        For a grid or seeds that are empty or too many, or a grid of which the design refuses
         every tuning; a single refused tuning is left out and listed in `TuningSurface.refused`.
     """
     if not grid:
@@ -120,7 +120,6 @@ def search(
             f"a grid of {len(grid)} tunings under {len(seeds)} seeds is too large; "
             f"give up to {MOST_POINTS} tunings and {MOST_RUNS} runs"
         )
-    design = designer(controller, patient, limits=limits) if isinstance(controller, str) else controller
     designed, refused = _designed(design, grid)
     grid = list(designed)
     controllers = list(designed.values())
@@ -152,7 +151,7 @@ def search(
     scores = runs(IdealSensor() if sensor is None else sensor, seeds, 0, total)
     quiet = runs(quiet_sensor, [0], len(grid) * len(seeds), total) if quiet_sensor is not None else scores
     return TuningSurface(
-        controller=name or (controller if isinstance(controller, str) else "controller"),
+        controller=name,
         tunings=tuple(grid),
         refused=refused,
         seeds=len(seeds),

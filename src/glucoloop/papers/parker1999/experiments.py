@@ -214,12 +214,10 @@ def _without_noise(person: SemilinearPatient, operating_point: str, noise_free: 
     return loops
 
 
-def _searches(
-    person: SemilinearPatient, operating_point: str, noise_free: Identification, progress: Progress
-) -> dict[str, TuningSurface]:
+def _searches(operating_point: str, noise_free: Identification, progress: Progress) -> dict[str, TuningSurface]:
     surfaces = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se"):
-        surfaces[name] = paper_tuning_surface(person, operating_point, name, model=noise_free.model)
+        surfaces[name] = paper_tuning_surface(operating_point, name, model=noise_free.model)
         progress(f"{operating_point}: tunings of {name} searched")
     return surfaces
 
@@ -298,5 +296,5 @@ def study(
         without_noise=without_noise,
         with_noise=with_noise,
         identified_anew=identified_anew,
-        tuning=_searches(person, operating_point, noise_free(), progress) if wanted.tunings else {},
+        tuning=_searches(operating_point, noise_free(), progress) if wanted.tunings else {},
     )

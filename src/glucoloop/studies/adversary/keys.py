@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, Field
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.run import STRICT, Seed, checked, whole_samples
+from glucoloop.config.run import STRICT, Seed, checked, only, whole_samples
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.settings import Value
 from glucoloop.studies.adversary.outcome import ErrorSearch
@@ -125,7 +125,7 @@ def read_adversary(
     ValueError
         For a key that is unknown, wrong or at odds with another.
     """
-    own = checked(AdversaryKeys, {key: keys[key] for key in AdversaryKeys.model_fields if key in keys}, names)
+    own = checked(AdversaryKeys, only(keys, AdversaryKeys), names)
     if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
         told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
         called = (names or {}).get("errors_pct", "errors_pct")

@@ -53,6 +53,10 @@ class ErrorSpace:
         """Number of coordinates of a point."""
         return self.pieces + self.stretches
 
+    def centre(self, rng: np.random.Generator) -> Array:
+        """Point ``(dimension,)`` without any error, with the stuck stretches anywhere."""
+        return np.concatenate([np.zeros(self.pieces), rng.uniform(-1.0, 1.0, self.stretches)])
+
     def points_of(self, smaller: ErrorSpace, points: Array) -> Array:
         """Points ``(..., dimension)`` of this space for those of one with smaller errors: the same sequences.
 

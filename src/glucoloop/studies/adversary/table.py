@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.units import MIN_PER_H
-
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -59,9 +57,3 @@ def adversary_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 _OTHERS: Final = ("random_lowest", "lowest_without_errors", "peak_without_errors")
-
-
-def hours_told(t_min: float) -> str:
-    """Text of a time of the run: ``"2 h 05"``."""
-    whole = round(t_min)
-    return f"{whole // round(MIN_PER_H)} h {whole % round(MIN_PER_H):02d}"

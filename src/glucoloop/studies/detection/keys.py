@@ -7,12 +7,12 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, Field
 
-from glucoloop.config.run import STRICT, checked, controllers_of
+from glucoloop.config.run import STRICT, checked, controllers_of, only
 from glucoloop.config.trial import SITUATION_KEYS, overlay_trial, read_trial, trial_keys
 from glucoloop.meals.plan import MOST_DAYS
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.controllers import ESTIMATING
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import refuse_unknown_keys
 from glucoloop.studies.detection.detection import ESTIMATORS, Detection, check_estimators
 
 USUAL: Final[Mapping[str, Any]] = {
@@ -81,7 +81,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
         For a key that is unknown, wrong or at odds with another.
     """
     _refuse_unknown(keys, names)
-    own = checked(_Own, {key: keys[key] for key in _Own.model_fields if key in keys}, names)
+    own = checked(_Own, only(keys, _Own), names)
     of_trial = {key: keys[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in keys}
     check_estimators(own.estimators, (names or {}).get("estimators", "estimators"))
     settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
@@ -119,6 +119,4 @@ def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None)
     if NO_SITUATION in keys:
         called = (names or {}).get(NO_SITUATION, NO_SITUATION)
         raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r} of a test of estimators; {known_names(key, known)}")
+    refuse_unknown_keys(keys, known, " of a test of estimators")

@@ -8,13 +8,13 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, Field
 
-from glucoloop.config.run import LARGEST_SEED, STRICT, Run, checked, read_run
+from glucoloop.config.run import LARGEST_SEED, STRICT, Run, checked, only, read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.config.unusual import ALLOW_UNUSUAL
 from glucoloop.experiments.case import Case
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.ranges import Tuned, parse_range
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import known_names, refuse_unknown_keys
 from glucoloop.studies.robust.front import BOTH
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.search import Group, Search
@@ -130,11 +130,9 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
         For a key that is unknown, wrong or at odds with another.
     """
     known, called = robust_key_names(), {key: (names or {}).get(key, key) for key in keys}
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r} of a search; {known_names(key, known)}")
-    own = checked(RobustKeys, {key: keys[key] for key in RobustKeys.model_fields if key in keys}, names)
-    far = checked(HowFar, {key: keys[key] for key in HowFar.model_fields if key in keys}, names)
+    refuse_unknown_keys(keys, known, " of a search")
+    own = checked(RobustKeys, only(keys, RobustKeys), names)
+    far = checked(HowFar, only(keys, HowFar), names)
     if len(own.objectives) != 2:
         raise ValueError(
             f"{called['objectives']} is {', '.join(own.objectives)}; give two objectives, and others as bounds"

@@ -7,7 +7,6 @@ tuning.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -21,12 +20,11 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.case import Case
-from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.designs import design_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.registry.ranges import Tuned
-from glucoloop.registry.settings import Value
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.robust.objectives import METRICS
 from glucoloop.studies.robust.subjects import Subjects
@@ -59,7 +57,7 @@ class TuningLoop:
     """
 
     def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
-        self._trial, self._case = trial, case
+        self._case, self._design_of = case, design_of(trial, case)
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
         setpoint = trial.target_mg_dl
         self._fold = RunningMetrics(
@@ -173,9 +171,7 @@ class TuningLoop:
             return None
 
     def _design(self, tuning: Tuning) -> Controller:
-        settings: dict[str, Value] = {**self._case.tuning, **tuning}
-        case = dataclasses.replace(self._case, tuning=settings)
-        return controller_of(self._trial, case)
+        return self._design_of({**self._case.tuning, **tuning})
 
 
 def _length(parts: Sequence[Mapping[str, Array]]) -> int:

@@ -1,0 +1,130 @@
+"""Sampler of points by the covariance matrix adaptation evolution strategy, from several starts side by side.
+
+Each start is a search of its own with a small population. One without progress for many generations begins again
+elsewhere. The points depend only on the seed and on the scores that were told, so an interrupted search resumes by
+telling them again.
+
+References
+----------
+N. Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772; the library is `cmaes`: M. Nomura, M. Shibata,
+"cmaes: a simple yet practical Python library for CMA-ES", arXiv:2402.01373.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._extras import needed_for
+
+Array = npt.NDArray[Any]
+
+_FIRST_STEP: Final = 0.5
+"""Standard deviation of the first generation, of a range from -1 to 1."""
+_STEP_FROM_KNOWN: Final = 0.1
+"""Standard deviation of the first generation of the start that continues from a known point."""
+_PATIENCE: Final = 60
+"""Number of generations without a higher score, by `_MORE`, after which a start begins again."""
+_MORE: Final = 1e-3
+
+
+class Evolution:
+    """Points of the greatest score, asked for a generation at a time.
+
+    Parameters
+    ----------
+    centre : callable
+        Function that draws the point around which a start begins, from -1 to 1 in each coordinate.
+    starts : int
+        Number of searches side by side.
+    population : int
+        Number of points in a generation of each start.
+    seed : int
+    known : (dimension,) array, optional
+        A point that is tried first, and from which the first start continues.
+
+    Raises
+    ------
+    ValueError
+        If the search library is not installed.
+    """
+
+    def __init__(
+        self,
+        centre: Callable[[np.random.Generator], Array],
+        *,
+        starts: int,
+        population: int,
+        seed: int,
+        known: Array | None = None,
+    ) -> None:
+        self._starts = [
+            _Start(centre, population, (seed, number), known if number == 0 else None) for number in range(starts)
+        ]
+
+    def ask(self) -> Array:
+        """Points of the next generation, ``(starts * population, dimension)``."""
+        return np.concatenate([start.ask() for start in self._starts])
+
+    def tell(self, score: Array) -> None:
+        """Take the score of each point that was asked for last; what is not a number counts as the least."""
+        for start, told in zip(self._starts, np.split(score, len(self._starts)), strict=True):
+            start.tell(told)
+
+
+class _Start:
+    """One of the searches."""
+
+    def __init__(
+        self,
+        centre: Callable[[np.random.Generator], Array],
+        population: int,
+        identity: tuple[int, int],
+        known: Array | None,
+    ) -> None:
+        self._centre, self._population, self._identity, self._known = centre, population, identity, known
+        self._begun, self._most, self._waited = 0, -np.inf, 0
+        self._search = self._anew()
+        self._asked = np.zeros((0, 0))
+
+    def ask(self) -> Array:
+        """Points of the next generation, ``(population, dimension)``."""
+        self._asked = np.array([self._search.ask() for _ in range(self._population)])
+        if self._known is not None:
+            self._asked[0], self._known = self._known, None
+        return self._asked
+
+    def tell(self, score: Array) -> None:
+        """Take the scores, and begin again if there was no progress for long."""
+        # the library orders numbers alone
+        told = np.where(np.isfinite(score), score, np.finfo(float).min)
+        self._search.tell([(point, -float(of)) for point, of in zip(self._asked, told, strict=True)])
+        most = float(score.max())
+        if most > self._most + _MORE:
+            self._most, self._waited = most, 0
+        else:
+            self._waited += 1
+        if self._waited > _PATIENCE or self._search.should_stop():
+            self._search = self._anew()
+
+    def _anew(self) -> Any:
+        """A search around a centre, or at first around the known point."""
+        entropy = np.random.SeedSequence([*self._identity, self._begun])
+        self._begun, self._most, self._waited = self._begun + 1, -np.inf, 0
+        stream, of_search = entropy.spawn(2)
+        centre, known = self._centre(np.random.default_rng(stream)), self._known
+        return _import().CMA(
+            mean=centre if known is None else known,
+            sigma=_FIRST_STEP if known is None else _STEP_FROM_KNOWN,
+            population_size=self._population,
+            seed=int(of_search.generate_state(1)[0]),
+        )
+
+
+def _import() -> Any:
+    with needed_for("the search for the worst errors"):
+        import cmaes
+    return cmaes
