@@ -30,14 +30,18 @@ MINUTES = 150.0
 def _designed_at_once():
     """The least controller with a number to tune in place of one whose design takes seconds."""
 
-    def design(trial, case):
-        del trial
-        if case.tuning["filter_min"] <= 0.0:
-            raise ValueError("a filter of no length is not possible")
-        return proportional(case.tuning["filter_min"])
+    def design_of(trial, case):
+        del trial, case
+
+        def design(tuning):
+            if tuning["filter_min"] <= 0.0:
+                raise ValueError("a filter of no length is not possible")
+            return proportional(tuning["filter_min"])
+
+        return design
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("glucoloop.studies.robust.loop.controller_of", design)
+        patch.setattr("glucoloop.studies.robust.loop.design_of", design_of)
         yield
 
 
