@@ -16,7 +16,7 @@ from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.episodes import once
 from glucoloop.experiments.assemble import PeopleLoop
-from glucoloop.experiments.chance import keys_of_people
+from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics import summarise

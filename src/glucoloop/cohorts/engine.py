@@ -269,7 +269,7 @@ def _drawn(
 
 
 def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:
-    """What is announced of the meals of some people, ``(meals, people)``; None: what they eat, or nothing."""
+    """Announced carbohydrate of people's meals, ``(meals, people)``; None if it does not differ from the true one."""
     if not trial.miscounts:
         return None
     return counted_g(

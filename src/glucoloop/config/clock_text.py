@@ -1,4 +1,4 @@
-"""The time of day as text, like 07:30."""
+"""Text of a time of day, like 07:30."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 
 def parse_time_of_day(text: str) -> float:
-    """Minutes after midnight of a text like 07:30.
+    """Minutes after midnight from a text like 07:30.
 
     Raises
     ------
     ValueError
-        For what is no time of day.
+        For a text that is not a time of day.
     """
     found = re.fullmatch(r"([0-9]{1,2}):([0-5][0-9])", text.strip())
     minutes = float("nan") if found is None else int(found[1]) * MIN_PER_H + int(found[2])

@@ -148,11 +148,11 @@ class SituationKeys(SurroundingKeys):
 
     announce_meals: bool = False
     carb_error_pct: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    """Standard deviation of what is announced of a meal, in percent of it."""
+    """Standard deviation of the announced carbohydrate of a meal, in percent of the true one."""
     carb_bias_pct: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
-    """Mean error of what is announced, in percent."""
+    """Mean error of the announced carbohydrate, in percent."""
     start: str | None = None
-    """Time of day at the start, like 07:00, or None if the controller is not told."""
+    """Time of day at the start, like 07:00, or None if the controller does not get it."""
     noise_bound_mg_dl: NoiseBound = 5.0
     site: str | None = None
     """Site of the sensor, or None for the site at which glucose is controlled."""
@@ -180,7 +180,7 @@ class SituationKeys(SurroundingKeys):
         return whole_samples(self.dead_time_min, self.sample_time_min)
 
     def eaten(self) -> tuple[Meal, ...]:
-        """Meals of the run, with what is announced of each where it is counted with an error."""
+        """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
         meals, errs = super().eaten(), self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0
         if not errs:
             return meals
@@ -193,7 +193,7 @@ class SituationKeys(SurroundingKeys):
         Raises
         ------
         ValueError
-            For a text that is none.
+            For a text that is not a time of day.
         """
         return None if self.start is None else parse_time_of_day(self.start)
 

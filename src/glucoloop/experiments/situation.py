@@ -32,11 +32,11 @@ class Situation:
     own.
     """
     announced: bool = False
-    """Whether the controller is told of meals when they begin."""
+    """Whether meals are announced to the controller when they begin."""
     carb_error_pct: float = 0.0
-    """Standard deviation of what is announced of a meal, in percent of it; see `meals.counting`."""
+    """Standard deviation of the announced carbohydrate of a meal, in percent of the true one; see `meals.counting`."""
     carb_bias_pct: float = 0.0
-    """Mean error of what is announced, in percent."""
+    """Mean error of the announced carbohydrate, in percent."""
     start_min: float | None = None
     """Time of day at the start, in minutes after midnight, which the controller gets, or None if it gets none."""
     noise_variance: float = 0.0
@@ -55,7 +55,7 @@ class Situation:
 
     @property
     def miscounts(self) -> bool:
-        """Whether something else is announced than is eaten."""
+        """Whether the announced carbohydrate differs from the true one."""
         return self.announced and (self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0)
 
     @property

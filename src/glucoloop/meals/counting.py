@@ -1,4 +1,4 @@
-"""Carbohydrate as people count it: what a controller is told of a meal, where that is not what is eaten."""
+"""Carbohydrate counting with errors: the announced carbohydrate of a meal, where it differs from the true one."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ def counted_g(
 ) -> Array:
     """Carbohydrate of meals as people count it, ``(meals, people)``.
 
-    Each person errs anew at each meal: ``carbs (1 + bias + error z)`` with a standard normal z, from 0 to 1000 g. What
-    somebody says of a meal is the same whoever else is drawn, and however many days follow.
+    Each person's error is drawn for each meal: ``carbs (1 + bias + error z)`` with a standard normal z, from 0 to 1000
+    g. The count of a meal is the same whoever else is drawn, and however many days follow.
 
     Parameters
     ----------
     carbs_g : (meals, people) array
-        What is eaten, day by day.
+        Meals that are eaten, day by day.
     seed : int
-        From 0 to 2**32 - 1.
+        Seed, from 0 to 2**32 - 1.
     person : (people,) array of int
-        Their numbers.
+        Numbers of the people.
     error_pct : float
         Standard deviation, in percent of the meal.
     bias_pct : float
@@ -48,7 +48,7 @@ def counted_g(
 
 
 def counted_meals(meals: Sequence[Meal], seed: int, *, error_pct: float, bias_pct: float) -> tuple[Meal, ...]:
-    """Meals of one run with what is announced of each: counted as by person 0 of a trial of the seed.
+    """Meals of one run with the announced carbohydrate of each, counted as by person 0 of a trial of the seed.
 
     Parameters
     ----------

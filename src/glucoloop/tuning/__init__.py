@@ -1,5 +1,5 @@
 """Searches for tunings: every combination of a grid in one batch, and samplers that propose points round by round.
 
-`search` tries a grid. `samplers` draws by chance or asks Optuna, and `evolution` is CMA-ES; both are asked for points
-and told of their results by turns, so that a study can resume.
+`search` tries a grid. `samplers` draws at random or uses Optuna, and `evolution` is CMA-ES; both are asked for points
+and given their results in turns, so that a study can resume.
 """

@@ -1,8 +1,8 @@
 """Sampler of points by the covariance matrix adaptation evolution strategy, from several starts side by side.
 
 Each start is a search of its own with a small population. One without progress for many generations begins again
-elsewhere. The points depend only on the seed and on the scores that were told, so an interrupted search resumes by
-telling them again.
+elsewhere. The points depend only on the seed and on the given scores, so an interrupted search resumes by passing
+them again.
 
 References
 ----------
@@ -70,7 +70,7 @@ class Evolution:
         return np.concatenate([start.ask() for start in self._starts])
 
     def tell(self, score: Array) -> None:
-        """Take the score of each point that was asked for last; what is not a number counts as the least."""
+        """Take the score of each point that was asked for last; NaN counts as the least."""
         for start, told in zip(self._starts, np.split(score, len(self._starts)), strict=True):
             start.tell(told)
 

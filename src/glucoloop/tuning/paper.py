@@ -71,7 +71,7 @@ def paper_tuning_surface(
     model : StepResponseModel, optional
         Model of linear MPC; identified from a noise-free record by default.
     progress : callable, optional
-        As in `search`.
+        Callback as in `search`.
     """
     situation, printed = _situation(operating_point), printed_tuning(operating_point, controller)
     filters = REFERENCE_FILTERS.get(controller)
