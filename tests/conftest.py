@@ -71,6 +71,7 @@ LONG = {
     "bounds": ("test_hedging",),
     "examples": ("test_long_examples",),
     "experiments": ("test_individual", "test_individual_meal_mpc"),
+    "firmware": ("test_every_controller",),
     "invariants": ("test_faults",),
     "meal_aware": ("test_experiments",),
     "optimize": ("test_moves_qp", "test_soft_floor"),

@@ -18,6 +18,7 @@ from glucoloop.cli import (
     claims,
     compare,
     detect,
+    export,
     identify,
     patients,
     query,
@@ -59,6 +60,7 @@ app.command("robust", help=robust.HELP)(robust.command)
 app.command("trial", help=trial.HELP)(trial.command)
 app.command("stress", help=stress.HELP)(stress.command)
 app.command("detect", help=detect.HELP)(detect.command)
+app.command("export", help=export.HELP)(export.command)
 app.command("verify", help=verify.HELP)(verify.command)
 app.command("adversary", help=adversary.HELP)(adversary.command)
 app.command("query", help=query.HELP)(query.command)

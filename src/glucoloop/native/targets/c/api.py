@@ -47,20 +47,20 @@ void gl_save(const gl_state *state, uint8_t record[GL_RECORD_SIZE])
 {
   uint32_t crc;
   (void)memcpy(&record[0], &gl_mark[0], sizeof(gl_mark));
-  (void)memcpy(&record[16], state, sizeof(gl_state));
+  (void)memcpy(&record[16], (const uint8_t *)state, sizeof(gl_state));
   crc = gl_crc(&record[0], GL_RECORD_SIZE - 4U);
-  (void)memcpy(&record[GL_RECORD_SIZE - 4U], &crc, sizeof(crc));
+  (void)memcpy(&record[GL_RECORD_SIZE - 4U], (const uint8_t *)&crc, sizeof(crc));
 }
 
 bool gl_restore(gl_state *state, const uint8_t record[GL_RECORD_SIZE])
 {
   uint32_t crc;
   bool whole;
-  (void)memcpy(&crc, &record[GL_RECORD_SIZE - 4U], sizeof(crc));
+  (void)memcpy((uint8_t *)&crc, &record[GL_RECORD_SIZE - 4U], sizeof(crc));
   whole = (crc == gl_crc(&record[0], GL_RECORD_SIZE - 4U)) && (memcmp(&record[0], &gl_mark[0], sizeof(gl_mark)) == 0);
   if (whole)
   {
-    (void)memcpy(state, &record[16], sizeof(gl_state));
+    (void)memcpy((uint8_t *)state, &record[16], sizeof(gl_state));
   }
   return whole;
 }

@@ -14,7 +14,7 @@ _SOURCE: Final = {
 static @bits@ gl_bits(@real@ x)
 {
   @bits@ b;
-  (void)memcpy(&b, &x, sizeof(b));
+  (void)memcpy((uint8_t *)&b, (const uint8_t *)&x, sizeof(b));
   return b;
 }""",
     "gl_number": """
@@ -22,7 +22,7 @@ static @bits@ gl_bits(@real@ x)
 static @real@ gl_number(@bits@ b)
 {
   @real@ x;
-  (void)memcpy(&x, &b, sizeof(x));
+  (void)memcpy((uint8_t *)&x, (const uint8_t *)&b, sizeof(x));
   return x;
 }""",
     "gl_abs": """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -94,7 +94,12 @@ def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observati
     )
 
 
-def write_source(traced: Traced, title: Sequence[str], form: str = AUTO) -> Source:
+def write_source(
+    traced: Traced,
+    title: Sequence[str],
+    form: str = AUTO,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> Source:
     """Write a controller in C.
 
     Parameters
@@ -103,6 +108,9 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO) -> Sour
     title : sequence of str
         Lines for the comment at the head of the files.
     form : {"auto", "unrolled", "compact"}
+    bounds : mapping, optional
+        Field of the decision -> the least and the largest value that it takes. What the step computes is within them
+        already; C says so once more at its end, so that tools that analyse it can prove it.
 
     Raises
     ------
@@ -137,6 +145,7 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO) -> Sour
                     {},
                 ),
             ]
+        bodies[1] = Body([*bodies[1].lines, *_bounded(bounds or {}, format)], bodies[1].workspace)
         code = _code(bodies, tables, format)
     workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in (REAL, WHOLE, TRUTH)}
     records = {"state": state, "observation": observation, "decision": decision}
@@ -227,6 +236,16 @@ def _code(bodies: Sequence[Body], tables: Tables, format: Format) -> list[str]:
         *each,
         "",
     ]
+
+
+def _bounded(bounds: Mapping[str, tuple[float, float]], format: Format) -> list[str]:
+    lines = []
+    for name, (least, most) in bounds.items():
+        place, low, high = f"decision->{name}", format.literal(least), format.literal(most)
+        lines.append(f"{place} = ({place} == {place}) ? {place} : {low};")
+        lines.append(f"{place} = ({place} >= {low}) ? {place} : {low};")
+        lines.append(f"{place} = ({place} <= {high}) ? {place} : {high};")
+    return lines
 
 
 def _function(name: str, body: Body, format: Format) -> list[str]:

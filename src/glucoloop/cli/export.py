@@ -1,0 +1,138 @@
+"""``glucoloop export``: a controller in C, with recorded samples, a self-test and what was checked."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, with_options
+from glucoloop.cli.request import file_keys, split_off_output, with_lists
+from glucoloop.cli.screen import stage
+
+if TYPE_CHECKING:
+    from glucoloop.config.export import Export
+
+HELP: Final = (
+    "Write a controller in C for a microcontroller, with recorded samples and a self-test.\n\n"
+    "The controller is designed as `glucoloop run` designs it. The folder holds one C file and its header, samples of "
+    "a closed loop with faults and the expected bits of every dose, a Makefile, the numbers of the controller as CSV, "
+    "and what was checked. `make test` needs only a C compiler, `make qemu` a cross compiler and QEMU.\n\n"
+    "  glucoloop export --controller mpc-se --guard --target cortex-m4f --out pump\n\n"
+    "  glucoloop export --check pump --samples 10000"
+)
+_CHIP: Final = "Chip"
+_TAKEN: Final = frozenset(
+    ("meals", "no_meal", "duration_min", "integrator", "faults", "no_fault", "initial_glucose_mg_dl")
+)
+"""Options of a run that say nothing about a controller: the recorded samples have meals and faults of their own."""
+OPTIONS: Final = (
+    Option(
+        "precision", "--precision", str, "Arithmetic on the chip.", _CHIP, metavar="float32|float64", default="float32"
+    ),
+    Option(
+        "target",
+        "--target",
+        str,
+        "The chip that is emulated; c: none.",
+        _CHIP,
+        metavar="c|cortex-m4f|cortex-m7|rv32",
+        default="c",
+    ),
+    Option(
+        "form",
+        "--form",
+        str,
+        "unrolled: a statement for each operation, fast; compact: loops and tables, small; auto chooses by size.",
+        _CHIP,
+        metavar="auto|unrolled|compact",
+        default="auto",
+    ),
+    Option(
+        "samples",
+        "--samples",
+        int,
+        "Recorded samples; with --check those to be checked.",
+        _CHIP,
+        metavar="N",
+        default="120",
+    ),
+    Option(
+        "check",
+        "--check",
+        str,
+        "Check a folder that was written before, with all that is installed: NumPy, the native engine, C on this "
+        "computer and in QEMU, MISRA C by cppcheck, and bounds of the dose by Frama-C.",
+        _CHIP,
+        metavar="DIR",
+    ),
+    *(option for option in (*SITUATION, *CASE) if option.key not in _TAKEN),
+    *OUTPUT,
+)
+
+
+@with_options(OPTIONS)
+def command(given: Given) -> None:
+    """Check what was asked for, write or check the folder, and tell it."""
+    if "check" in given:
+        _check(given)
+        return
+    keys, output, file = split_off_output(given)
+    asked = _read(with_lists(keys), file_keys(file))
+    with output.folder() as folder:
+        if folder is None:
+            raise ValueError("an exported controller is a folder; name one with --out")
+        with stage("Importing the simulator"):
+            from glucoloop.cli.compiled import keep_compiled
+            from glucoloop.cli.exported import report, tell, write
+        keep_compiled()
+        with stage("Designing the controller, and writing it in C"):
+            written = write(asked, folder)
+        files = folder.paths()
+    if output.json:
+        from glucoloop.cli.telling import print_json
+
+        print_json(report(written), files, ())
+    else:
+        tell(written, output.out, files)
+    if any(rung.holds is False for rung in written.rungs):
+        sys.exit(1)
+
+
+def _read(keys: Given, of_file: Given) -> Export:
+    from glucoloop.config import overlay
+    from glucoloop.config.export import KEYS, read_export
+
+    called = names(OPTIONS, keys)
+    chip = {key: value for key, value in (*of_file.items(), *keys.items()) if key in KEYS}
+    lower, upper = ({k: v for k, v in of.items() if k not in KEYS} for of in (of_file, keys))
+    run = overlay(lower, upper, called)
+    return read_export({**run, **chip}, called)
+
+
+def _check(given: Given) -> None:
+    extra = sorted(given.keys() - {"check", "samples", "json", "target"})
+    if extra:
+        called = ", ".join(names(OPTIONS, {key: given[key] for key in extra}).values())
+        raise ValueError(f"--check reads how the controller was designed from the folder; leave out {called}")
+    folder = Path(str(given["check"]))
+    with stage("Importing the simulator"):
+        from glucoloop.cli.compiled import keep_compiled
+        from glucoloop.cli.exported import check, tell_rungs
+        from glucoloop.config.export import read_export
+    configuration = folder / "run.toml"
+    if not configuration.is_file():
+        raise ValueError(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
+    asked = read_export(file_keys(configuration))
+    chosen: Given = {key: given[key] for key in ("samples", "target") if key in given}
+    wanted = read_export({**asked.keys(), **chosen}, names(OPTIONS, given))
+    keep_compiled()
+    with stage("Checking"):
+        rungs = check(asked, folder, wanted.chip.samples, wanted.chip.target)
+    if given.get("json"):
+        from glucoloop.storage.strict_json import json_text, with_version
+
+        print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
+    else:
+        tell_rungs(rungs)
+    sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)

@@ -1,0 +1,154 @@
+"""An exported controller, made, written and told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import glucoloop
+from glucoloop.cli.closed_loop import controller_for, model_for
+from glucoloop.cli.telling import where_written
+from glucoloop.config import toml_text
+from glucoloop.config.export import Export
+from glucoloop.control import Controller
+from glucoloop.experiments.situation import Situation
+from glucoloop.firmware.chips import chip_of
+from glucoloop.firmware.exported import Exported, export
+from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
+from glucoloop.firmware.ladder import INTERPRETED, Rung, chips_for, ladder
+from glucoloop.firmware.samples import Init, Record, Step, arithmetic, example, record, stepper_of
+from glucoloop.native.targets.c.host import Library, compiler
+from glucoloop.storage.files import read_text
+from glucoloop.storage.folder import OutputFolder
+from glucoloop.storage.model_file import ModelFile
+from glucoloop.storage.strict_json import json_text, with_version
+
+
+@dataclass(frozen=True)
+class Written:
+    """An exported controller and what was checked of it."""
+
+    asked: Export
+    exported: Exported
+    rungs: Sequence[Rung]
+
+
+@dataclass(frozen=True)
+class _Made:
+    exported: Exported
+    controller: Controller
+    situation: Situation
+    model: ModelFile | None
+
+    def recorded(self, samples: int, seed: int) -> Record:
+        """Samples with the decisions of C on this computer, or of NumPy where it has no compiler."""
+        init: Init
+        step: Step
+        init, step = arithmetic(self.exported)
+        if compiler() is not None:
+            library = Library(self.exported.source, self.exported.precision)
+            init, step = library.init, library.step
+        return record(self.exported, self.controller, self.situation, init, step, samples=samples, seed=seed)
+
+
+def _made(asked: Export) -> _Made:
+    situation = asked.run.situation.situation()
+    model = model_for(asked.run, situation)
+    controller = controller_for(asked.run, situation, model)
+    title = [f"{_name(asked)}, by glucoloop {glucoloop.__version__}.", "Research software, not a medical device."]
+    exported = export(
+        controller,
+        situation.limits,
+        example(controller, stepper_of(situation, 0)),
+        title,
+        precision=asked.chip.precision,
+        form=asked.chip.form,
+    )
+    return _Made(exported, controller, situation, model)
+
+
+def _name(asked: Export) -> str:
+    case = asked.run.case
+    return f"The controller {case.controller}{' with its guard' if case.guard else ''} for {asked.run.situation.place}"
+
+
+def write(asked: Export, folder: OutputFolder) -> Written:
+    """Design a controller, write it in C, check what can be checked at once, and write the folder.
+
+    Raises
+    ------
+    ValueError
+        For a design or an export that is not possible.
+    """
+    made, chip = _made(asked), chip_of(asked.chip.target)
+    exported = made.exported
+    of_loop = made.recorded(asked.chip.samples, asked.run.situation.seed)
+    chips = [] if chip is None else [chip]
+    rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
+    for name, text in code_files(exported, of_loop, chip).items():
+        folder.write(name, text)
+    folder.write("controller.csv", numbers_table(made.controller))
+    folder.write("README.md", readme(exported, _name(asked), made.situation.sample_time_min, chip))
+    folder.write("PROOF.md", proof([rung.as_dict() for rung in rungs]))
+    written = Written(asked, exported, rungs)
+    folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
+    keys = asked.keys()
+    if made.model is not None:
+        folder.write("model.json", made.model.text())
+        if asked.run.case.model is not None:
+            keys["model"] = "model.json"
+    folder.write("run.toml", toml_text(keys, "export --config run.toml --out DIR"))
+    return written
+
+
+def report(written: Written) -> dict[str, Any]:
+    """Plain values for JSON."""
+    source = written.exported.source
+    return {
+        "config": written.asked.keys(),
+        "design": source.design,
+        "form": source.form,
+        "precision": written.exported.precision,
+        "state_bytes": source.record_bytes - 20,
+        "workspace_numbers": dict(source.workspace),
+        "checks": [rung.as_dict() for rung in written.rungs],
+    }
+
+
+def check(asked: Export, folder: Path, samples: int, target: str) -> list[Rung]:
+    """Design the controller of a folder anew, and climb the whole ladder.
+
+    Raises
+    ------
+    ValueError
+        For a folder whose design is not possible any more.
+    """
+    made = _made(asked)
+    of_loop = made.recorded(samples, asked.run.situation.seed)
+    rungs = [_same_file(made.exported, folder)]
+    return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(target)), samples=None, deep=True)]
+
+
+def _same_file(exported: Exported, folder: Path) -> Rung:
+    name = "the design of the folder gives its C file again"
+    there = read_text(folder / "controller.c", "a controller")
+    if there == exported.source.code:
+        return Rung(name, True, f"design {exported.source.design[:16]}", {})
+    return Rung(name, False, "controller.c is another file than the one that this version of glucoloop writes", {})
+
+
+def tell(written: Written, out: Path | None, files: dict[str, str]) -> None:
+    """The checks, and where the files are."""
+    source = written.exported.source
+    print(f"Design {source.design[:16]}, {source.form} form, {written.exported.precision}.")
+    tell_rungs(written.rungs)
+    print(where_written(out, files))
+
+
+def tell_rungs(rungs: Sequence[Rung]) -> None:
+    """One line for each check."""
+    for rung in rungs:
+        verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]
+        print(f"{verdict:>13}  {rung.check}: {rung.found}.")

@@ -1,0 +1,91 @@
+"""The chips for which a controller is exported: compilers, flags, and how QEMU emulates them."""
+
+from __future__ import annotations
+
+import importlib.resources
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Chip:
+    """A kind of microcontroller."""
+
+    name: str
+    summary: str
+    compiler: str
+    package: str
+    """Of Debian, which brings the compiler."""
+    flags: tuple[str, ...]
+    emulator: str
+    emulator_package: str
+    machine: tuple[str, ...]
+    flash: str
+    ram: str
+
+
+_MPS2: Final = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
+CHIPS: Final = {
+    chip.name: chip
+    for chip in (
+        Chip(
+            name="cortex-m4f",
+            summary="ARM Cortex-M4 with a unit for float32, emulated as the board mps2-an386",
+            compiler="arm-none-eabi-gcc",
+            package="gcc-arm-none-eabi",
+            flags=("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+            emulator="qemu-system-arm",
+            emulator_package="qemu-system-arm",
+            machine=("-machine", "mps2-an386", "-cpu", "cortex-m4", *_MPS2),
+            flash="0x00000000",
+            ram="0x20000000",
+        ),
+        Chip(
+            name="cortex-m7",
+            summary="ARM Cortex-M7 with a unit for float32 and float64, emulated as the board mps2-an500",
+            compiler="arm-none-eabi-gcc",
+            package="gcc-arm-none-eabi",
+            flags=("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
+            emulator="qemu-system-arm",
+            emulator_package="qemu-system-arm",
+            machine=("-machine", "mps2-an500", "-cpu", "cortex-m7", *_MPS2),
+            flash="0x00000000",
+            ram="0x20000000",
+        ),
+        Chip(
+            name="rv32",
+            summary="RISC-V of 32 bits with a unit for float32, emulated as the board virt",
+            compiler="riscv64-unknown-elf-gcc",
+            package="gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf",
+            flags=("-march=rv32imafc", "-mabi=ilp32f", "-mcmodel=medany", "--specs=picolibc.specs"),
+            emulator="qemu-system-riscv32",
+            emulator_package="qemu-system-misc",
+            machine=("-machine", "virt", "-bios", "none", *_MPS2),
+            flash="0x80000000",
+            ram="0x80400000",
+        ),
+    )
+}
+HOST: Final = "c"
+"""C for any computer, without a chip."""
+LINK: Final = ("-nostdlib", "-nostartfiles", "-fno-builtin", "-fno-math-errno", "-T", "chip.ld")
+
+
+def chip_of(target: str) -> Chip | None:
+    """The chip of a target; None for C alone.
+
+    Raises
+    ------
+    ValueError
+        For an unknown target.
+    """
+    if target == HOST:
+        return None
+    if target not in CHIPS:
+        raise ValueError(f"the target is {target!r}; the known ones are: {', '.join((HOST, *CHIPS))}")
+    return CHIPS[target]
+
+
+def template(name: str) -> str:
+    """A file that goes into every folder."""
+    return (importlib.resources.files("glucoloop.firmware") / "templates" / name).read_text(encoding="utf-8")

@@ -1,0 +1,101 @@
+"""A controller made ready for C: in the precision of the chip, with a decision that is always a number."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.control.protocol import Controller, Decision, Observation, Status
+from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.c.compact.evaluate import Evaluation
+from glucoloop.native.targets.c.source import Source, Traced, trace, write_source
+from glucoloop.pumps import DoseLimits
+
+PRECISIONS = ("float32", "float64")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A controller in C, and what it means."""
+
+    source: Source
+    traced: Traced
+    precision: str
+    limits: DoseLimits
+
+    def meaning(self) -> tuple[Evaluation, Evaluation]:
+        """Init and step of the compact form in NumPy."""
+        return Evaluation(self.traced.init, self.precision), Evaluation(self.traced.step, self.precision)
+
+
+def export(
+    controller: Controller,
+    limits: DoseLimits,
+    observation: Observation,
+    title: list[str],
+    *,
+    precision: str = "float32",
+    form: str = "auto",
+) -> Exported:
+    """Write a controller in C.
+
+    Parameters
+    ----------
+    controller : Controller
+    limits : DoseLimits
+        Of the pump; a dose that is not a number is replaced by the least rate, with the status `NO_FINITE_DOSE`.
+    observation : Observation
+        An example; fields that are None have no place in C.
+    title : list of str
+        For the head of the files.
+    precision : {"float32", "float64"}
+    form : {"auto", "unrolled", "compact"}
+
+    Raises
+    ------
+    ValueError
+        For an unknown precision or form, or a controller that C cannot be written of.
+    """
+    if precision not in PRECISIONS:
+        raise ValueError(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")
+    real = np.dtype(precision)
+
+    def cast(leaf: Any) -> Any:
+        array = np.asarray(leaf)
+        return array.astype(real) if np.issubdtype(array.dtype, np.floating) else leaf
+
+    of_chip = jax.tree.map(cast, controller)
+    seen = jax.tree.map(lambda leaf: np.asarray(cast(leaf)), observation)
+    least, most = real.type(limits.min_mU_min), real.type(limits.max_mU_min)
+
+    def step(state: Any, observation: Observation) -> tuple[Any, Decision]:
+        state, decision = of_chip.step(state, observation)
+        return state, _finished(decision, least, most)
+
+    try:
+        traced = trace(of_chip.init, step, seen, precision)
+        bounds = {"insulin_mU_min": (float(least), float(most))}
+        source = write_source(traced, title, form, bounds)
+    except UnsupportedError as error:
+        raise ValueError(f"this controller cannot be written in C in the {form} form: it uses {error}") from None
+    return Exported(source=source, traced=traced, precision=precision, limits=limits)
+
+
+def _finished(decision: Decision, least: Any, most: Any) -> Decision:
+    """A decision whose dose is a number within the limits of the pump."""
+    dose, bolus = decision.insulin_mU_min, decision.bolus_mU
+    finite = jnp.isfinite(dose)
+    if bolus is not None:
+        finite = finite & jnp.isfinite(bolus)
+        bolus = jnp.where(finite & (bolus > 0.0), bolus, 0.0)
+    return dataclasses.replace(
+        decision,
+        insulin_mU_min=jnp.clip(jnp.where(finite, dose, least), least, most),
+        bolus_mU=bolus,
+        status=jnp.where(finite, decision.status, int(Status.NO_FINITE_DOSE)),
+    )

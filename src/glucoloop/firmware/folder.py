@@ -1,0 +1,218 @@
+"""The files of an exported controller."""
+
+from __future__ import annotations
+
+import csv
+import io
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from glucoloop.control.protocol import Controller, Status
+from glucoloop.firmware.chips import CHIPS, LINK, Chip, template
+from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.samples import Record
+from glucoloop.native.targets.c.numbers import FORMATS, REAL
+
+Rungs = Sequence[Mapping[str, Any]]
+
+
+def code_files(exported: Exported, record: Record, chip: Chip | None) -> dict[str, str]:
+    """Everything that a compiler reads."""
+    of = chip or CHIPS["cortex-m4f"]
+    return {
+        "controller.h": exported.source.header,
+        "controller.c": exported.source.code,
+        "samples.h": _samples(exported, record),
+        "selftest.c": template("selftest.c"),
+        "chip.c": template("chip.c"),
+        "chip.h": template("chip.h"),
+        "chip.ld": template("chip.ld").replace("@FLASH@", of.flash).replace("@RAM@", of.ram),
+        "Makefile": _makefile(of),
+    }
+
+
+def build_command(chip: Chip, output: str = "selftest.elf") -> list[str]:
+    """The command that makes the self-test for a chip."""
+    flags = ["-std=c99", "-Wall", "-Wextra", "-ffp-contract=off", "-Os", "-DCHIP", *chip.flags]
+    files = ["controller.c", "selftest.c", "chip.c"]
+    return [chip.compiler, *flags, *LINK, "-fno-tree-loop-distribute-patterns", "-o", output, *files, "-lgcc"]
+
+
+def run_command(chip: Chip, file: str = "selftest.elf") -> list[str]:
+    """The command that runs it in QEMU."""
+    return [chip.emulator, *chip.machine, "-kernel", file]
+
+
+def _makefile(chip: Chip) -> str:
+    elf = f"{chip.name}.elf"
+    build = " ".join(build_command(chip, "$@")).replace("-Os", "$(OPTIMISE)")
+    sources = "controller.c controller.h samples.h selftest.c chip.c chip.h chip.ld"
+    rules = f"{elf}: {sources}\n\t{build}\n"
+    run = " ".join(run_command(chip, elf))
+    text = template("Makefile").replace("@CHIP@", chip.name).replace("@RULES@", rules)
+    return text.replace("@RUN@", run)
+
+
+def _samples(exported: Exported, record: Record) -> str:
+    """Recorded samples as a header: what is given and what is expected, in bits."""
+    format, records = FORMATS[exported.precision], exported.source.records
+    given, expected = records["observation"].fields, records["decision"].fields
+    word = np.dtype(format.bits.removesuffix("_t"))
+
+    def bits(leaf: Any, kind: str) -> str:
+        if kind != REAL:
+            return f"{int(leaf)}{format.bits_suffix}"
+        return f"0x{int(np.asarray(leaf, exported.precision).reshape(()).view(word)):X}{format.bits_suffix}"
+
+    def rows(of: Sequence[Sequence[Any]], fields: Sequence[Any]) -> Iterator[str]:
+        for leaves in of:
+            texts = ", ".join(bits(leaf, field.kind) for leaf, field in zip(leaves, fields, strict=True))
+            yield f"  {{{texts}}},"
+
+    def read(field: Any, i: int) -> str:
+        if field.kind == REAL:
+            return f"  (void)memcpy(&to->{field.name}, &given[i][{i}], sizeof(to->{field.name}));"
+        return f"  to->{field.name} = (int32_t)given[i][{i}];"
+
+    def compared(field: Any, i: int) -> str:
+        if field.kind == REAL:
+            return (
+                f"  (void)memcpy(&bits, &of->{field.name}, sizeof(bits));\n"
+                f"  equal = equal && (bits == expected[i][{i}]);"
+            )
+        return f"  equal = equal && (of->{field.name} == (int32_t)expected[i][{i}]);"
+
+    limits = exported.limits
+    return "\n".join(
+        [
+            "/* Recorded samples: observations of a closed loop with faults, and absurd ones at the end. */",
+            '#include "controller.h"',
+            "",
+            "#include <stdbool.h>",
+            "#include <stdint.h>",
+            "#include <string.h>",
+            "",
+            f"#define SAMPLES {len(record.observations)}U",
+            f"#define LEAST {format.literal(float(limits.min_mU_min))}",
+            f"#define MOST {format.literal(float(limits.max_mU_min))}",
+            "",
+            f"/* The bits of: {', '.join(field.name for field in given)}. */",
+            f"static const {format.bits} given[SAMPLES][{len(given)}] = {{",
+            *rows(record.observations, given),
+            "};",
+            "",
+            f"/* The bits of: {', '.join(field.name for field in expected)}. */",
+            f"static const {format.bits} expected[SAMPLES][{len(expected)}] = {{",
+            *rows(record.decisions, expected),
+            "};",
+            "",
+            "static void samples_given(uint32_t i, gl_observation *to)",
+            "{",
+            *(read(field, i) for i, field in enumerate(given)),
+            "}",
+            "",
+            "static bool samples_expected(uint32_t i, const gl_decision *of)",
+            "{",
+            "  bool equal = true;",
+            f"  {format.bits} bits;",
+            *(compared(field, i) for i, field in enumerate(expected)),
+            "  return equal;",
+            "}",
+            "",
+        ]
+    )
+
+
+def numbers_table(controller: Controller) -> str:
+    """All numbers of a controller, as CSV: name, row, column, value in float64."""
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(["name", "row", "column", "value"])
+    for path, leaf in jax.tree_util.tree_leaves_with_path(controller):
+        name = jax.tree_util.keystr(path).lstrip(".")
+        array = np.atleast_1d(np.asarray(leaf))
+        flat = array.reshape(array.shape[0], -1)
+        for (i, j), value in np.ndenumerate(flat):
+            table.writerow([name, i if np.ndim(leaf) else "", j if np.ndim(leaf) > 1 else "", repr(value.item())])
+    return out.getvalue()
+
+
+def proof(rungs: Rungs) -> str:
+    """What was checked, and what was not and why."""
+    lines = ["# What was checked", "", 'Only what was run when this folder was written stands under "held".', ""]
+    for title, holds in (("Held", True), ("Did not hold", False), ("Not run", None)):
+        told = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
+        lines += [f"## {title}", "", *(told or ["- nothing"]), ""]
+    return "\n".join(lines)
+
+
+def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | None) -> str:
+    """What an engineer has to know."""
+    of = chip or CHIPS["cortex-m4f"]
+    statuses = "\n".join(f"| {status.value} | {status.name} | {status.text} |" for status in Status)
+    return (
+        textwrap.dedent(
+            """\
+        # {name} in C
+
+        Research software, not a medical device. One controller of insulin, in the {form} form and in {precision}: no
+        allocation, no library of functions, no global variable. It is re-entrant; the caller owns all memory.
+
+            #include "controller.h"
+
+            static gl_workspace workspace;
+            static gl_state state;
+            gl_observation seen = {{...}};
+            gl_decision decision;
+            gl_init(&workspace, &state, &seen);           /* once */
+            gl_step(&workspace, &state, &seen, &decision); /* every {sample_time:g} minutes */
+
+        Names of fields end with their units. A reading that is missing is told by `valid = 0`; the number is then not
+        used. `delivered_mU_min` is the rate that the pump really delivered since the last step, which need not be what
+        was asked for. What is not a number is answered by a safe dose and a status, in every field.
+
+        `gl_save` writes the state to a record with the digest of this design and a CRC-32; `gl_restore` takes it back,
+        and refuses one that is damaged or of another design. Keep two records and write them in turn, so that a loss of
+        power while one is written leaves the other.
+
+        ## Checks
+
+        - `make test`: recorded samples with faults of sensor and pump and absurd numbers, each dose to the bit,
+          on this computer. Needs a C compiler only.
+        - `make qemu`: the same on an emulated chip ({summary}). Needs {package} and {emulator} (packages of Debian).
+        - `glucoloop export --check .`: all of it anew from the design, and what else is installed.
+        - `PROOF.md`: what was run when this folder was written.
+
+        Results are equal to the bit only with IEEE 754 arithmetic: no `-ffast-math`, and `-ffp-contract=off`.
+
+        ## Files
+
+        | file | |
+        |---|---|
+        | `controller.c`, `controller.h` | the controller |
+        | `controller.csv` | its gains and matrices in float64, for those who write their own |
+        | `samples.h`, `selftest.c`, `Makefile` | recorded samples and the self-test |
+        | `chip.c`, `chip.h`, `chip.ld` | start of the emulated chip, for the self-test alone |
+        | `run.toml`, `manifest.json` | how the controller was designed, sizes, and what was checked |
+
+        ## Status
+
+        | number | name | meaning |
+        |---|---|---|
+        """
+        ).format(
+            name=name,
+            form=exported.source.form,
+            precision=exported.precision,
+            sample_time=sample_time_min,
+            summary=of.summary,
+            package=of.package,
+            emulator=of.emulator_package,
+        )
+        + statuses
+        + "\n"
+    )

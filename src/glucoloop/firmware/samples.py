@@ -1,0 +1,181 @@
+"""Recorded samples: observations of a closed loop with faults, then absurd ones, and what the controller answers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.control.protocol import Controller, Observation, gives_boluses
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.firmware.exported import Exported
+from glucoloop.native.interpreter import interpret
+from glucoloop.simulation.stepper import Stepper
+
+Leaves = list[npt.NDArray[Any]]
+Step = Callable[[Sequence[Any], Sequence[Any]], tuple[Leaves, Leaves]]
+Init = Callable[[Sequence[Any]], Leaves]
+
+FAULTS: Final = (
+    "missing, per_day=10, duration_min=25",
+    "spikes, per_day=10, size_mg_dl=60",
+    "stuck, per_day=4, duration_min=40",
+    "nonsense, per_day=6, value=0",
+    "occlusion, per_day=3, duration_min=30",
+    "battery, per_day=3, duration_min=20",
+)
+"""Faults of sensor and pump in the closed loop, in this order around them."""
+_MEALS_A_SAMPLE: Final = 0.02
+_ABSURD: Final = (np.nan, np.inf, -np.inf, 3e38, -3e38, 0.0, -1.0, 1e-42)
+_ABSURD_SHARE: Final = 6
+"""One sample in so many is absurd, at the end of a record."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Samples in their order; the state goes from each to the next."""
+
+    observations: list[Leaves]
+    decisions: list[Leaves]
+
+    def differs(self, other: Record) -> int | None:
+        """The first sample at which the decisions are not the same to the bit; None if they all are."""
+        for i, (here, there) in enumerate(zip(self.decisions, other.decisions, strict=True)):
+            if not all(same(a, b) for a, b in zip(here, there, strict=True)):
+                return i
+        return None
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two arrays have the same bits; what is not a number is one to another."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    return bool(np.all((a == b) & (np.signbit(a) == np.signbit(b)) | (a != a) & (b != b)))
+
+
+def arithmetic(exported: Exported) -> tuple[Init, Step]:
+    """Init and step as the form defines them, in NumPy."""
+    leaves = len(jax.tree.leaves(exported.traced.state))
+    if exported.source.lowered is None:
+        wake, go_on = exported.meaning()
+
+        def of_compact(state: Sequence[Any], observation: Sequence[Any]) -> tuple[Leaves, Leaves]:
+            results = go_on([*state, *observation])
+            return results[:leaves], results[leaves:]
+
+        return lambda observation: list(wake(observation)), of_compact
+    first, each = exported.source.lowered
+    records = exported.source.records
+
+    def column(values: Sequence[Any]) -> npt.NDArray[Any]:
+        flat = [np.ravel(value).astype(exported.precision) for value in values]
+        return np.concatenate([*flat, np.zeros(0, exported.precision)])[:, None]
+
+    def split(rows: npt.NDArray[Any], name: str) -> Leaves:
+        ends = np.cumsum([field.size for field in records[name].fields])
+        return [
+            rows[end - field.size : end, 0].reshape(field.shape)
+            for end, field in zip(ends, records[name].fields, strict=True)
+        ]
+
+    def init(observation: Sequence[Any]) -> Leaves:
+        return split(interpret(first, own=column(observation))[1], "state")
+
+    def step(state: Sequence[Any], observation: Sequence[Any]) -> tuple[Leaves, Leaves]:
+        after, decided = interpret(each, carry=column(state), own=column(observation))
+        return split(after, "state"), split(decided, "decision")
+
+    return init, step
+
+
+def example(controller: Controller, stepper: Stepper) -> Observation:
+    """What the controller will see."""
+    seen = stepper.observation()
+    if gives_boluses(controller) and seen.delivered_bolus_mU is None:
+        seen = dataclasses.replace(seen, delivered_bolus_mU=jnp.zeros(()))
+    return seen
+
+
+def stepper_of(situation: Situation, seed: int) -> Stepper:
+    """The patient with faulty sensor and pump."""
+    around = surroundings_of(situation, FAULTS)
+    return Stepper(
+        situation.nominal,
+        around.sensor,
+        around.pump,
+        sample_time_min=situation.sample_time_min,
+        setpoint_mg_dl=situation.target_mg_dl,
+        allow_unusual=True,
+        key=seed,
+        meal_model=situation.gut,
+    )
+
+
+def record(
+    exported: Exported, controller: Controller, situation: Situation, init: Init, step: Step, *, samples: int, seed: int
+) -> Record:
+    """Close the loop around a controller with faults, and tell it absurd numbers at the end.
+
+    Parameters
+    ----------
+    exported : Exported
+    controller : Controller
+    situation : Situation
+    init, step : callable
+        What computes the decisions, such as `arithmetic` or a `Library`.
+    samples : int
+    seed : int
+    """
+    stepper, rng = stepper_of(situation, seed), np.random.default_rng(seed)
+    seen = example(controller, stepper)
+    observations: list[Leaves] = []
+    decisions: list[Leaves] = []
+    state: Leaves = []
+    for i in range(samples):
+        leaves = _leaves(seen, exported)
+        if i >= samples - samples // _ABSURD_SHARE:
+            leaves = [_absurd(leaf, rng) for leaf in leaves]
+        state = state if i else init(leaves)
+        state, decided = step(state, leaves)
+        observations.append(leaves)
+        decisions.append(decided)
+        decision = jax.tree.unflatten(jax.tree.structure(exported.traced.decision), decided)
+        carbs = float(rng.uniform(10.0, 80.0)) if rng.random() < _MEALS_A_SAMPLE else 0.0
+        bolus = None if decision.bolus_mU is None else float(decision.bolus_mU)
+        seen = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
+        if situation.announced:
+            seen = dataclasses.replace(seen, announced_carbs_g=jnp.asarray(carbs))
+    return Record(observations, decisions)
+
+
+def replayed(of: Record, init: Init, step: Step, samples: int | None = None) -> Record:
+    """What another computation answers to the same observations."""
+    state: Leaves = []
+    decisions = []
+    observations = of.observations[:samples]
+    for i, seen in enumerate(observations):
+        state = state if i else init(seen)
+        state, decided = step(state, seen)
+        decisions.append(decided)
+    return Record(observations, decisions)
+
+
+def _leaves(seen: Observation, exported: Exported) -> Leaves:
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(seen)]
+    return [leaf.astype(exported.precision) if leaf.dtype != bool else leaf for leaf in leaves]
+
+
+def _absurd(leaf: npt.NDArray[Any], rng: np.random.Generator) -> npt.NDArray[Any]:
+    """A number as it is, or one that nobody can mean; of whatever may come over a wire."""
+    if leaf.dtype == bool:
+        return np.asarray(bool(rng.random() < 0.8))
+    if rng.random() < 0.5:
+        return leaf
+    with np.errstate(over="ignore"):
+        return np.asarray(rng.choice(_ABSURD)).astype(leaf.dtype)

@@ -1,0 +1,52 @@
+"""Every controller of the catalogue, bare and guarded, in both precisions: C gives the bits of its definition."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from glucoloop.control.protocol import Observation
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.situation import usual_situation
+from glucoloop.firmware.exported import export
+from glucoloop.firmware.samples import arithmetic, same
+from glucoloop.native.targets.c.host import Library, compiler
+from glucoloop.registry.controllers import CONTROLLERS
+from glucoloop.registry.guard import complete_guard
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
+
+SEEN = Observation(
+    glucose_mg_dl=jnp.asarray(110.0),
+    valid=jnp.asarray(True),
+    setpoint_mg_dl=jnp.asarray(81.1),
+    delivered_mU_min=jnp.asarray(22.3),
+    announced_carbs_g=jnp.asarray(0.0),
+)
+READINGS = (110.0, 140.0, np.nan, 60.0, 3e38)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_c_gives_the_bits_of_its_definition(name):
+    situation = usual_situation()
+    case = usual_case(name, situation)
+    for guard in (None, complete_guard({})):
+        controller = controller_of(situation, dataclasses.replace(case, guard=guard))
+        for precision in ("float32", "float64"):
+            exported = export(controller, situation.limits, SEEN, [name], precision=precision)
+            library, (init, step) = Library(exported.source, precision), arithmetic(exported)
+            state = None
+            for reading in READINGS:
+                seen = dataclasses.replace(SEEN, glucose_mg_dl=jnp.asarray(reading))
+                leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(seen)]
+                leaves = [leaf if leaf.dtype == bool else leaf.astype(precision) for leaf in leaves]
+                if state is None:
+                    state = init(leaves)
+                    assert all(map(same, library.init(leaves), state)), (guard, precision)
+                in_c = library.step(state, leaves)
+                state, decided = step(state, leaves)
+                assert all(map(same, (*in_c[0], *in_c[1]), (*state, *decided))), (guard, precision, reading)
+                assert 0.0 <= decided[0] <= situation.limits.max_mU_min

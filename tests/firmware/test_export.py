@@ -1,0 +1,84 @@
+"""``glucoloop export``: the folder that an engineer gets, and its checks."""
+
+import json
+import shutil
+import subprocess
+
+import pytest
+
+from glucoloop.cli.app import main
+from glucoloop.native.targets.c.host import compiler
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
+
+QEMU = ("arm-none-eabi-gcc", "qemu-system-arm")
+
+
+def call(*arguments):
+    with pytest.raises(SystemExit) as left:
+        main([str(argument) for argument in arguments])
+    return left.value.code
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("chip") / "out"
+    target = "cortex-m4f" if all(map(shutil.which, QEMU)) else "c"
+    assert call("export", "--controller", "basal", "--guard", "--target", target, "--samples", "60", "--out", path) == 0
+    return path
+
+
+def test_the_folder_passes_its_own_test(folder):
+    for command in (["sha256sum", "-c", "SHA256SUMS"], ["make", "test"]):
+        if shutil.which(command[0]) is None:
+            pytest.skip(f"no {command[0]} on this machine")
+        ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "samples=60 wrong=0" in ran.stdout
+
+
+def test_a_changed_dose_is_found(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "copy")
+    place = tmp_path / "copy" / "controller.c"
+    text = place.read_text()
+    assert "decision->insulin_mU_min = v" in text
+    place.write_text(text.replace("decision->insulin_mU_min = v", "decision->insulin_mU_min = 0x1.000002p+0F * v"))
+    (tmp_path / "copy" / "selftest").unlink(missing_ok=True)
+    ran = subprocess.run(["make", "test"], cwd=tmp_path / "copy", capture_output=True, text=True, check=False)
+    assert ran.returncode != 0
+    assert "differs" in ran.stdout
+
+
+@pytest.mark.skipif(not all(map(shutil.which, QEMU)), reason=f"needs {' and '.join(QEMU)}: install them from Debian")
+def test_an_emulated_chip_gives_the_same_bits(folder):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (rung,) = [rung for rung in manifest["checks"] if rung["check"] == "C on an emulated cortex-m4f"]
+    assert rung["holds"]
+    assert rung["samples"] == 60
+    assert rung["instructions"] > 0
+
+
+def test_what_was_not_run_is_not_claimed(folder):
+    told = (folder / "PROOF.md").read_text()
+    checks = json.loads((folder / "manifest.json").read_text())["checks"]
+    assert all(check["holds"] in (True, None) for check in checks)
+    assert "Frama-C" not in told
+    assert "C on this computer" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--controller", "basal"), "an exported controller is a folder; name one with --out"),
+        (("--target", "z80", "--out", "x"), "--target"),
+        (("--precision", "float16", "--out", "x"), "--precision"),
+        (("--samples", "2", "--out", "x"), "--samples"),
+        (("--check", "nowhere"), "nowhere holds no run.toml"),
+        (("--check", "nowhere", "--guard"), "leave out --guard"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(arguments, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("export", *arguments) == 2
+    assert told in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
