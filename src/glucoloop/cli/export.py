@@ -1,4 +1,4 @@
-"""``glucoloop export``: a controller in C, with recorded samples, a self-test and what was checked."""
+"""``glucoloop export``: a controller in C, with recorded samples, a self-test and a report of the checks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CHIP: Final = "Chip"
 _TAKEN: Final = frozenset(
     ("meals", "no_meal", "duration_min", "integrator", "faults", "no_fault", "initial_glucose_mg_dl")
 )
-"""Options of a run that say nothing about a controller: the recorded samples have meals and faults of their own."""
+"""Options of a run that do not concern a controller: the recorded samples have meals and faults of their own."""
 OPTIONS: Final = (
     Option(
         "precision", "--precision", str, "Arithmetic on the chip.", _CHIP, metavar="float32|float64", default="float32"
@@ -34,7 +34,7 @@ OPTIONS: Final = (
         "target",
         "--target",
         str,
-        "The chip that is emulated; c: none.",
+        "Target chip, which is emulated; c for none.",
         _CHIP,
         metavar="c|cortex-m4f|cortex-m7|rv32",
         default="c",
@@ -52,7 +52,7 @@ OPTIONS: Final = (
         "samples",
         "--samples",
         int,
-        "Recorded samples; with --check those to be checked.",
+        "Number of recorded samples; with --check of those that are checked.",
         _CHIP,
         metavar="N",
         default="120",
@@ -73,7 +73,7 @@ OPTIONS: Final = (
 
 @with_options(OPTIONS)
 def command(given: Given) -> None:
-    """Check what was asked for, write or check the folder, and tell it."""
+    """Check the request, write or check the folder, and print the results."""
     if "check" in given:
         _check(given)
         return

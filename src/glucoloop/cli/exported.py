@@ -1,4 +1,4 @@
-"""An exported controller, made, written and told."""
+"""Design, writing and report of an exported controller."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from glucoloop.storage.strict_json import json_text, with_version
 
 @dataclass(frozen=True)
 class Written:
-    """An exported controller and what was checked of it."""
+    """An exported controller with the results of its checks."""
 
     asked: Export
     exported: Exported
@@ -75,12 +75,12 @@ def _name(asked: Export) -> str:
 
 
 def write(asked: Export, folder: OutputFolder) -> Written:
-    """Design a controller, write it in C, check what can be checked at once, and write the folder.
+    """Design a controller, write it in C, run the quick checks, and write the folder.
 
     Raises
     ------
     ValueError
-        For a design or an export that is not possible.
+        If the controller cannot be designed or exported.
     """
     made, chip = _made(asked), chip_of(asked.chip.target)
     exported = made.exported
@@ -118,12 +118,12 @@ def report(written: Written) -> dict[str, Any]:
 
 
 def check(asked: Export, folder: Path, samples: int, target: str) -> list[Rung]:
-    """Design the controller of a folder anew, and climb the whole ladder.
+    """Design the controller of a folder again, and run the whole ladder.
 
     Raises
     ------
     ValueError
-        For a folder whose design is not possible any more.
+        If the design of the folder is not possible any more.
     """
     made = _made(asked)
     of_loop = made.recorded(samples, asked.run.situation.seed)
@@ -140,7 +140,7 @@ def _same_file(exported: Exported, folder: Path) -> Rung:
 
 
 def tell(written: Written, out: Path | None, files: dict[str, str]) -> None:
-    """The checks, and where the files are."""
+    """Print the checks, and the paths of the files."""
     source = written.exported.source
     print(f"Design {source.design[:16]}, {source.form} form, {written.exported.precision}.")
     tell_rungs(written.rungs)
@@ -148,7 +148,7 @@ def tell(written: Written, out: Path | None, files: dict[str, str]) -> None:
 
 
 def tell_rungs(rungs: Sequence[Rung]) -> None:
-    """One line for each check."""
+    """Print one line for each check."""
     for rung in rungs:
         verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]
         print(f"{verdict:>13}  {rung.check}: {rung.found}.")

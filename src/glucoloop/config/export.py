@@ -1,4 +1,4 @@
-"""A controller for a chip: the run that it is made for, and how C is written of it."""
+"""Configuration of an export: the run for which a controller is designed, and the form of its C."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KEYS: Final = ("precision", "target", "form", "samples")
 
 
 class ChipKeys(BaseModel):
-    """How C is written and checked."""
+    """Keys of the writing and checking of C."""
 
     model_config = STRICT
 
@@ -22,12 +22,12 @@ class ChipKeys(BaseModel):
     target: Literal["c", "cortex-m4f", "cortex-m7", "rv32"] = "c"
     form: Literal["auto", "unrolled", "compact"] = "auto"
     samples: int = Field(default=120, ge=6, le=1_000_000)
-    """Recorded for the self-test."""
+    """Number of samples that are recorded for the self-test."""
 
 
 @dataclass(frozen=True)
 class Export:
-    """A controller in its situation, and how C is written of it."""
+    """A controller in its situation, and the form of its C."""
 
     run: Run
     chip: ChipKeys
@@ -38,7 +38,7 @@ class Export:
 
 
 def read_export(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Export:
-    """Export from flat keys.
+    """Read the configuration of an export from flat keys.
 
     Raises
     ------

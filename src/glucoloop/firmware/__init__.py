@@ -1,1 +1,1 @@
-"""A controller for a microcontroller: a folder with its C, recorded samples, a self-test and what was checked."""
+"""Export of a controller for a microcontroller: a folder with its C, recorded samples, a self-test and a report."""

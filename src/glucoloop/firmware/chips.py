@@ -1,4 +1,4 @@
-"""The chips for which a controller is exported: compilers, flags, and how QEMU emulates them."""
+"""Chips for which a controller is exported: compilers, flags, and emulation by QEMU."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Chip:
     summary: str
     compiler: str
     package: str
-    """Of Debian, which brings the compiler."""
+    """Debian package that brings the compiler."""
     flags: tuple[str, ...]
     emulator: str
     emulator_package: str
@@ -67,7 +67,7 @@ CHIPS: Final = {
     )
 }
 HOST: Final = "c"
-"""C for any computer, without a chip."""
+"""Target name of C for any computer, without a chip."""
 LINK: Final = ("-nostdlib", "-nostartfiles", "-fno-builtin", "-fno-math-errno", "-T", "chip.ld")
 
 
@@ -87,5 +87,5 @@ def chip_of(target: str) -> Chip | None:
 
 
 def template(name: str) -> str:
-    """A file that goes into every folder."""
+    """A file that every folder gets."""
     return (importlib.resources.files("glucoloop.firmware") / "templates" / name).read_text(encoding="utf-8")

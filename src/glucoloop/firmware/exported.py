@@ -1,4 +1,4 @@
-"""A controller made ready for C: in the precision of the chip, with a decision that is always a number."""
+"""Controller prepared for C: in the precision of the chip, with a decision that is always a finite number."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PRECISIONS = ("float32", "float64")
 
 @dataclass(frozen=True)
 class Exported:
-    """A controller in C, and what it means."""
+    """A controller in C, and its reference."""
 
     source: Source
     traced: Traced
@@ -29,7 +29,7 @@ class Exported:
     limits: DoseLimits
 
     def meaning(self) -> tuple[Evaluation, Evaluation]:
-        """Init and step of the compact form in NumPy."""
+        """Init and step of the compact form in NumPy, as a reference."""
         return Evaluation(self.traced.init, self.precision), Evaluation(self.traced.step, self.precision)
 
 
@@ -48,18 +48,18 @@ def export(
     ----------
     controller : Controller
     limits : DoseLimits
-        Of the pump; a dose that is not a number is replaced by the least rate, with the status `NO_FINITE_DOSE`.
+        Limits of the pump; a dose of NaN is replaced by the least rate, with the status `NO_FINITE_DOSE`.
     observation : Observation
-        An example; fields that are None have no place in C.
+        Example of an observation; fields that are None are absent in C.
     title : list of str
-        For the head of the files.
+        Lines for the head of the files.
     precision : {"float32", "float64"}
     form : {"auto", "unrolled", "compact"}
 
     Raises
     ------
     ValueError
-        For an unknown precision or form, or a controller that C cannot be written of.
+        For an unknown precision or form, or a controller that cannot be written in C.
     """
     if precision not in PRECISIONS:
         raise ValueError(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")

@@ -1,4 +1,4 @@
-"""The files of an exported controller."""
+"""Files of an exported controller."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Rungs = Sequence[Mapping[str, Any]]
 
 
 def code_files(exported: Exported, record: Record, chip: Chip | None) -> dict[str, str]:
-    """Everything that a compiler reads."""
+    """Files that a compiler reads."""
     of = chip or CHIPS["cortex-m4f"]
     return {
         "controller.h": exported.source.header,
@@ -58,7 +58,7 @@ def _makefile(chip: Chip) -> str:
 
 
 def _samples(exported: Exported, record: Record) -> str:
-    """Recorded samples as a header: what is given and what is expected, in bits."""
+    """Recorded samples as a header: inputs and expected outputs, in bits."""
     format, records = FORMATS[exported.precision], exported.source.records
     given, expected = records["observation"].fields, records["decision"].fields
     word = np.dtype(format.bits.removesuffix("_t"))
@@ -142,7 +142,7 @@ def numbers_table(controller: Controller) -> str:
 
 
 def proof(rungs: Rungs) -> str:
-    """What was checked, and what was not and why."""
+    """Report of the checks that were made, and of those that were not, with the reason."""
     lines = ["# What was checked", "", 'Only what was run when this folder was written stands under "held".', ""]
     for title, holds in (("Held", True), ("Did not hold", False), ("Not run", None)):
         told = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
@@ -151,7 +151,7 @@ def proof(rungs: Rungs) -> str:
 
 
 def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | None) -> str:
-    """What an engineer has to know."""
+    """Instructions for an engineer."""
     of = chip or CHIPS["cortex-m4f"]
     statuses = "\n".join(f"| {status.value} | {status.name} | {status.text} |" for status in Status)
     return (

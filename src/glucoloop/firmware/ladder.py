@@ -1,4 +1,4 @@
-"""The ladder of checks: each rung is run if its tools are here, and named with the package that brings them if not."""
+"""Ladder of checks: each rung runs if its tools are installed, and otherwise names the package that brings them."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import STRICT
 
 INTERPRETED: Final = {"unrolled": 10_000, "compact": 12}
-"""Samples that are carried out in NumPy when a folder is written; `--check` takes all that are asked for."""
+"""Number of samples that are computed in NumPy when a folder is written; `--check` takes all that are asked for."""
 _CLOCK_MHZ: Final = 64.0
 _CYCLES: Final = 1.5
-"""Cycles that an instruction is taken to need; QEMU has no model of them."""
+"""Assumed cycles per instruction; QEMU has no model of them."""
 _LONGEST_S: Final = 600.0
 
 
 @dataclass(frozen=True)
 class Rung:
-    """One check."""
+    """One check of the ladder."""
 
     check: str
     holds: bool | None
-    """None: it was not run."""
+    """Whether the check passed, or None if it was not run."""
     found: str
     measured: Mapping[str, Any]
 
@@ -45,17 +45,17 @@ class Rung:
 
 
 def ladder(exported: Exported, record: Record, chips: list[Chip], *, samples: int | None, deep: bool) -> Iterator[Rung]:
-    """Climb the ladder.
+    """Run the checks in order.
 
     Parameters
     ----------
     exported : Exported
     record : Record
-        Samples and the decisions that are to be met.
+        Samples and the expected decisions.
     chips : list of Chip
-        To be emulated.
+        Chips that are emulated.
     samples : int or None
-        Carried out in NumPy; None: all.
+        Number of samples that are computed in NumPy, or None for all.
     deep : bool
         Whether Frama-C and cppcheck are run too, which takes minutes.
     """
@@ -167,7 +167,7 @@ def _emulated(exported: Exported, record: Record, chip: Chip) -> Rung:
 
 
 def _flash(chip: Chip, folder: Path) -> dict[str, int]:
-    """Program, tables and stack of the controller alone."""
+    """Size of program, tables and stack of the controller alone."""
     flags = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", "-Os", "-fstack-usage", *chip.flags]
     code, _ = _ran([chip.compiler, *flags, "-c", "-o", "controller.o", "controller.c"], folder)
     code_size, said = _ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
@@ -213,7 +213,7 @@ _ADVISORY: Final = frozenset({
     "1.2", "2.3", "2.4", "2.5", "2.6", "2.7", "5.9", "8.7", "8.9", "8.11", "8.13", "10.5", "11.4", "11.5", "12.1",
     "12.3", "12.4", "13.3", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "21.12",
 })  # fmt: skip
-"""Rules of MISRA C:2012 that advise; the others are required."""
+"""Advisory rules of MISRA C:2012; the others are required."""
 _MAIN: Final = """\
 #include "controller.h"
 extern void anything(void *to, unsigned long size);

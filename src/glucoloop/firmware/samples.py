@@ -1,4 +1,4 @@
-"""Recorded samples: observations of a closed loop with faults, then absurd ones, and what the controller answers."""
+"""Recorded samples: observations of a closed loop with faults, then absurd ones, and the controller's decisions."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ FAULTS: Final = (
     "occlusion, per_day=3, duration_min=30",
     "battery, per_day=3, duration_min=20",
 )
-"""Faults of sensor and pump in the closed loop, in this order around them."""
+"""Faults of sensor and pump in the closed loop, in the order in which they wrap them."""
 _MEALS_A_SAMPLE: Final = 0.02
 _ABSURD: Final = (np.nan, np.inf, -np.inf, 3e38, -3e38, 0.0, -1.0, 1e-42)
 _ABSURD_SHARE: Final = 6
-"""One sample in so many is absurd, at the end of a record."""
+"""Number of samples of which one is absurd, at the end of a record."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """Samples in their order; the state goes from each to the next."""
+    """Samples in their order; the state passes from each to the next."""
 
     observations: list[Leaves]
     decisions: list[Leaves]
 
     def differs(self, other: Record) -> int | None:
-        """The first sample at which the decisions are not the same to the bit; None if they all are."""
+        """First sample at which the decisions differ in a bit; None if they are the same."""
         for i, (here, there) in enumerate(zip(self.decisions, other.decisions, strict=True)):
             if not all(same(a, b) for a, b in zip(here, there, strict=True)):
                 return i
@@ -54,7 +54,7 @@ class Record:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two arrays have the same bits; what is not a number is one to another."""
+    """Whether two arrays have the same bits; NaN equals NaN."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     return bool(np.all((a == b) & (np.signbit(a) == np.signbit(b)) | (a != a) & (b != b)))
 
@@ -95,7 +95,7 @@ def arithmetic(exported: Exported) -> tuple[Init, Step]:
 
 
 def example(controller: Controller, stepper: Stepper) -> Observation:
-    """What the controller will see."""
+    """Example of the controller's observation."""
     seen = stepper.observation()
     if gives_boluses(controller) and seen.delivered_bolus_mU is None:
         seen = dataclasses.replace(seen, delivered_bolus_mU=jnp.zeros(()))
@@ -120,7 +120,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
 def record(
     exported: Exported, controller: Controller, situation: Situation, init: Init, step: Step, *, samples: int, seed: int
 ) -> Record:
-    """Close the loop around a controller with faults, and tell it absurd numbers at the end.
+    """Run the loop of a controller with faults, and give it absurd numbers at the end.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def record(
     controller : Controller
     situation : Situation
     init, step : callable
-        What computes the decisions, such as `arithmetic` or a `Library`.
+        Functions that compute the decisions, such as `arithmetic` or a `Library`.
     samples : int
     seed : int
     """
@@ -155,7 +155,7 @@ def record(
 
 
 def replayed(of: Record, init: Init, step: Step, samples: int | None = None) -> Record:
-    """What another computation answers to the same observations."""
+    """Decisions of another implementation for the same observations."""
     state: Leaves = []
     decisions = []
     observations = of.observations[:samples]
@@ -172,7 +172,7 @@ def _leaves(seen: Observation, exported: Exported) -> Leaves:
 
 
 def _absurd(leaf: npt.NDArray[Any], rng: np.random.Generator) -> npt.NDArray[Any]:
-    """A number as it is, or one that nobody can mean; of whatever may come over a wire."""
+    """A number as it is, or an absurd one such as may come over a wire."""
     if leaf.dtype == bool:
         return np.asarray(bool(rng.random() < 0.8))
     if rng.random() < 0.5:
