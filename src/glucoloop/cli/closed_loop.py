@@ -10,6 +10,7 @@ from typing import Any
 
 from glucoloop.config.run import IDENTIFICATION_KEYS, CaseKeys, Run, SituationKeys
 from glucoloop.control import Controller
+from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.experiments.situation import Situation
@@ -72,7 +73,11 @@ def close_the_loop(run: Run) -> Outcome:
         trace=trace,
         metrics=metrics,
         limits=situation.limits,
-        notes=(*notes_on(run, model), *notes_on_patient(situation), *notes_on_trace(trace, metrics)),
+        notes=(
+            *notes_on(run, model),
+            *notes_on_patient(situation, controller),
+            *notes_on_trace(trace, metrics),
+        ),
     )
 
 
@@ -158,7 +163,7 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
         yield "There is no dead time that the controller could know; --dead-time adds one."
 
 
-def notes_on_patient(situation: Situation) -> Iterator[str]:
+def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
     """The basal rate in the unit of pumps, where insulin is given under the skin."""
     person = situation.nominal
     if insulin_route(person) == SUBCUTANEOUS:
@@ -166,6 +171,11 @@ def notes_on_patient(situation: Situation) -> Iterator[str]:
         yield (
             f"Insulin is given under the skin; the basal rate is {u_h_from_mu_min(basal):.4g} U/h, "
             f"which is {basal:.4g} mU/min."
+        )
+    elif gives_boluses(controller):
+        yield (
+            "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; "
+            "boluses are meant for insulin under the skin, as of hovorka-2004."
         )
 
 
