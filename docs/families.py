@@ -1,0 +1,120 @@
+"""Run each command on a patient of each family, and write the table that ``guide/patients.md`` shows.
+
+    python docs/families.py
+
+It takes about an hour on two processors and rewrites ``guide/families.md``. Each cell is what came of one short run of
+the command; a command that fails stops the script.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+PATIENTS = ("parker-1999", "hovorka-2004", "kanderian:PERSON_1")
+
+
+def _of_run(found):
+    return f"undershoot {found['metrics']['undershoot_mg_dl']:.1f} mg/dl"
+
+
+def _of_comparison(found):
+    numbers = (f"{case['metrics']['undershoot_mg_dl']:.1f}" for case in found["cases"].values())
+    return f"undershoot {' and '.join(numbers)} mg/dl"
+
+
+def _of_identification(found):
+    return f"gain {found['fit']['gain_mg_dl_per_mU_min']:.2f} mg/dl per mU/min"
+
+
+def _of_tuning(found):
+    return f"least sum of squares {found['best']['sse']:.4g}"
+
+
+def _of_trial(found):
+    return f"undershoot {found['controllers']['pid']['metrics']['undershoot_mg_dl']['median']:.1f} mg/dl, median"
+
+
+def _of_stress(found):
+    return f"lowest {min(row['lowest_mg_dl'] for row in found['rows']):.1f} mg/dl"
+
+
+def _of_verification(found):
+    return f"{sum(found['violations'].values())} violations in {found['samples']} samples"
+
+
+def _of_detection(found):
+    score = found["estimators"]["moving-horizon"]
+    return f"{score['detected_pct']:.0f} % of {score['meals']} meals detected"
+
+
+def _of_bound(found):
+    return f"largest deviation {found['bounds'][0]['deviation_mg_dl']:.2f} mg/dl"
+
+
+def _of_robust_search(found):
+    scores = found["chosen"]["scores"]
+    return f"undershoot {scores['undershoot_median_mg_dl']:.1f} mg/dl with the tuning chosen of {found['candidates']}"
+
+
+def _of_adversary(found):
+    return f"lowest {found['searches'][0]['lowest_mg_dl']:.1f} mg/dl"
+
+
+# The command with its arguments, and what is said of its JSON object.
+COMMANDS = {
+    "run": ("--controller pid", _of_run),
+    "compare": ("--case pid --case imc", _of_comparison),
+    "identify": ("", _of_identification),
+    "tune": ("--controller mpc --move-horizon 1:2 --prediction-horizon 30:40:10", _of_tuning),
+    "trial": ("--people 8 --controller pid --out OUT", _of_trial),
+    "stress": ("--people 2 --controller pid --fault missing --out OUT", _of_stress),
+    "verify": ("--loops 8 --controller pid", _of_verification),
+    "detect": ("--people 2", _of_detection),
+    "bound": ("", _of_bound),
+    "robust": (
+        "--people 4 --check-people 4 --seeds 2 --check-seeds 2 --rounds 1 --batch 8 --out OUT",
+        _of_robust_search,
+    ),
+    "adversary": ("--controller pid --people 2 --error 10 --generations 1 --out OUT", _of_adversary),
+}
+
+
+def carried_out(command, arguments, patient, folder):
+    """The JSON object that a command prints; ends the script with what it said if it fails."""
+    words = [command, "--patient", patient, *arguments.replace("OUT", str(folder / f"{command}-out")).split(), "--json"]
+    done = subprocess.run(["glucoloop", *words], cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"glucoloop {' '.join(words)} ended with {done.returncode}:\n{done.stderr}")
+    return json.loads(done.stdout)
+
+
+def row(command):
+    arguments, said_of = COMMANDS[command]
+    cells = [f"`glucoloop {command} {arguments.replace('OUT', 'DIR')}`".replace(" `", "`")]
+    for patient in PATIENTS:
+        with tempfile.TemporaryDirectory() as folder:
+            shutil.copy(DOCS.parent / "examples" / "kanderian.py", folder)
+            cells.append(said_of(carried_out(command, arguments, patient, Path(folder))))
+        print(f"{command}, {patient}: {cells[-1]}", flush=True)
+    return f"| {' | '.join(cells)} |"
+
+
+def main():
+    version = subprocess.run(["glucoloop", "--version"], capture_output=True, text=True, check=True).stdout.split()[-1]
+    lines = [
+        f"| Command | {' | '.join(f'`{patient}`' for patient in PATIENTS)} |",
+        f"| :--- |{' :--- |' * len(PATIENTS)}",
+        *map(row, COMMANDS),
+        "",
+        f"Made with glucoloop {version}.",
+        "",
+    ]
+    (DOCS / "guide" / "families.md").write_text("\n".join(lines), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
