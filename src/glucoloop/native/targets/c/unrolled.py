@@ -60,7 +60,10 @@ class _Writer:
         self._order = self._p.needed(self._results)
         self._uses: dict[Value, int] = {}
         for value in self._order:
-            for argument in self._p.operations[value][1]:
+            operation, arguments = self._p.operations[value]
+            # The condition between two truths is written twice, see `_operation`.
+            twice = arguments[:1] if operation == "select" and self._is_truth(value) else ()
+            for argument in (*arguments, *twice):
                 self._uses[argument] = self._uses.get(argument, 0) + 1
         for value in self._results:
             self._uses[value] = self._uses.get(value, 0) + 2
@@ -131,6 +134,9 @@ class _Writer:
                 return f"-{names[0]}"
             case "not":
                 return f"!{names[0]}"
+            case "select" if self._is_truth(value):
+                # MISRA C:2012, rule 10.4: cppcheck takes truths on the two sides of a colon for different types.
+                return f"({names[0]} && {names[1]}) || ((!{names[0]}) && {names[2]})"
             case "select":
                 return f"{names[0]} ? {names[1]} : {names[2]}"
             case "number":

@@ -69,7 +69,9 @@ class Writer:
         flat = array.ravel()
         bits = np.ascontiguousarray(flat).view(np.uint8).reshape(flat.size, -1) if flat.size else flat
         if flat.size and (bits == bits[0]).all():
-            number = Scalar(self.literal(flat[0], kind), kind, is_name=True)
+            text = self.literal(flat[0], kind)
+            # MISRA C:2012, rule 10.6: a small literal alone has a narrower type than the variables of its kind.
+            number = Scalar(f"(int32_t){text}" if kind == WHOLE else text, kind, is_name=True)
             return number if array.size == 1 else Tree(array.shape, kind, "{0}", (number,))
         return View(self._tables.name(array), kind, array.shape, dense(array.shape))
 
