@@ -65,6 +65,7 @@ def test_the_example_of_the_readme_is_the_one_in_examples():
     assert set(loop) <= set(told.splitlines())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
 def test_an_example_of_a_page_is_python_that_runs(page):
     if page != README:

@@ -21,6 +21,7 @@ def test_distance_of_no_control(best, scenario):
     assert distance_to_bound(best(10.0).glucose_mg_dl, best(10.0)).distance_mg_dl < 0.002
 
 
+@pytest.mark.long
 def test_other_runs_and_bounds_are_refused(best):
     with pytest.raises(ValueError, match="glucose of shape"):
         distance_to_bound(np.zeros(3), best(10.0))

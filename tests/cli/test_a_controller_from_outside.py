@@ -62,6 +62,7 @@ def test_what_is_wrong_is_told(outside, refused, arguments, told):
     assert told in refused("run", *arguments)
 
 
+@pytest.mark.long
 def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
     given = ("--controller", "your-own-pi", "--setting", "integral_min=60", *SHORT)
     answer = glucoloop("run", *given, "--out", "a", "--json")

@@ -49,6 +49,7 @@ def test_what_is_wrong_is_told(outside, refused, text, told):
     assert told in refused("run", "--controller", "basal", "--fault", text)
 
 
+@pytest.mark.long
 def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
     given = ("--controller", "basal", "--duration", "60", "--no-meal", "--fault", f"{NAME}, start_min=20")
     first = glucoloop("run", *given, "--out", "a", "--json")

@@ -74,6 +74,7 @@ def test_a_population_of_another_patient_is_refused(outside, glucoloop):
     assert "unknown population 'parker2000' of kanderian:PERSON_1; the known ones are: nominal, varied" in answer.err
 
 
+@pytest.mark.long
 def test_a_run_and_its_repetition(outside, glucoloop):
     first = glucoloop("run", "--patient", NAME, "--controller", "pid", "--site", "interstitial", "--out", "a", "--json")
     assert first.code == 0

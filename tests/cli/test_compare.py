@@ -8,6 +8,7 @@ from glucoloop.config.case_text import parse_case
 SHORT = ("--duration", 100)
 
 
+@pytest.mark.long
 def test_cases_stand_side_by_side(glucoloop):
     answer = glucoloop("compare", "--case", "mpc", "--case", "careful: mpc, move_weight=3", *SHORT)
     assert answer.code == 0

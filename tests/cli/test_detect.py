@@ -61,6 +61,7 @@ def asked(monkeypatch):
     return asked
 
 
+@pytest.mark.long
 def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
     first = glucoloop("detect", *SMALL, "--out", "a")
     assert first.code == 0, first.err

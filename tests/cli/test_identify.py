@@ -9,6 +9,7 @@ import pytest
 import glucoloop as gl
 
 
+@pytest.mark.long
 def test_model_of_the_patient(glucoloop, tmp_path):
     report = glucoloop("identify", "--out", "model", "--json").json
     identified = gl.identify(gl.patient())
@@ -22,6 +23,7 @@ def test_model_of_the_patient(glucoloop, tmp_path):
     assert json.loads((tmp_path / "model/model.json").read_text()) == report["model"]
 
 
+@pytest.mark.long
 def test_record_gives_the_model_it_was_written_with(glucoloop, tmp_path):
     first = glucoloop("identify", "--noise", 1.45, "--seed", 4, "--out", "first", "--json").json
     assert pl.read_csv(tmp_path / "first/record.csv").height == 73
@@ -32,6 +34,7 @@ def test_record_gives_the_model_it_was_written_with(glucoloop, tmp_path):
     assert again["model"]["step_response"] == answer.json["model"]["step_response"]
 
 
+@pytest.mark.long
 def test_record_of_a_lively_input_is_fitted_by_least_squares(glucoloop, tmp_path):
     patient = gl.patient()
     insulin = float(patient.basal_insulin_mU_min) + np.random.default_rng(0).uniform(-5, 5, 300)

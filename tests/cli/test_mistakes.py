@@ -133,6 +133,7 @@ MODELS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", MODELS)
 def test_model_that_was_changed_is_refused(refused, tmp_path, model_text, key):
     value, told = MODELS[key]
@@ -357,6 +358,7 @@ def test_model_that_is_nested_deeply_is_refused(refused, tmp_path, model_text, d
     assert "nested more than 10 times" in told or "recursion limit exceeded" in told
 
 
+@pytest.mark.long
 def test_closed_streams_are_no_bug(tmp_path):
     """A shell's ``2>&-`` and ``>&-``."""
     for closed, code in (("2>&-", 2), (">&-", 2), (">&- 2>&-", 2)):

@@ -62,6 +62,7 @@ def test_without_arguments_it_helps(glucoloop):
     assert "Usage: glucoloop" in answer.out + answer.err
 
 
+@pytest.mark.long
 def test_one_json_object_and_exit_codes(tmp_path):
     cache = tmp_path / "cache"
     done = shell("run", "--json", "--noise", "1.45", folder=tmp_path, cache=cache)
@@ -71,6 +72,7 @@ def test_one_json_object_and_exit_codes(tmp_path):
     assert shell("run", "--noise", "x", folder=tmp_path, cache="off").returncode == 2
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 @pytest.mark.parametrize("delay_s", [0.1, 2.0])
 def test_interrupt_from_the_keyboard(tmp_path, delay_s):

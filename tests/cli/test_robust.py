@@ -56,6 +56,7 @@ def _closed_form(monkeypatch):
     monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
 
 
+@pytest.mark.long
 def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("robust", *SMALL, "--at-most", "total-variation=450", "--out", "a")
     assert first.code == 0, first.err

@@ -82,6 +82,7 @@ def test_noise_changes_tuning_and_record_unless_told(glucoloop):
     assert own["model"]["step_response"] == glucoloop("run", "--json", *SHORT).json["model"]["step_response"]
 
 
+@pytest.mark.long
 def test_folder_repeats_the_run_to_the_last_bit(glucoloop, tmp_path):
     first = glucoloop(
         "run", "--noise", 1.45, "--seed", 5, "--dead-time", 10, "--known-dead-time", "--meal", "40@1h", "--meal",
@@ -124,6 +125,7 @@ def test_known_dead_time_reaches_the_controller(glucoloop):
     assert known.json["metrics"]["sse"] != unknown.json["metrics"]["sse"]
 
 
+@pytest.mark.long
 def test_model_that_holds_the_dead_time_is_not_delayed_again(glucoloop):
     """Its controller looks as much farther ahead as for a model that is delayed."""
     model = glucoloop("identify", "--dead-time", 10, "--out", "late", "--json").json["model"]
@@ -134,6 +136,7 @@ def test_model_that_holds_the_dead_time_is_not_delayed_again(glucoloop):
     assert glucoloop(*held).json["metrics"] == gl.summarise(trace).as_dict()
 
 
+@pytest.mark.long
 def test_model_file_gives_the_run_that_identified_it(glucoloop):
     first = glucoloop("run", "--out", "first", "--json").json
     again = glucoloop("run", "--model", "first/model.json", "--out", "again", "--json").json
@@ -156,6 +159,7 @@ def test_fasting_and_a_start_off_the_setpoint(glucoloop):
     assert report["config"]["meals"] == []
 
 
+@pytest.mark.long
 def test_sample_time_reaches_everything(glucoloop):
     report = glucoloop("run", "--sample-time", 10, "--json").json
     assert report["model"]["sample_time_min"] == 10.0
@@ -163,6 +167,7 @@ def test_sample_time_reaches_everything(glucoloop):
     assert report["config"]["laguerre_pole"] == pytest.approx(0.84**2)
 
 
+@pytest.mark.long
 def test_integrators_agree(glucoloop):
     fast, adaptive = (
         glucoloop("run", "--integrator", name, "--json", *SHORT).json["metrics"] for name in ("fast", "adaptive")

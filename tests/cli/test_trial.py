@@ -38,6 +38,7 @@ def sums(folder):
     return (folder / "SHA256SUMS").read_text()
 
 
+@pytest.mark.long
 def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("trial", *TWO, "--traces", 4, "--out", "a")
     assert first.code == 0
@@ -65,6 +66,7 @@ def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
 
 
+@pytest.mark.long
 def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_path, monkeypatch):
     reports = []
     monkeypatch.setattr("glucoloop.cli.trial_results.trial_page", lambda report: reports.append(report) or "")
@@ -103,6 +105,7 @@ def test_help_of_trials_imports_nothing_heavy():
         assert "Usage: glucoloop" in done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_shards_and_threads_change_nothing_about_a_person(glucoloop, tmp_path):
     glucoloop("trial", *SMALL, "--shard-people", 40, "--workers", 1, "--out", "one")
@@ -145,6 +148,7 @@ def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
     assert people.filter(~pl.col("able"))["person"].to_list() == infeasible
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, tmp_path, monkeypatch):
     from glucoloop.cohorts import engine
@@ -180,6 +184,7 @@ def test_design_that_fails_changes_nothing(glucoloop, refused, tmp_path):
     assert sums(tmp_path / "a/b") == before
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_population_file_beside_a_configuration(glucoloop, tmp_path):
     (tmp_path / "in").mkdir()
@@ -235,6 +240,7 @@ def test_mistake_is_told_in_a_sentence(refused, tmp_path, line):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_questions(glucoloop, refused, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")

@@ -23,6 +23,7 @@ def digests(folder):
     }
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_kill_at_any_moment_loses_nothing(glucoloop, tmp_path):
     killed = tmp_path / "killed"

@@ -118,6 +118,7 @@ def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
     assert all(f"{carbs:.1f}g@{t:.1f}min" in first for t, carbs in met.meals)
 
 
+@pytest.mark.long
 def test_a_campaign_runs(glucoloop, monkeypatch):
     monkeypatch.setattr("glucoloop.studies.verification.campaign.horizon_min", lambda name: 100.0)
     answer = glucoloop("verify", "--loops", 30, "--controller", "basal")

@@ -28,6 +28,7 @@ def test_edges_of_insulin_reach_beyond_the_limit(most, end):
     np.testing.assert_array_equal(np.diff(edges), 0.25)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("edges", [glucose_edges(), insulin_edges(66.9)], ids=["glucose", "insulin"])
 @given(st.data())

@@ -74,6 +74,7 @@ def assert_same(found, expected, places=slice(None)):
         np.testing.assert_array_equal(found.insulin_mU_min, expected.insulin_mU_min[:, places])
 
 
+@pytest.mark.long
 def test_everybody_is_the_same_to_the_bit_whoever_else_is_asked_for(prepared, result):
     order = np.random.default_rng(0).permutation(NUMBERS.size)
     for places in (order, order[:3], order[:1]):
@@ -132,6 +133,7 @@ def test_traces_are_kept_if_they_are_asked_for(prepared, result):
     assert_same(without, result)
 
 
+@pytest.mark.long
 def test_each_person_is_a_run_of_his_own(trial, prepared, result):
     """His constants, meal, noise and basal rate in the ordinary loop give his metrics and traces."""
     people = virtual_people(trial.population, trial.seed, NUMBERS, setpoint_mg_dl=120.0)

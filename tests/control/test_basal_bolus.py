@@ -180,6 +180,7 @@ def follow(guard, glucose, carbs, valid):
     return jax.lax.scan(sample, start, (glucose, carbs, valid))[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("max_hour", "max_on_board", "change"), [(2.4, 1.3, 16.7), (20.0, 20.0, 1.0), (6.0, 0.5, 4.0)])
 @settings(max_examples=60, deadline=None)
 @given(events=EVENTS)

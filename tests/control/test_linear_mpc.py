@@ -157,6 +157,7 @@ def both_plans(tuning, glucose, past):
         yield planned(tuning, error, past[-1], float(decision.insulin_mU_min))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tuning", [TUNING, MPCTuning(2, 8, 1.0, 0.0), MPCTuning(3, 9, 1.0, 0.2)])
 @settings(max_examples=25)
 @given(glucose=st.floats(20.0, 400.0), past=st.lists(st.floats(0.0, 66.9), min_size=4, max_size=4))

@@ -43,6 +43,7 @@ def unannounced():
 # ----------------------------------------------------------------------------------------------------- in the loop
 
 
+@pytest.mark.long
 def test_a_meal_that_nobody_announced_hardly_shows_without_noise(unannounced):
     glucose = np.asarray(unannounced.fine_glucose_mg_dl)
     assert SETPOINT - glucose.min() <= 2.0

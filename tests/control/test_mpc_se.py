@@ -149,6 +149,7 @@ def test_medians_in_noise_with_and_without_dead_time(medians, case):
     assert 81.1 - medians[case] == pytest.approx(TABLE_II[case], abs=1.0)
 
 
+@pytest.mark.long
 def test_the_lowest_glucose_of_fig_4(medians):
     assert medians[0, False] == pytest.approx(68.3, abs=0.7)  # the paper: 68.5
 

@@ -112,6 +112,7 @@ def by_hand(sorensen, advance, x, delivered, reading, tuning, Q):
     return np.linalg.lstsq(stacked, wanted, rcond=None)[0][0], z
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("rest", "delivered", "surprise"), [(81.1, 27.0, 2.0), (120.0, 20.0, -3.0), (62.0, 24.0, 1.5)])
 def test_one_sample_is_that_of_an_independent_implementation(
     patient_81, sorensen_by_hand, controller, advance, rest, delivered, surprise

@@ -14,6 +14,7 @@ from glucoloop.simulation import simulate
 SEEDS = 60
 
 
+@pytest.mark.long
 def test_the_identified_model(identified_81):
     assert float(identified_81.impulse_response.sum()) == pytest.approx(-2.6036501, rel=1e-7)
     np.testing.assert_allclose(identified_81.laguerre_coefficients, [-0.37481091, -0.40937979], rtol=1e-7)

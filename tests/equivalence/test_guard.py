@@ -1,6 +1,7 @@
 """Native code: a guard that has nothing to do changes no bit of what becomes of people."""
 
 import numpy as np
+import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
@@ -20,6 +21,7 @@ OPEN = GuardSettings(
 )
 
 
+@pytest.mark.long
 def test_of_people_in_native_code(monkeypatch):
     trial = read_trial(KEYS, [{"label": "mpc", "controller": "mpc"}])
 

@@ -117,6 +117,7 @@ def predicted(z, insulin, moves, correction, horizon):
     return np.array(out)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("constraints", "tuning", "dead_time", "held"),
     [

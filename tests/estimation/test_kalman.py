@@ -66,6 +66,7 @@ def test_a_scalar_noise_counts_for_every_sensor():
     )
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(
     st.integers(0, 2**16),
@@ -213,6 +214,7 @@ def test_an_almost_exact_reading_leaves_a_covariance():
         assert smallest >= -1e-14 * np.linalg.eigvalsh(state.covariance)[-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shared", ["nothing", "model", "covariance", "mean"])
 def test_a_cohort_is_its_people(shared):
     people = [a_record(seed) for seed in range(4)]

@@ -17,6 +17,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("GLUCOLOOP_CACHE_DIR", "off")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "told"),
     [

@@ -18,6 +18,7 @@ def model():
     return identified_model(SITUATION, usual_case("mpc", SITUATION), SITUATION.nominal).model
 
 
+@pytest.mark.long
 def test_the_identified_model_is_close_to_the_linear_one(model):
     """Glucose hardly regulates itself here: a pulse is felt for longer than the 24 hours that the model looks back."""
     samples = model.step_response.shape[0]

@@ -28,6 +28,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_the_folder_passes_its_own_test(folder):
     for command in (["sha256sum", "-c", "SHA256SUMS"], ["make", "test"]):
         if shutil.which(command[0]) is None:

@@ -39,6 +39,7 @@ pieces = st.lists(st.tuples(st.sampled_from(NAMES), values), max_size=3).map(
 commands = st.sampled_from([*FLAGS, "reproduce", "query", "ruun"])
 
 
+@pytest.mark.long
 @given(commands, pieces, st.lists(values, max_size=2))
 @example("run", ["--config", "a\0b"], [])
 @example("run", ["--controller", "x" * 100_000], [])

@@ -241,6 +241,7 @@ def test_question_is_refused(asked, trial, question):
     assert asked("query", str(trial), question, "--csv").code == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", [(), ("--json",), ("--csv",)])
 def test_question_is_answered_whatever_the_cells_hold(asked, trial, how):
     for question in ANSWERED:

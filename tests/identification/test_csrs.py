@@ -32,6 +32,7 @@ def test_pulses_are_balanced_apart_and_away_from_the_end(memory, pairs, spare, s
     assert samples - at[-1] >= memory
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("samples", "pulses"), [(None, None), (150, None), (None, 6), (100, 4)])
 def test_the_sequence_is_white_over_the_memory(samples, pulses):
     insulin = design_csrs(12, 2.0, samples, pulses)

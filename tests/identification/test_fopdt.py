@@ -29,6 +29,7 @@ def test_gain_and_time_constant_are_recovered_for_a_known_delay(gain, tau, delay
     np.testing.assert_allclose(fit.response(TIMES, step), first_order(gain, tau, delay, step), atol=1e-6)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=30)
 @given(gains, st.floats(10, 150), st.floats(1, 40))
 def test_an_unknown_delay_is_recovered_too(gain, tau, delay):

@@ -35,6 +35,7 @@ def test_finds_what_scipy_finds_in_a_record_without_noise(gain, lag):
     assert found.residual_rms_mg_dl < 0.02
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_they_are_said_to_be():
     random = np.random.default_rng(1)
     people = 60

@@ -50,6 +50,7 @@ def test_a_known_patient_comes_back_from_the_shortest_record():
     assert found.model.sample_time_min == 5.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("keywords", [{"basal_insulin_mU_min": BASAL}, {"starts_at_rest": False}])
 def test_a_known_patient_comes_back_from_any_input_by_least_squares(keywords):
     found = identify_record(record_of(BINARY), "least-squares", memory=MEMORY, laguerre_functions=None, **keywords)
@@ -112,6 +113,7 @@ def test_smoothing_makes_a_noisy_model_predict_better():
     assert np.median(sums[:, 0]) < 0.6 * np.median(sums[:, 1])
 
 
+@pytest.mark.long
 def test_meals_do_not_bias_the_gain():
     """Insulin given at meals, as people do: what meals add is the response of their own."""
     rng = np.random.default_rng(0)
@@ -160,6 +162,7 @@ def test_the_pipeline_over_noise_is_the_pipeline_at_each_noise():
         np.testing.assert_allclose(together, alone, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_record_behind_a_dead_time_gives_the_delayed_model():
     u = design_csrs(MEMORY + 2, 20.0)
     late = np.r_[0.0, 0.0, np.asarray(TRUTH.predict(u))[:-2]]

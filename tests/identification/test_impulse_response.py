@@ -20,6 +20,7 @@ def glucose_of(h, u):
     return signal.lfilter(np.r_[0.0, h], [1.0], np.r_[u, 0.0])
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=30)
 @given(responses, st.sampled_from([(None, None), (40, None), (None, 6)]), st.floats(-100, 100))
 def test_cross_correlation_recovers_a_finite_response_whatever_the_baseline(h, size, baseline):
@@ -40,6 +41,7 @@ def test_least_squares_recovers_a_finite_response_from_a_white_input(h, seed):
     np.testing.assert_allclose(least_squares(u, glucose_of(h, u), MEMORY), h, atol=1e-9)
 
 
+@pytest.mark.long
 def test_least_squares_recovers_the_response_beside_an_unknown_baseline_and_an_unknown_past():
     rng = np.random.default_rng(3)
     h, u = rng.normal(size=MEMORY), rng.normal(size=90)
@@ -111,6 +113,7 @@ def test_an_input_that_never_moves_is_refused():
         cross_correlation(np.zeros(20), np.zeros(21), 4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("samples", "keywords", "least"),
     [

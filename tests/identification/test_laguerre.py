@@ -80,6 +80,7 @@ def test_the_best_pole_of_a_decay_is_its_own(pole):
     assert search.poles.shape == search.residual_norms.shape == (99,)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=10)
 @given(responses, st.sampled_from([1, 2, 3]))
 def test_the_error_curve_is_that_of_each_pole_and_its_least_is_returned(h, functions):

@@ -83,6 +83,7 @@ def test_rows_without_a_reading_at_either_end_and_a_part_sample_are_left_out():
     )
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=50)
 @given(st.lists(st.floats(0.5, 14.5), min_size=3, max_size=60), st.integers(0, 1000))
 def test_uneven_rows_keep_the_insulin_delivered_and_readings_on_a_line(gaps, seed):

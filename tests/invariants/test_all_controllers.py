@@ -189,6 +189,7 @@ def alone(controller):
 # ------------------------------------------------------------------------------------------- one, many, in real time
 
 
+@pytest.mark.long
 def test_a_cohort_is_each_one_alone(controller, alone):
     together = jax.vmap(lambda key: loop(controller, key))(keys)
     for i, one in enumerate(alone):
@@ -197,6 +198,7 @@ def test_a_cohort_is_each_one_alone(controller, alone):
         np.testing.assert_array_equal(together.status[i], one.status)
 
 
+@pytest.mark.long
 def test_stepping_in_real_time_is_the_simulation(controller, alone):
     trace, pump, plant = alone[0], LimitedPump(), MinutePlant(patient=PATIENT)
     advance, meal = jax.jit(plant.advance), SCENARIO.absorbed_by(PATIENT)
@@ -255,6 +257,7 @@ def follow(controller, readings, valid, start):
     return jax.lax.scan(sample, (first, start), (readings, valid))[1]
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(st.lists(READING, min_size=ROWS, max_size=ROWS), st.floats(LEAST, MOST))
 def test_whatever_is_read_doses_keep_the_limits_and_states_stay_finite(controller, rows, start):
@@ -305,6 +308,7 @@ def test_it_starts_without_a_rate_and_goes_on_after_a_missing_setpoint(controlle
         assert np.all(np.isfinite(leaf))
 
 
+@pytest.mark.long
 def test_people_may_trail(controller):
     """All but the nonlinear ones, which are one person's, serve a cohort without being mapped."""
     if any(controller is CONTROLLERS[name] for name in ONE_PERSONS):

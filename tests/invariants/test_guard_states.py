@@ -168,6 +168,7 @@ class Faults(RuleBasedStateMachine):
         assert Status(self.status).text.endswith(".")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_faults_in_any_order(name):
     machine = type("FaultsOf", (Faults,), {"name": name})

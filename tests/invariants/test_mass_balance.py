@@ -11,6 +11,7 @@ from glucoloop.simulation import Adaptive, simulate
 LOWER_MG_DL = {"setpoint-81": 0.0, "nominal-22": 0.0, "fasting-81": 91.89 - 81.0}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("point", OPERATING_POINTS)
 def test_glucose_and_insulin_are_conserved(point, identified_81, ledger, conserved):
     scenario = Scenario([Meal(75.0, 22.2), Meal(8.0, 210.0)], 400.0)

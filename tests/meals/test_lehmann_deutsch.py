@@ -144,6 +144,7 @@ def test_moments_are_those_of_quadrature_with_every_kink(meals, start, step):
         assert float(found) == pytest.approx(truth, abs=1e-8)
 
 
+@pytest.mark.long
 def test_meals_of_a_cohort_are_those_of_its_people():
     times, carbs = np.array([[0.0, 20.0], [90.0, 95.0]]), np.array([[50.0, 4.0], [0.0, 70.0]])
     together = meals_of(times, carbs)

@@ -62,6 +62,7 @@ def three(values):
     return st.lists(values, min_size=MEALS, max_size=MEALS)
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(st.sampled_from(GUTS), three(TIMES), three(SIZES), three(EATING))
 @example(LehmannDeutsch(), [0.0, 0.0, 0.0], [0.05, 0.1, 0.5], [0.0] * 3)  # all jumps of three meals within a step
@@ -86,6 +87,7 @@ VARIED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", VARIED)
 def test_each_person_has_meals_and_a_gut_of_their_own(name):
     people = VARIED[name]

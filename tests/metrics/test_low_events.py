@@ -23,6 +23,7 @@ def counted(glucose, bound, samples):
     return events
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.sampled_from([50.0, 69.9, 70.0, 90.0]), min_size=ROW, max_size=ROW), st.sampled_from([1, 3, 15]))
 def test_events_are_counted(glucose, samples):

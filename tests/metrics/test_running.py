@@ -162,6 +162,7 @@ def real(patient_81, identified_81):
     return dataclasses.replace(trace, **jax.tree.map(lambda a: jnp.stack([a] * PEOPLE, -1), own))
 
 
+@pytest.mark.long
 def test_a_noisy_run_at_the_limits(real):
     found = assert_same(real)
     assert found.samples_saturated.min() > 5

@@ -161,6 +161,7 @@ def test_records_that_do_not_fit_are_refused(continuous, discrete):
         simulate_linear(plain, np.zeros(3), np.zeros(3))
 
 
+@pytest.mark.long
 def test_the_patient_at_the_setpoint_has_its_known_dynamics():
     person = patient()
     u0 = 25.6060573442

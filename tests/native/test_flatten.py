@@ -96,6 +96,7 @@ MOVES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("function", MOVES.values(), ids=MOVES.keys())
 def test_numbers_that_are_moved_about(native, by_jax, function):
     found, expected = native(function, FINITE)(FINITE), by_jax(function, FINITE)

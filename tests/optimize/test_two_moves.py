@@ -52,6 +52,7 @@ def test_single_precision_picks_the_same_moves():
     assert np.median(np.abs(single - double)) < 1e-5
 
 
+@pytest.mark.long
 def test_people_trail():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(2, 2, 50))

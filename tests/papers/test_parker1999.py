@@ -131,6 +131,7 @@ class TestVerdict:
 
 
 class TestStudy:
+    @pytest.mark.long
     def test_table_1_is_the_prototypes(self, study):
         expected = {"imc": (8.7, 386), "mpc": (10.2, 345), "mpc-se": (4.9, 203), "nlqdmc-se": (3.6, 211)}
         for name, (undershoot, settling) in expected.items():
@@ -206,6 +207,7 @@ def files(study):
 
 
 class TestReport:
+    @pytest.mark.long
     def test_writes_figures_and_three_reports(self, files):
         figures = {f"{POINT}-figure-{number}.{kind}" for number in range(2, 7) for kind in KINDS}
         assert set(files) == figures | {"report.html", "report.md", "report.json"}

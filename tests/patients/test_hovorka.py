@@ -363,6 +363,7 @@ def gut_by_hand(p, D, eaten_mg_min):
     return np.array(rates), D2 / p["t_maxG"] * 180.16
 
 
+@pytest.mark.long
 def test_a_day_is_that_of_the_transcription_by_scipy(day):
     """Eleven states: those of the person and the two compartments of the gut."""
     constants, patient, doses, _, trace = day
@@ -391,6 +392,7 @@ def test_a_day_is_that_of_the_transcription_by_scipy(day):
     assert np.max(trace.states[:, STATE_NAMES.index("x3")]) > 1.0  # and production stops
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("substeps", "tolerance"), [(1, 0.05), (6, 1e-3)])
 def test_the_exponential_integrator_is_as_exact_as_told(day, substeps, tolerance):
     """Glucose that crosses a threshold within a step limits the order to the second."""

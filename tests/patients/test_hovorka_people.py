@@ -151,6 +151,7 @@ class Extremes:
         }
 
 
+@pytest.mark.long
 def test_native_code_carries_people_as_finer_steps_carry_each(published, open_pump):
     """Each with own constants, own gut and own basal rate; two steps a sample, about the nominal person."""
     people = virtual_people(published, 1, np.arange(4))

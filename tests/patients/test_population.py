@@ -69,6 +69,7 @@ def test_lognormal_spreads_as_it_says():
     assert drawn["F_PC"].max() <= 0.21
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("who", ["people", "heavy_and_light"])
 def test_everybody_rests_at_the_setpoint_under_his_basal_rate(who, rates, request):
     found = request.getfixturevalue(who)
@@ -181,6 +182,7 @@ tables = st.lists(
 )
 
 
+@pytest.mark.long
 @given(tables)
 def test_any_table_is_refused_or_makes_people_who_can_be(table):
     try:

@@ -71,6 +71,7 @@ def test_with_one_kind_only_there_is_one_map(make_stress, guards):
     assert axes.get_title("left") == ("With the guard" if guards[0] else "Without the guard")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("controllers", "faults", "width"),
     [(1, 4, "single"), (4, 23, "single"), (9, 2, "single"), (1, 4, "double"), (4, 23, "double"), (9, 2, "double")],

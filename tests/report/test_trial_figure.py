@@ -50,6 +50,7 @@ def test_bars_are_as_long_as_the_times(report):
     assert [bar.get_width() for bar in bars] == pytest.approx(times)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", ["single", "double"])
 @pytest.mark.parametrize("people", [1, 2, 5])
 def test_nothing_is_clipped(make_report, people, width):

@@ -165,6 +165,7 @@ def same(found, expected):
     assert [ok for _, ok in found] == [bool(ok) for _, ok in expected]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PLAIN)
 @settings(max_examples=40)
 @given(glucose=GLUCOSE, start=st.integers(0, SAMPLES + 1), length=st.integers(1, SAMPLES + 1))
@@ -272,6 +273,7 @@ def by_engine(name, sensor, precision="float64"):
     return engine.run((), state, {}, {"glucose": WALK}, keys)[1]
 
 
+@pytest.mark.long
 def test_native_code_takes_every_fault_and_computes_the_same():
     recurs = dataclasses.replace(once(2, 3, latest_sample=6), probability=0.2, random=True)
     sensors = every_fault(recurs, NOISY)

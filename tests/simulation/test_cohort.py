@@ -198,6 +198,7 @@ def test_a_day_under_feedback_is_that_of_the_adaptive_method(day, reference):
     assert max(errors) < 1e-3, max(errors)
 
 
+@pytest.mark.long
 def test_metrics_of_the_day_are_those_of_the_adaptive_trace(day, reference):
     found = finished(day[1]["float64"])
     for i, trace in enumerate(reference):
@@ -286,6 +287,7 @@ def noisy(nominal, varied, mpc_se, own_meals, guts):
     return people, made, {engine: cohort.run(people) for engine, cohort in made.items()}
 
 
+@pytest.mark.long
 def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc_se, own_meals, guts):
     people, _, runs = noisy
     for i in (0, 7, 13, 19):

@@ -129,6 +129,7 @@ def test_a_stepper_takes_nonsense_for_no_bolus(bolus):
         assert int(stepper.last.decision.status) == Status.NO_FINITE_DOSE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_cohort_carries_boluses_as_the_loop_of_one_person_does(trace, engine):
     people = gl.virtual_people(gl.population("nominal", patient="hovorka-2004"), 1, range(2))

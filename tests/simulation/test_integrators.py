@@ -16,6 +16,7 @@ VARYING = 25.6 + 14.0 * np.sin(np.arange(72) / 3.0)
 VARIED = Scenario([Meal(20.0, 17.3), Meal(7.0, 101.9), Meal(60.0, 190.4)], 360.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("integrator", "tolerance"),
     [(Adaptive(1e-11), 5.1e-7), (Exponential(), 1e-3)],  # the digits given; a thousandth of a mg/dl
@@ -33,6 +34,7 @@ def varied(patient_81, script):
     return simulate(patient_81, script(VARYING), scenario=VARIED, integrator=Adaptive(1e-12))
 
 
+@pytest.mark.long
 def test_adaptive_is_scipys_solver_from_kink_to_kink(patient_81, varied, sorensen_by_hand, meal_by_hand):
     def eaten(t):
         small = [0.0, 7000.0 / 360.0, 2 * 7000.0 / 360.0]  # two ramps of 19.4 min, no plateau
@@ -63,6 +65,7 @@ def test_exponential_is_of_fourth_order(patient_81, script):
     assert np.all(orders >= 3.5), (errors, orders)
 
 
+@pytest.mark.long
 def test_exponential_is_exact_enough_when_insulin_jumps(patient_81, script, varied):
     """Insulin peaks within a minute of a jump, so that the order is only reached with short steps."""
     errors = []

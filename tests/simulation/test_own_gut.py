@@ -49,6 +49,7 @@ def eating_since(z_min):
     return scipy.linalg.expm(with_rate * max(z_min, 0.0))[:3, 3]
 
 
+@pytest.mark.long
 def test_what_is_eaten_is_digested_by_the_patient():
     patient, grid = Digesting(), SampleGrid(sample_time_min=5.0, samples=40)
     plant, starts = Adaptive(1e-10).prepare(patient, SCENARIO.absorbed_by(patient), grid)

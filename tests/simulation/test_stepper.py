@@ -44,6 +44,7 @@ def run(stepper, seen, state, samples):
     return seen, state, jax.tree.map(lambda *leaves: np.stack(leaves), *happened)
 
 
+@pytest.mark.long
 def test_stepping_equals_the_simulation_to_the_bit(stepper, patient_81):
     trace = simulate(patient_81, PID, SENSOR, PUMP, SCENARIO, 3)
     seen = stepper.reset()
@@ -72,6 +73,7 @@ def test_a_restored_stepper_goes_on_to_the_same_bits(stepper, patient_81):
     assert other.save() == end
 
 
+@pytest.mark.long
 def test_there_is_room_for_any_number_of_meals(stepper):
     stepper.reset()
     for _ in range(20):

@@ -126,6 +126,7 @@ def shards_of(folder):
     return {file: data for file, data in contents(folder).items() if "/0" in file and data is not None}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("begun", "error"),
     [
@@ -191,6 +192,7 @@ def searched(seeds):
     return asked, [Candidate(number, tuning, {**scores, "undershoot-p95": float(seeds)}) for number in range(2)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("begun", "error"),
     [("other", "dies"), *(pytest.param("begun", error, marks=pytest.mark.long) for error in ERRORS)],
@@ -242,6 +244,7 @@ def old_and_new(path, *, overwrite=True):
         made.write("b.txt", "new")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("error", ERRORS)
 @pytest.mark.parametrize("exchanges", [True, False])
 @pytest.mark.parametrize("begun", ["new", "finished"])

@@ -107,6 +107,7 @@ def put(place, name, foreign):
     SUBSTITUTES[name](place, foreign)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", PLACES)
 def test_substitute_is_neither_followed_nor_waited_for(tmp_path, tiny, foreign, place):
     tiny, other = tiny

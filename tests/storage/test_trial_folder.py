@@ -46,6 +46,7 @@ def test_whole_folder_holds_what_it_says(whole, tmp_path, make_trial):
     assert checked.stdout.count("OK") == len(whole) - 1 - 5  # all but the lists themselves
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stop_after", range(1, 10))
 def test_run_that_is_cut_short_goes_on_to_the_same_bits(tmp_path, make_trial, pretend, whole, stop_after):
     trial, calls = make_trial(), []
@@ -322,6 +323,7 @@ def full_after(monkeypatch, writes):
     monkeypatch.setattr(os, "fsync", full)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("writes", range(0, 35, 3))
 def test_full_disk_keeps_what_is_done(tmp_path, make_trial, pretend, whole, monkeypatch, writes):
     full_after(monkeypatch, writes)

@@ -62,6 +62,7 @@ QUESTIONS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("sql", "rows"), QUESTIONS.items())
 def test_answers(finished, sql, rows):
     assert ask(finished, sql)[1] == rows

@@ -140,6 +140,7 @@ def test_true_meals_are_all_found_and_sized(result):
     assert np.abs(of.size_error.error_g[1, -1]) < 1.8
 
 
+@pytest.mark.long
 def test_meals_are_those_of_the_plan(asked, result):
     (of,) = result.estimators
     drawn = draw_meals(asked.plan, asked.trial.seed, [0])

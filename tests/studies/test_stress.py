@@ -39,6 +39,7 @@ def results(asked, prepared):
     return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in asked.stress.tried}
 
 
+@pytest.mark.long
 def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
     loops = {id(of_case.loop) for of_case in prepared.cases.values()}
     assert len(prepared.cases) == 1 + len(FAULTS)
@@ -55,6 +56,7 @@ def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
         np.testing.assert_allclose(results[cell.label].metrics[name], told.metrics[name], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_faults_are_met_by_the_same_people_and_noise(asked, results):
     without = results[asked.stress.tried[0].label]
     for result in results.values():

@@ -24,6 +24,7 @@ def digested(served):
     return last, *map(np.asarray, told)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("samples_served", "begins"), [(6, 0), (10, 3), (28, 10), (55, 2)])
 def test_a_meal_on_the_grid_is_that_of_lehmann_and_deutsch(samples_served, begins):
     served = np.zeros(120)

@@ -44,6 +44,7 @@ class _Page(HTMLParser):
         self.text += data
 
 
+@pytest.mark.long
 def test_writes_a_figure_for_each_situation_and_all_tables(files):
     drawn = {f"{name}.{kind}" for name in ("noise-free", "noise") for kind in ("pdf", "png", "svg")}
     tables = {"claims.csv", "claims.json", "numbers.csv", "runs.csv", "timing.json", "claims.toml", "claims.html"}

@@ -85,6 +85,7 @@ def equal(here, there):
         assert same.all(), (a, b)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("step", [scalars, loops])
 def test_compact_is_its_arithmetic(step, precision):

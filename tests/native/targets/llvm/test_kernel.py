@@ -117,6 +117,7 @@ def test_threads_make_no_difference(compiled, numbers, threads):
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1, 2, 7, 40])
 def test_how_the_work_is_cut_makes_no_difference(lowered, compiled, numbers, monkeypatch, size):
     monkeypatch.setattr(emit, "plan_chunks", functools.partial(chunks.plan_chunks, size=size))
@@ -204,6 +205,7 @@ def test_arrays_of_another_precision_or_order_are_refused(compiled, numbers):
         k.run(**given | {"own": given["own"].transpose(0, 2, 1).copy().transpose(0, 2, 1)})
 
 
+@pytest.mark.long
 def test_kernels_come_and_go(compiled, numbers, native):
     """Each owns what it was compiled with, so that the end of one is not the end of others."""
     for factor in range(6):
