@@ -94,7 +94,7 @@ def carried_out(command, arguments, patient, folder):
 
 def row(command):
     arguments, said_of = COMMANDS[command]
-    cells = [f"`glucoloop {command} {arguments.replace('OUT', 'DIR')}`".replace(" `", "`")]
+    cells = [f"`glucoloop {command} {arguments.replace('OUT', 'kept')}`".replace(" `", "`")]
     for patient in PATIENTS:
         with tempfile.TemporaryDirectory() as folder:
             shutil.copy(DOCS.parent / "examples" / "kanderian.py", folder)
