@@ -94,7 +94,7 @@ def carried_out(command, arguments, patient, folder):
 
 def row(command):
     arguments, said_of = COMMANDS[command]
-    cells = [f"`glucoloop {command} {arguments.replace('OUT', 'kept')}`".replace(" `", "`")]
+    cells = [f"`{command}`"]
     for patient in PATIENTS:
         with tempfile.TemporaryDirectory() as folder:
             shutil.copy(DOCS.parent / "examples" / "kanderian.py", folder)
@@ -103,12 +103,23 @@ def row(command):
     return f"| {' | '.join(cells)} |"
 
 
+def written(command):
+    """The command as it was run, without the patient."""
+    return f"glucoloop {command} {COMMANDS[command][0].replace('OUT', 'kept')}".strip()
+
+
 def main():
     version = subprocess.run(["glucoloop", "--version"], capture_output=True, text=True, check=True).stdout.split()[-1]
     lines = [
         f"| Command | {' | '.join(f'`{patient}`' for patient in PATIENTS)} |",
         f"| :--- |{' :--- |' * len(PATIENTS)}",
         *map(row, COMMANDS),
+        "",
+        "The commands, each with `--patient`:",
+        "",
+        "```",
+        *map(written, COMMANDS),
+        "```",
         "",
         f"Made with glucoloop {version}.",
         "",
