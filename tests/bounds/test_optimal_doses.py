@@ -30,6 +30,7 @@ class Replay:
         return state + 1, Decision(insulin_mU_min=self.doses[state], status=jnp.asarray(Status.OK))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("known_after_min", "least", "most"), [(0.0, 0.14, 0.17), (10.0, 0.58, 0.64)])
 def test_the_paper_s_meal_could_be_held_so_close(best, known_after_min, least, most):
     plan = best(known_after_min)

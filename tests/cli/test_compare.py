@@ -16,6 +16,7 @@ def test_cases_stand_side_by_side(glucoloop):
     assert header.split() == ["Metric", "mpc", "careful", "Unit"]
 
 
+@pytest.mark.long
 def test_case_is_the_run_of_the_same_options(glucoloop):
     shared = ("--noise", 1.45, "--seed", 2, "--output-weight", 2, "--json", *SHORT)
     cases = glucoloop("compare", "--case", "a: move_weight=2", "--case", "b: output_weight=4", *shared).json

@@ -218,6 +218,7 @@ def test_folder_that_is_taken_is_refused_before_anything_is_computed(refused, tm
     assert (tmp_path / "out" / "mine.txt").read_text() == "mine"
 
 
+@pytest.mark.long
 def test_full_disk_leaves_the_old_folder(glucoloop, refused, tmp_path, monkeypatch):
     assert glucoloop("run", "--duration", 100, "--out", "out").code == 0
     before = {file.name: file.read_bytes() for file in (tmp_path / "out").iterdir()}

@@ -102,6 +102,7 @@ def _plain(monkeypatch):
     monkeypatch.setattr("glucoloop.studies.robust.results.plot_robust", lambda *_, **__: Figure())
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_a_search_that_was_cut_short_goes_on(glucoloop, tmp_path, monkeypatch):
     assert glucoloop("robust", *SMALL, "--out", "whole").code == 0

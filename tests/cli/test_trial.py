@@ -118,6 +118,7 @@ def test_shards_and_threads_change_nothing_about_a_person(glucoloop, tmp_path):
     assert one.filter(person=33).equals(alone)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_json_is_the_summary_and_a_finished_trial_is_told_again(glucoloop, tmp_path):
     first = glucoloop("trial", *SMALL, "--out", "a", "--json")
@@ -271,6 +272,7 @@ def test_questions(glucoloop, refused, monkeypatch):
     assert "1000" not in many.out
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_question_to_a_trial_that_is_not_finished(glucoloop, tmp_path):
     import shutil

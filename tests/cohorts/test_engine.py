@@ -81,6 +81,7 @@ def test_everybody_is_the_same_to_the_bit_whoever_else_is_asked_for(prepared, re
         assert_same(run_people(prepared, "mpc-se", NUMBERS[places], traces=True, threads=1), result, places)
 
 
+@pytest.mark.long
 def test_threads_make_no_difference(prepared, result):
     again = run_people(prepared, "mpc-se", NUMBERS, traces=True, threads=3)
     assert_same(again, result)

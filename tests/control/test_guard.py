@@ -342,6 +342,7 @@ def doses_of(guard, start, readings, setpoints, wanted):
     return jax.lax.scan(sample, (state, start), (readings, setpoints, wanted))[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "limits_of_guard",
     [

@@ -52,6 +52,7 @@ def test_a_meal_that_nobody_announced_hardly_shows_without_noise(unannounced):
     assert set(np.asarray(unannounced.status)) <= {Status.OK, Status.SATURATED}
 
 
+@pytest.mark.long
 def test_an_announced_meal_shows_less(unannounced):
     announced = simulate(PATIENT, QUIET, scenario=Scenario(announced=True))
     away = np.abs(np.asarray(announced.fine_glucose_mg_dl) - SETPOINT)

@@ -155,6 +155,7 @@ def doses_of(controller, deviations):
     return np.array(doses)
 
 
+@pytest.mark.long
 def test_near_the_operating_point_it_is_linear_control_and_away_from_it_it_is_not(controller, linear_twin):
     shape = np.array([0.0, 1.0, 2.0, 3.0, 3.0, 2.0, 0.0, -1.0])
     apart = {}

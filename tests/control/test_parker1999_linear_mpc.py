@@ -20,6 +20,7 @@ def test_the_identified_model(identified_81):
     np.testing.assert_allclose(identified_81.laguerre_coefficients, [-0.37481091, -0.40937979], rtol=1e-7)
 
 
+@pytest.mark.long
 def test_noise_free_at_the_papers_setpoint(patient_81, identified_81, undershoot_and_settling):
     trace = simulate(patient_81, design_linear_mpc(identified_81.model))
     undershoot, settling = undershoot_and_settling(trace.fine_glucose_mg_dl, 81.1, 0.02)

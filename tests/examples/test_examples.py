@@ -43,6 +43,7 @@ def test_every_example_has_its_test():
         assert f'"{name}"' in tested, name
 
 
+@pytest.mark.long
 def test_configuration(capsys):
     with pytest.raises(SystemExit) as left:
         main(["run", "--config", str(EXAMPLES / "noisy.toml")])

@@ -27,6 +27,7 @@ def test_the_identified_model_is_close_to_the_linear_one(model):
     np.testing.assert_allclose(model.step_response, truth, rtol=0.0, atol=0.12 * abs(truth[-1]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("controller", "below_mg_dl"), [("mpc", 265.0), ("pid", 265.0)])
 def test_an_unannounced_meal_is_answered_without_low_glucose(model, controller, below_mg_dl):
     loop = controller_of(SITUATION, usual_case(controller, SITUATION), model=model)

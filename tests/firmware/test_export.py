@@ -38,6 +38,7 @@ def test_the_folder_passes_its_own_test(folder):
     assert "samples=60 wrong=0" in ran.stdout
 
 
+@pytest.mark.long
 def test_a_changed_dose_is_found(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "copy")
     place = tmp_path / "copy" / "controller.c"

@@ -56,6 +56,7 @@ def test_any_command_line_is_answered(asked, command, pieces, more):
     asked(command, *pieces, *more)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("file", CORPUS, ids=lambda file: file.name)
 def test_file_of_the_corpus_is_answered(asked, file):
     for reader in READERS[file.suffix]:

@@ -74,6 +74,7 @@ def test_identification(refusal, keys):
     refusal(read_identification, keys)
 
 
+@pytest.mark.long
 @given(keys_among({"guard", *trial_key_names()}), st.lists(keys_among({"label", *run_keys()}), max_size=2))
 @example({"traces": "9" * 5000}, [])
 @example({"sample_time_min": 1e-310}, [])

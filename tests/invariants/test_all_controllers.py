@@ -217,6 +217,7 @@ def test_stepping_in_real_time_is_the_simulation(controller, alone):
         x, _ = advance(x, delivered, appearance_mg_min(5.0 * k, meal))
 
 
+@pytest.mark.long
 def test_a_key_gives_one_trace_and_another_key_another(controller, alone):
     jax.tree.map(np.testing.assert_array_equal, loop(controller, keys[0]), alone[0])
     assert np.all(np.asarray(alone[0].reading_mg_dl) != np.asarray(alone[1].reading_mg_dl))
@@ -273,6 +274,7 @@ def test_whatever_is_read_doses_keep_the_limits_and_states_stay_finite(controlle
     assert np.all(status[~missing] != Status.READING_MISSING)
 
 
+@pytest.mark.long
 @settings(max_examples=5)
 @given(st.lists(st.sampled_from([np.nan, np.inf, -np.inf]), min_size=ROWS // 2, max_size=ROWS // 2))
 def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonsense):
@@ -293,6 +295,7 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonse
     assert np.all(np.isin(decision.status[-8:], [Status.OK, Status.SATURATED]))
 
 
+@pytest.mark.long
 def test_it_starts_without_a_rate_and_goes_on_after_a_missing_setpoint(controller):
     rest = float(PATIENT.setpoint_mg_dl)
     ordinary = observe(rest + 2.0, True, np.nan)

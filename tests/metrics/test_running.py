@@ -169,6 +169,7 @@ def test_a_noisy_run_at_the_limits(real):
     assert found.rate_satisfied.all()
 
 
+@pytest.mark.long
 def test_in_single_precision_what_is_rounded_keeps_its_limits(real):
     single = jax.tree.map(lambda a: a.astype(np.float32) if jnp.issubdtype(a.dtype, jnp.floating) else a, real)
     found, expected = folded(single, precision="float32"), summarise(real)

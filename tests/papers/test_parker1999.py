@@ -139,6 +139,7 @@ class TestStudy:
             assert abs(float(metrics.undershoot_mg_dl[0]) - undershoot) <= 0.3
             assert abs(float(metrics.settling_2pct_min[0]) - settling) <= 12
 
+    @pytest.mark.long
     def test_noise_and_dead_time_cost_what_they_should(self, study):
         """Each noisy run is worse than the quiet one, and each dead time worse than none, for the same seeds."""
         for name in ("mpc", "mpc-se"):
@@ -212,6 +213,7 @@ class TestReport:
         figures = {f"{POINT}-figure-{number}.{kind}" for number in range(2, 7) for kind in KINDS}
         assert set(files) == figures | {"report.html", "report.md", "report.json"}
 
+    @pytest.mark.long
     def test_the_page_is_whole_and_needs_nothing_else(self, files):
         page = _Tags()
         page.feed(files["report.html"])

@@ -202,6 +202,7 @@ def test_native_code_takes_every_pump_fault_and_computes_the_same():
     assert np.all(np.isfinite(insulin))
 
 
+@pytest.mark.long
 def test_an_absent_fault_changes_no_bit_of_a_run(patient_81):
     controller, scenario = design_imc(-3.0, 80.0, 5.0), Scenario([Meal(50.0, 30.0)], 120.0)
     plain = simulate(patient_81, controller, white_noise(), LimitedPump(), scenario, 3)

@@ -33,6 +33,7 @@ def by_hand(glucose, errors, stuck_from, length):
     return told
 
 
+@pytest.mark.long
 @given(
     st.lists(st.floats(20.0, 500.0), min_size=1, max_size=9),
     st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=12),

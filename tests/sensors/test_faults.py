@@ -174,6 +174,7 @@ def test_a_fault_does_what_it_should_to_the_very_readings_inside(name, glucose, 
     same(pairs(FAULTS[name](once(start, length), NOISY), glucose), PLAIN[name](inside, ages_of(start, length)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAULTS)
 def test_without_an_episode_not_one_bit_changes(name):
     expected = told(NOISY, WALK)
@@ -198,6 +199,7 @@ def test_compression_is_over_after_a_while_and_then_changes_nothing():
     np.testing.assert_array_equal(values[40:], inside[40:])
 
 
+@pytest.mark.long
 def test_a_key_gives_one_course_and_another_gives_another():
     sensors = every_fault(recurring(0.3, 2), NOISY)
     first, again, other = (scan(sensors, jnp.asarray(WALK), jax.random.key(seed)) for seed in (11, 11, 12))

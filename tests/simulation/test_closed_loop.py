@@ -28,6 +28,7 @@ def test_another_key_gives_another_trace(loop):
     assert np.abs(np.asarray(first.glucose_mg_dl - other.glucose_mg_dl)).max() > 0.1
 
 
+@pytest.mark.long
 def test_many_keys_together_are_each_alone(loop):
     keys = jax.random.split(jax.random.key(1), 4)
     together = jax.vmap(loop)(keys)

@@ -208,6 +208,7 @@ def test_metrics_of_the_day_are_those_of_the_adaptive_trace(day, reference):
             assert a[i] == pytest.approx(float(b), rel=1e-4, abs=2e-3), field.name
 
 
+@pytest.mark.long
 def test_single_precision_is_near_enough(day):
     _, runs = day
     single, double = runs["float32"], runs["float64"]
@@ -311,6 +312,7 @@ def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc
             np.testing.assert_allclose(run.fold[0][i], lowest, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_both_engines_agree(noisy):
     _, made, runs = noisy
     assert [made[engine].engine for engine in ("native", "xla")] == ["native", "xla"]

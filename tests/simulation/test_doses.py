@@ -179,6 +179,7 @@ def test_an_impossible_announcement_is_refused(announced_g):
         Meal(50.0, 50.0, announced_g=announced_g)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", ENGINES)
 def test_each_controller_of_a_cohort_is_told_what_is_announced_to_it(engine):
     """Boluses of 50 mU for each gram, and everybody is told of another amount."""

@@ -78,6 +78,7 @@ def test_exponential_is_exact_enough_when_insulin_jumps(patient_81, script, vari
     assert errors[1] / errors[2] > 2.0**3.5
 
 
+@pytest.mark.long
 def test_glucose_between_samples_is_as_good_as_at_them(patient_81, script, varied):
     trace = simulate(patient_81, script(VARYING), scenario=VARIED, integrator=Exponential(substeps=4))
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, varied.fine_glucose_mg_dl, rtol=0.0, atol=1e-3)

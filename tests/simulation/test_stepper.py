@@ -59,6 +59,7 @@ def test_stepping_equals_the_simulation_to_the_bit(stepper, patient_81):
     assert stepper.glucose_mg_dl == float(trace.fine_glucose_mg_dl[-1])
 
 
+@pytest.mark.long
 def test_a_restored_stepper_goes_on_to_the_same_bits(stepper, patient_81):
     seen = stepper.reset()
     seen, state, _ = run(stepper, seen, PID.init(seen), 11)

@@ -74,6 +74,7 @@ def test_many_rows_come_in_parts(finished):
     assert rows == [(n,) for n in range(25000)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sql", "told"),
     [

@@ -150,6 +150,7 @@ def test_meals_are_those_of_the_plan(asked, result):
     assert len(set(np.round(of.meals.t_min % 5.0, 6))) == 6  # off the grid of samples
 
 
+@pytest.mark.long
 def test_the_example_is_the_first_day(asked, result):
     (of,) = result.estimators
     held = of.example

@@ -65,6 +65,7 @@ def test_faults_are_met_by_the_same_people_and_noise(asked, results):
     assert len({float(result.metrics["minimum_mg_dl"][0]) for result in results.values()}) > 4
 
 
+@pytest.mark.long
 def test_the_worst_person_is_simulated_again(asked, prepared, results):
     cell = asked.stress.tried[1]
     minimum = results[cell.label].metrics["minimum_mg_dl"]

@@ -52,6 +52,7 @@ def test_writes_a_figure_for_each_situation_and_all_tables(files):
     assert "seeds = 3" in files["claims.toml"]
 
 
+@pytest.mark.long
 def test_the_page_is_whole_and_needs_nothing_else(files):
     page = _Page()
     page.feed(files["claims.html"])
