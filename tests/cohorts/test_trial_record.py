@@ -46,7 +46,7 @@ def test_fingerprint_is_of_everything_that_matters():
             {"meal_size_spread_pct": 1.0}, {"noise_variance": 1.0}, {"dead_time_min": 5.0}, {"precision": "float32"},
             {"design": "individual"}, {"traces": 1}, {"shard_people": 65}, {"move_weight": 1.0},
             {"setpoint_mg_dl": 82.0}, {"announce_meals": True}, {"max_insulin_mU_min": 60.0},
-            {"pump_resolution_mU_min": 1.0}, {"memory": 30},
+            {"pump_resolution_mU_min": 1.0}, {"memory": 30}, {"arithmetic": "portable"},
         )
     ]  # fmt: skip
     assert len({fingerprint(other) for other in [trial, *others]}) == len(others) + 1

@@ -174,6 +174,15 @@ def day(nominal, varied, mpc):
     return cohorts, {p: cohort.run(people_of(varied)) for p, cohort in cohorts.items()}
 
 
+@pytest.mark.long
+def test_portable_arithmetic_changes_glucose_by_rounding_alone(day, nominal, varied, mpc):
+    _, runs = day
+    portable = day_cohort(nominal, varied, mpc, METRICS, products="strict").run(people_of(varied))
+    fused = runs["float64"].glucose_mg_dl
+    assert (portable.glucose_mg_dl != fused).any()
+    np.testing.assert_allclose(portable.glucose_mg_dl, fused, rtol=0.0, atol=1e-8)
+
+
 def finished(run):
     return METRICS.finish(run.fold, samples=DAY.samples, sample_time_min=5.0, meal_t_min=405.0)
 
@@ -373,4 +382,8 @@ def test_native_code_that_is_not_possible_is_refused_and_else_not_taken(nominal,
 
     with pytest.raises(ValueError, match="native code cannot take this loop, which has the operation 'sort'; use xla"):
         day_cohort(nominal, varied, Sorting(), engine="native")
+    with pytest.raises(ValueError, match="'sort', and no other engine has portable arithmetic; use fused arithmetic"):
+        day_cohort(nominal, varied, Sorting(), products="strict")
+    with pytest.raises(ValueError, match="the engine xla has no portable arithmetic; use native code"):
+        day_cohort(nominal, varied, Sorting(), engine="xla", products="strict")
     assert day_cohort(nominal, varied, Sorting()).engine == "xla"

@@ -149,10 +149,20 @@ TRIAL: Final = (
         "precision",
         "--precision",
         str,
-        "Arithmetic of the loop; controllers are always designed in float64.",
+        "Precision of the loop; controllers are always designed in float64.",
         _WORK,
         metavar="float32|float64",
         default="float64",
+    ),
+    Option(
+        "arithmetic",
+        "--arithmetic",
+        str,
+        "Whether the loop may round a product together with its sum, which is faster, or rounds every operation by "
+        "itself, so that any processor and a web page compute the same bits.",
+        _WORK,
+        metavar="fused|portable",
+        default="fused",
     ),
     Option(
         "shard_people",

@@ -146,6 +146,7 @@ def _prepare_cases(
         around=own_around,
         varied=own_around.of_people(around.values(), 1),
         precision=trial.precision,
+        products=trial.products,
     )
 
     def of_people(label: str) -> Callable[[int], Surroundings] | None:

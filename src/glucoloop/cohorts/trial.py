@@ -15,6 +15,7 @@ import numpy.typing as npt
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals.plan import MealPlan
+from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.population import Population
 from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.units import MIN_PER_DAY
@@ -54,6 +55,10 @@ class Trial(Situation):
     cases: tuple[Case, ...]
     first_person: int = 0
     precision: Literal["float32", "float64"] = "float64"
+    arithmetic: Literal["fused", "portable"] = "fused"
+    """Arithmetic of the loop: products and sums rounded together where that is faster, or each operation by itself, so
+    that the loop computes the same bits on every processor and in WebAssembly.
+    """
     design: Literal["nominal", "individual"] = "nominal"
     """Whether a controller is designed once for the nominal patient, or for each person."""
     traces: Literal["none", "all"] | int = "none"
@@ -85,6 +90,11 @@ class Trial(Situation):
         for label in labels:
             if labels.count(label) > 1:
                 raise ValueError(f"two cases are called {label!r}; give each a label of its own")
+
+    @property
+    def products(self) -> str:
+        """Rounding of products in native code, see `glucoloop.native.targets.products`."""
+        return STRICT if self.arithmetic == "portable" else FUSED
 
     @property
     def samples(self) -> int:

@@ -84,6 +84,7 @@ class TrialKeys(BaseModel):
     meal_time_spread_min: Annotated[float, Field(ge=0.0, lt=MIN_PER_DAY)] = 0.0
     design: Literal["nominal", "individual"] = "nominal"
     precision: Literal["float32", "float64"] = "float64"
+    arithmetic: Literal["fused", "portable"] = "fused"
     shard_people: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
 
 
@@ -146,6 +147,7 @@ def read_trial(
         plan=plan,
         cases=_cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names),
         precision=own.precision,
+        arithmetic=own.arithmetic,
         design=own.design,
         traces=traces,
         allow_unusual=situation.allow_unusual,
@@ -202,6 +204,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         "sample_time_min": trial.sample_time_min,
         "design": trial.design,
         "precision": trial.precision,
+        "arithmetic": trial.arithmetic,
         "traces": trial.traces,
         "shard_people": trial.shard_people,
         **({ALLOW_UNUSUAL: True} if trial.allow_unusual else {}),

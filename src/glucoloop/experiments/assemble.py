@@ -20,6 +20,7 @@ from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten, Scenario
+from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.simulation import Exponential, Trace, simulate
@@ -162,7 +163,7 @@ class PeopleLoop:
         Sensor and pump of one person; by default those of the situation.
     varied : Surroundings, optional
         Sensors and pumps of some people, with differing numbers trailing; by default all have the same.
-    engine, precision, tell_decisions : optional
+    engine, precision, products, tell_decisions : optional
         Arguments as for `simulation.cohort.Cohort`.
 
     Raises
@@ -186,6 +187,7 @@ class PeopleLoop:
         varied: Surroundings | None = None,
         engine: str | None = None,
         precision: str = "float64",
+        products: str = FUSED,
         tell_decisions: bool = False,
     ) -> None:
         self.own, self._example = own, example.patient
@@ -209,6 +211,7 @@ class PeopleLoop:
             varied_pump=None if varied is None else varied.pump,
             engine=engine,
             precision=precision,
+            products=products,
             tell_decisions=tell_decisions,
         )
 

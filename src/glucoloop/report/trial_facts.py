@@ -40,6 +40,7 @@ def facts(trial: Trial) -> dict[str, str]:
         "Dead time": f"{trial.dead_time_samples * trial.sample_time_min:g} min",
         "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
         "Precision": trial.precision,
+        "Arithmetic": trial.arithmetic,
     }
     if trial.first_person:
         told["First person"] = str(trial.first_person)

@@ -22,6 +22,7 @@ from glucoloop.meals.absorption import absorb
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.people import MOMENTS, digest, digestion_matrices, jump_table
 from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
@@ -140,6 +141,8 @@ class Cohort:
         Engine; by default native code if the controller allows it.
     precision : {"float64", "float32"}
         Precision of native code.
+    products : {"fused", "strict"}
+        Rounding of products in native code, see `glucoloop.native.targets.products`.
     substeps : int
         Steps of the integrator per sample.
     tell_decisions : bool
@@ -148,7 +151,7 @@ class Cohort:
     Raises
     ------
     ValueError
-        For an unknown engine, or native code that is asked for and not possible.
+        For an unknown engine, or native code or strict products that are asked for and not possible.
     """
 
     def __init__(
@@ -172,13 +175,14 @@ class Cohort:
         varied_pump: Pump | None = None,
         engine: str | None = None,
         precision: str = "float64",
+        products: str = FUSED,
         substeps: int = SUBSTEPS,
         tell_decisions: bool = False,
     ) -> None:
         self._tells_decisions = tell_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
         self._substeps, self._meals, self._instead = substeps, meals, meal_model
-        self._plants = PeoplePlant(nominal, varied, grid, substeps)
+        self._plants = PeoplePlant(nominal, varied, grid, substeps, products)
         self._single = Loop(
             plant=self._plants.single,
             controller=controller,
@@ -201,7 +205,7 @@ class Cohort:
         if start_min is not None:
             self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
-        self._engine = self._make_engine(engine, precision)
+        self._engine = self._make_engine(engine, precision, products)
 
     @property
     def engine(self) -> str:
@@ -276,7 +280,7 @@ class Cohort:
             outputs += happened.reading.glucose_mg_dl, happened.decision.status
         return _Carry(loop=state, digestion=digestion, fold=fold), outputs
 
-    def _make_engine(self, name: str | None, precision: str) -> Engine:
+    def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:
         parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
         digestion = chosen(self._one_digestion, self._digestion_varies)
         own = _Own(plant=self._plants.own_of_nominal(), digestion=digestion, **parts)
@@ -288,7 +292,9 @@ class Cohort:
         if self._own_meals or self._own_told:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
-        return make_engine(self._step, own, carry, reaching, shared, key, name=name, precision=precision)
+        return make_engine(
+            self._step, own, carry, reaching, shared, key, name=name, precision=precision, products=products
+        )
 
     # many people
 

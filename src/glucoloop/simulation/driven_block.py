@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
+from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
 
 Matrix = npt.NDArray[np.float64]
@@ -52,7 +53,7 @@ def doublings_for(single: SemilinearPatient, step_min: float) -> int:
 
 
 @functools.lru_cache(maxsize=4)
-def _kernels(states: int) -> tuple[Kernel, Kernel]:
+def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
     """One term of the series, and one doubling."""
     square, number = np.zeros((states + 1, states + 1)), np.zeros(())
 
@@ -73,7 +74,7 @@ def _kernels(states: int) -> tuple[Kernel, Kernel]:
 
     series = lower(term, square, (square,) * 5, (), (number,) * 4)
     doubling = lower(double, (), (square,) * 4, (), ())
-    return compile_kernel(series), compile_kernel(doubling)
+    return compile_kernel(series, products=products), compile_kernel(doubling, products=products)
 
 
 @functools.partial(jax.jit, static_argnames="states")
@@ -88,7 +89,7 @@ def _rates(patient: SemilinearPatient, states: int) -> jax.Array:
 
 
 def driven_matrices(
-    patient: SemilinearPatient, step_min: float, *, states: int, doublings: int
+    patient: SemilinearPatient, step_min: float, *, states: int, doublings: int, products: str = FUSED
 ) -> tuple[Matrix, Matrix]:
     """Matrices of a step for people whose constants trail.
 
@@ -100,6 +101,8 @@ def driven_matrices(
         Number of states d of the driven block.
     doublings : int
         Number of doublings, see `doublings_for`.
+    products : {"fused", "strict"}
+        See `glucoloop.native.targets.products`.
 
     Returns
     -------
@@ -107,7 +110,7 @@ def driven_matrices(
     driven_gauss : (3, d, d + 1, people) array
         As in `exponential.Matrices`.
     """
-    series, doubling = _kernels(states)
+    series, doubling = _kernels(states, products)
     X = np.asarray(_rates(patient, states)) * (step_min / 2**doublings)
     people, size = X.shape[-1], states + 1
     E, path = np.empty((states, size, people)), np.empty((3, states, size, people))

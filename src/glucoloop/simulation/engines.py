@@ -28,6 +28,7 @@ import numpy.typing as npt
 from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import compile_kernel
+from glucoloop.native.targets.products import FUSED, STRICT
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
@@ -59,7 +60,16 @@ class Engine(Protocol):
 
 
 def make_engine(
-    step: Step, own: Any, carry: Any, reaching: Any, shared: Any, key: jax.Array, *, name: str | None, precision: str
+    step: Step,
+    own: Any,
+    carry: Any,
+    reaching: Any,
+    shared: Any,
+    key: jax.Array,
+    *,
+    name: str | None,
+    precision: str,
+    products: str = FUSED,
 ) -> Engine:
     """An engine for a loop, made from an example of one person and one sample.
 
@@ -72,20 +82,30 @@ def make_engine(
         Name of the engine; by default native code if the loop allows it.
     precision : {"float64", "float32"}
         Precision of native code; the other engine computes in float64.
+    products : {"fused", "strict"}
+        Rounding of products in native code, see `glucoloop.native.targets.products`; the other engine rounds as its
+        compiler likes.
 
     Raises
     ------
     ValueError
-        For an unknown engine, or native code that is asked for and not possible.
+        For an unknown engine, or native code or strict products that are asked for and not possible.
     """
     if name not in (None, *ENGINES):
         raise ValueError(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
     if name != "xla":
         try:
-            return NativeEngine(step, own, carry, reaching, shared, key, precision)
+            return NativeEngine(step, own, carry, reaching, shared, key, precision, products)
         except UnsupportedError as error:
             if name == "native":
                 raise ValueError(f"native code cannot take this loop, which has {error}; use xla") from None
+            if products == STRICT:
+                raise ValueError(
+                    f"native code cannot take this loop, which has {error}, and no other engine has portable "
+                    "arithmetic; use fused arithmetic, or another controller"
+                ) from None
+    if products == STRICT:
+        raise ValueError("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
     return MappedEngine(step)
 
 
@@ -95,12 +115,20 @@ class NativeEngine:
     name: Final = "native"
 
     def __init__(
-        self, step: Step, own: Any, carry: Any, reaching: Any, shared: Any, key: jax.Array, precision: str
+        self,
+        step: Step,
+        own: Any,
+        carry: Any,
+        reaching: Any,
+        shared: Any,
+        key: jax.Array,
+        precision: str,
+        products: str = FUSED,
     ) -> None:
         self.precision = precision
         own, carry, reaching, shared = jax.tree.map(jnp.asarray, (own, carry, reaching, shared))
         lowered = lower(step, own, carry, reaching, shared, (key, jnp.zeros((), int)), precision=precision)
-        self._kernel = compile_kernel(lowered)
+        self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None
         self._shapes = lowered.shapes

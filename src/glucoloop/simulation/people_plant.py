@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
@@ -33,9 +34,19 @@ class PeoplePlant:
     grid : SampleGrid
     substeps : int
         Steps per sample.
+    products : {"fused", "strict"}
+        Rounding of products in the matrices of people, see `glucoloop.native.targets.products`.
     """
 
-    def __init__(self, nominal: SemilinearPatient, varied: SemilinearPatient, grid: SampleGrid, substeps: int) -> None:
+    def __init__(
+        self,
+        nominal: SemilinearPatient,
+        varied: SemilinearPatient,
+        grid: SampleGrid,
+        substeps: int,
+        products: str = FUSED,
+    ) -> None:
+        self._products = products
         self.step_min, dense = substeps_of(grid, substeps)
         matrices = design(nominal, self.step_min, dense, nominal.working_state(), nominal.stiff_couplings())
         patient_varies = varying(varied, nominal)
@@ -61,7 +72,11 @@ class PeoplePlant:
         matrices = self.single.matrices
         if self._own_driven:
             end, gauss = driven_block.driven_matrices(
-                patient, self.step_min, states=matrices.driven_end.shape[0], doublings=self._doublings
+                patient,
+                self.step_min,
+                states=matrices.driven_end.shape[0],
+                doublings=self._doublings,
+                products=self._products,
             )
             matrices = dataclasses.replace(matrices, driven_end=jnp.asarray(end), driven_gauss=jnp.asarray(gauss))
         return chosen(ExponentialPlant(patient=patient, matrices=matrices), self._varies)

@@ -4,7 +4,7 @@
 name        meaning
 ==========  ==========================================================================================
 ``fused``   product and sum are rounded once, by a fused multiply-add, where `fused_products` says so
-``strict``  every operation is rounded by itself
+``strict``  every operation is rounded by itself, as every processor and WebAssembly can do it
 ==========  ==========================================================================================
 """
 

@@ -145,6 +145,7 @@ class Attack:
             around=Surroundings(sensor=self._sensor, pump=around.pump),
             varied=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
             precision=trial.precision,
+            products=trial.products,
             tell_decisions=True,
         )
 

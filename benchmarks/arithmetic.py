@@ -1,0 +1,73 @@
+"""Measure what portable arithmetic costs a trial: the same people with fused and with portable arithmetic, in turns.
+
+    python benchmarks/arithmetic.py [--json] [--people N] [--repeats N]
+
+A day with three meals, 5-min samples, `parker2000`, on one core; the compiled loop alone, from the people's numbers to
+their metrics. Times are of the processor, so that what else runs on the machine disturbs less; the best of the repeats
+are compared. Beside them, the largest difference that the arithmetic makes to glucose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+
+from glucoloop.cohorts import engine
+from glucoloop.config.trial import read_trial
+
+CONTROLLERS = ("mpc", "mpc-se", "imc")
+
+
+def measured(controller: str, precision: str, people: int, repeats: int) -> dict[str, Any]:
+    """Patient-days a second of both kinds of arithmetic, the cost, and the difference of glucose."""
+    loops, glucose = {}, {}
+    for kind in ("fused", "portable"):
+        keys = {"people": 1, "seed": 1, "precision": precision, "controllers": [controller], "arithmetic": kind}
+        prepared = engine.prepare(read_trial(keys))
+        [case] = prepared.cases.values()
+        drawn, _, _ = engine._drawn(prepared, case, np.arange(people))
+        glucose[kind] = case.loop.cohort.run(drawn).glucose_mg_dl  # which also compiles
+        loops[kind] = (case.loop.cohort, drawn)
+    times: dict[str, list[float]] = {kind: [] for kind in loops}
+    for _ in range(repeats):
+        for kind, (cohort, drawn) in loops.items():
+            start = time.process_time()
+            cohort.run(drawn)
+            times[kind].append(time.process_time() - start)
+    best = {kind: min(taken) for kind, taken in times.items()}
+    return {
+        "controller": controller,
+        "precision": precision,
+        **{f"{kind}_patient_days_s": people / seconds for kind, seconds in best.items()},
+        "cost_pct": 100.0 * (1.0 - best["fused"] / best["portable"]),
+        "difference_mg_dl": float(np.nanmax(np.abs(glucose["fused"] - glucose["portable"]))),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    parser.add_argument("--people", type=int, default=1024)
+    parser.add_argument("--repeats", type=int, default=15)
+    asked = parser.parse_args()
+    rows = [
+        measured(controller, precision, asked.people, asked.repeats)
+        for controller in CONTROLLERS
+        for precision in ("float64", "float32")
+    ]
+    if asked.json:
+        print(json.dumps(rows, indent=2))
+        return
+    print(f"{'':22}{'fused':>12}{'portable':>12}{'cost':>8}{'difference, mg/dl':>20}")
+    for row in rows:
+        speeds = f"{row['fused_patient_days_s']:12.0f}{row['portable_patient_days_s']:12.0f}"
+        cost = f"{row['cost_pct']:6.1f} %{row['difference_mg_dl']:20.1e}"
+        print(f"{row['controller']:>8}, {row['precision']:12}{speeds}{cost}")
+
+
+if __name__ == "__main__":
+    main()

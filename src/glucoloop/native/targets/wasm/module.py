@@ -1,0 +1,122 @@
+"""A WebAssembly module with one exported function for each lowered function.
+
+The target needs LLVM's linker, ``wasm-ld``; who only runs a module needs nothing but the module. `kernels.mjs`, beside
+this file, runs one from JavaScript.
+
+An exported function takes 32-bit whole numbers: five addresses in the module's memory (`person`, `carry`, `own`,
+`shared`, `outputs`, as `glucoloop.native.targets.llvm.kernel.Kernel.run` describes the arrays), the number of columns
+of these arrays, the first and the last vector of people, and the number of samples. A module exports its ``memory``
+and ``__heap_base``, the address from which the caller may use it; addresses have to be multiples of 16.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from glucoloop.native.functions import DOUBLE
+from glucoloop.native.lower import Lowered
+from glucoloop.native.targets.llvm.emit import Emitter
+from glucoloop.native.targets.products import STRICT
+
+HOST: Final = Path(__file__).with_name("kernels.mjs")
+"""JavaScript that runs the functions of a module."""
+VECTOR_BYTES: Final = 16
+LINKER: Final = "wasm-ld"
+_TRIPLE: Final = "wasm32-unknown-unknown"
+# The oldest processor model: newer ones have features that older linkers do not know.
+_PROCESSOR, _FEATURES = "mvp", "+simd128"
+_STACK_BYTES: Final = 1 << 20
+_KERNEL: Final = "kernel"
+_ARGUMENTS: Final = ("person", "carry", "own", "shared", "outputs")
+_NUMBERS: Final = ("stride", "first", "last", "samples")
+
+
+def lanes(precision: str) -> int:
+    """Number of people side by side in one vector."""
+    return VECTOR_BYTES // (8 if precision == DOUBLE else 4)
+
+
+def linker() -> str | None:
+    """Path of LLVM's linker for WebAssembly, or None where it is not installed."""
+    return shutil.which(LINKER)
+
+
+def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
+    """Compile and link lowered functions as one WebAssembly module.
+
+    Parameters
+    ----------
+    functions : mapping
+        Name of each exported function -> the lowered function. Names are identifiers of C.
+
+    Returns
+    -------
+    bytes
+        The module, the same for the same functions and versions of llvmlite and of the linker.
+
+    Raises
+    ------
+    ValueError
+        If the linker is absent or fails, or a name is not an identifier.
+    """
+    for name in functions:
+        if not name.isidentifier() or not name.isascii() or name == _KERNEL:
+            raise ValueError(f"{name!r} cannot be the name of a function; give letters, digits and _")
+    program = linker()
+    if program is None:
+        raise ValueError(f"{LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
+    with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
+        objects = []
+        for name, lowered in functions.items():
+            objects.append(Path(place, f"{name}.o"))
+            objects[-1].write_bytes(object_code(name, lowered))
+        linked = Path(place, "module.wasm")
+        options = ["--no-entry", "--strip-all", "--export=__heap_base", "-z", f"stack-size={_STACK_BYTES}"]
+        exports = [f"--export={name}" for name in functions]
+        command = [program, *options, *exports, "-o", str(linked), *map(str, objects)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise ValueError(f"{LINKER} failed: {done.stderr.strip()}")
+        return linked.read_bytes()
+
+
+def object_code(name: str, lowered: Lowered) -> bytes:
+    """Object file of one lowered function, for the linker."""
+    from llvmlite import binding
+
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    text = Emitter(lowered, STRICT, lanes(lowered.precision)).text() + _entry(name)
+    module = binding.parse_assembly(f'target triple = "{_TRIPLE}"\n{text}')
+    module.get_function(_KERNEL).linkage = "internal"
+    module.verify()
+    code: bytes = _machine().emit_object(module)
+    return code
+
+
+def _machine() -> Any:
+    from llvmlite import binding
+
+    target = binding.Target.from_triple(_TRIPLE)
+    return target.create_target_machine(cpu=_PROCESSOR, features=_FEATURES, opt=2)
+
+
+def _entry(name: str) -> str:
+    """The exported function, which takes 32-bit numbers: JavaScript has 64-bit ones only as objects."""
+    taken = [*(f"ptr %{pointer}" for pointer in _ARGUMENTS), *(f"i32 %{number}" for number in _NUMBERS)]
+    widened = [f"  %{number}_wide = zext i32 %{number} to i64" for number in _NUMBERS]
+    given = [*(f"ptr %{pointer}" for pointer in _ARGUMENTS), *(f"i64 %{number}_wide" for number in _NUMBERS)]
+    return "\n".join(
+        [
+            f"define void @{name}({', '.join(taken)}) nounwind {{",
+            *widened,
+            f"  call void @{_KERNEL}({', '.join(given)})",
+            "  ret void",
+            "}\n",
+        ]
+    )
