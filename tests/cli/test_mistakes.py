@@ -207,7 +207,7 @@ def test_record_is_refused(refused, tmp_path, text):
 
 
 def test_folder_that_is_taken_is_refused_before_anything_is_computed(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
     (tmp_path / "file").write_text("mine")
@@ -238,7 +238,7 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
     def interrupt(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", interrupt)
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", interrupt)
     answer = glucoloop("run", "--out", "a/b")
     assert answer.code == 130
     assert answer.err == "glucoloop: interrupted, nothing was written.\n"
@@ -246,12 +246,12 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 
 
 LONG_WORK = {
-    "identify": "glucoloop.cli.identified.identify",
-    "bound": "glucoloop.cli.bounded.work_out",
-    "tune": "glucoloop.cli.tune._search",
+    "identify": "glucoloop.studies.identified.identify",
+    "bound": "glucoloop.studies.bounded.work_out",
+    "tune": "glucoloop.studies.tuning.results.search_grid",
     "detect": "glucoloop.studies.detection.evaluate.evaluate",
     "claims": "glucoloop.papers.meal_aware.reproduce.carry_out",
-    "compare --case mpc --case pid": "glucoloop.cli.closed_loop.close_the_loop",
+    "compare --case mpc --case pid": "glucoloop.studies.closed_loop.close_the_loop",
 }
 
 
@@ -312,7 +312,7 @@ REFUSED_BY_THE_MACHINE = {
 @pytest.mark.parametrize("what", REFUSED_BY_THE_MACHINE)
 def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monkeypatch, what):
     fail, told = REFUSED_BY_THE_MACHINE[what]
-    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: fail())
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: fail())
     assert told in refused("run", "--out", "out")
     assert list(tmp_path.iterdir()) == []
 
@@ -322,7 +322,7 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
     [(OSError(errno.EIO, "Input/output error"), 2, "Input/output error"), (KeyboardInterrupt(), 130, "interrupted")],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
-    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: None)
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: None)
     monkeypatch.setattr("glucoloop.cli.run._write", lambda folder, *_: folder.write("a.txt", "a"))
     monkeypatch.setattr("glucoloop.cli.run._tell", raising(error))
     answer = glucoloop("run", "--out", "out")
@@ -331,7 +331,7 @@ def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, m
 
 
 def test_folder_behind_links_that_lead_nowhere_is_refused(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     for out in ("a", "a/out"):
@@ -386,7 +386,7 @@ def test_platform_that_jax_does_not_have_is_told(tmp_path):
 
 def test_bug_keeps_its_traceback(monkeypatch):
     """A ValueError from outside the library was not foreseen."""
-    monkeypatch.setattr("glucoloop.cli.closed_loop.close_the_loop", lambda _: int("bug"))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: int("bug"))
     with pytest.raises(ValueError, match="invalid literal"):
         main(["run"])
 

@@ -199,7 +199,7 @@ def test_glucose_below_the_validity_of_the_model_is_told(glucoloop):
 def test_samples_without_a_finite_dose_are_told():
     from types import SimpleNamespace
 
-    from glucoloop.cli.closed_loop import notes_on_trace
+    from glucoloop.studies.closed_loop import notes_on_trace
 
     grid = np.arange(11.0)
     trace: Any = SimpleNamespace(

@@ -13,13 +13,13 @@ from glucoloop.cli import main
 from glucoloop.cli.mistakes import sentence
 
 _STOPS = (
-    "glucoloop.cli.bounded.optimal_doses",
-    "glucoloop.cli.bounded.hedged_doses",
-    "glucoloop.cli.closed_loop.identified_model",
-    "glucoloop.cli.closed_loop.controller_for",
-    "glucoloop.cli.identified._method",
-    "glucoloop.cli.identified._from_patient",
-    "glucoloop.cli.tune._search",
+    "glucoloop.studies.bounded.optimal_doses",
+    "glucoloop.studies.bounded.hedged_doses",
+    "glucoloop.studies.closed_loop.identified_model",
+    "glucoloop.studies.closed_loop.controller_for",
+    "glucoloop.studies.identified._method",
+    "glucoloop.studies.identified._from_patient",
+    "glucoloop.studies.tuning.results.search_grid",
     "glucoloop.cohorts.engine.prepare",
     "glucoloop.storage.trials.folder.trial_folder",
     "glucoloop.papers.parker1999.reproduce.carry_out",

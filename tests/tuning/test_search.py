@@ -100,7 +100,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
     grid = tuning_grid([1, 2, 3], [3, 8], move_weights=[0.0, 1.0])
     seen = []
     surface = search(
-        patient_81,
+        usual_situation(),
         design_of("mpc", identified_81.model),
         grid,
         progress=lambda done, total: seen.append((done, total)),
@@ -118,7 +118,7 @@ def test_point_is_the_run_of_its_tuning(patient_81, identified_81):
 @pytest.mark.long
 def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_81, name, tuning):
     other = dataclasses.replace(tuning, reference_filter=0.3, prediction_horizon=9)
-    surface = search(patient_81, design_of(name), [tuning, other], scenario=SHORT, name=name)
+    surface = search(usual_situation(), design_of(name), [tuning, other], scenario=SHORT, name=name)
     if name == "mpc-se":
         controller = design_mpc_se(linear_model(patient_81), Q, tuning)
     else:
@@ -131,9 +131,10 @@ def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_
 
 def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, identified_81):
     seeds, sensor = (3, 4, 5), white_noise(1.45)
+    situation = dataclasses.replace(usual_situation(), noise_variance=1.45)
     grid = [MPCTuning(2, 10, 3.0, 1.0), MPCTuning(2, 12, 3.0, 1.0)]
     design = design_of("mpc", identified_81.model)
-    surface = search(patient_81, design, grid, sensor=sensor, quiet_sensor=None, seeds=seeds, scenario=SHORT)
+    surface = search(situation, design, grid, seeds=seeds, scenario=SHORT)
     alone = [float(summarise(simulate(patient_81, design(grid[0]), sensor, None, SHORT, seed)).sse) for seed in seeds]
     assert surface.sse[0] == pytest.approx(np.median(alone), abs=1e-9)
     assert surface.seeds == 3
@@ -157,26 +158,26 @@ def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
 def test_tuning_without_a_controller_is_left_out_and_told(patient_81, identified_81):
     flat = dataclasses.replace(identified_81.model, step_response=jnp.zeros(36).at[3:].set(-1.0))
     design = design_of("mpc", flat)
-    surface = search(patient_81, design, tuning_grid([1], [2, 5]), scenario=SHORT)
+    surface = search(usual_situation(), design, tuning_grid([1], [2, 5]), scenario=SHORT)
     assert surface.tunings == (MPCTuning(1, 5),)
     assert surface.refused[0][0] == MPCTuning(1, 2)
     assert "does not determine" in surface.refused[0][1]
     with pytest.raises(ValueError, match="no controller can be designed"):
-        search(patient_81, design, tuning_grid([1], [2]))
+        search(usual_situation(), design, tuning_grid([1], [2]))
 
 
 def test_bad_searches(patient_81, identified_81):
     tuning, design = MPCTuning(), design_of("mpc", identified_81.model)
     with pytest.raises(ValueError, match="the grid has no tuning"):
-        search(patient_81, design, [])
+        search(usual_situation(), design, [])
     with pytest.raises(ValueError, match="no seeds"):
-        search(patient_81, design, [tuning], seeds=[])
+        search(usual_situation(), design, [tuning], seeds=[])
     with pytest.raises(ValueError, match="too large"):
-        search(patient_81, design, [tuning] * 101, seeds=range(2000))
+        search(usual_situation(), design, [tuning] * 101, seeds=range(2000))
     with pytest.raises(ValueError, match="'pid' cannot be tuned"):
         design_of("pid")
     with pytest.raises(ValueError, match="filtered reference"):
-        search(patient_81, design_of("mpc-se"), [tuning])
+        search(usual_situation(), design_of("mpc-se"), [tuning])
     with pytest.raises(ValueError, match="unknown operating point 'elsewhere'"):
         printed_tuning("elsewhere", "mpc")
 

@@ -12,10 +12,10 @@ from glucoloop.cli.telling import print_json, where_written
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
-    from glucoloop.cli.bounded import Bounded
     from glucoloop.cli.request import Output
     from glucoloop.config.bound import BoundConfig
     from glucoloop.storage.folder import OutputFolder
+    from glucoloop.studies.bounded import Bounded
 
 HELP: Final = (
     "Compute how closely any controller could hold glucose: the doses within the pump's limits with the least maximum "
@@ -94,8 +94,8 @@ def command(given: Given) -> None:
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stages("Importing the simulator") as done:
-            from glucoloop.cli.bounded import work_out
             from glucoloop.cli.compiled import keep_compiled
+            from glucoloop.studies.bounded import work_out
 
             keep_compiled()
             bounded = work_out(asked, done)

@@ -15,9 +15,9 @@ from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from glucoloop.bounds import Distance, OptimalDoses
-    from glucoloop.cli.closed_loop import Outcome
     from glucoloop.config import Comparison
     from glucoloop.storage.folder import OutputFolder
+    from glucoloop.studies.closed_loop import Outcome
 
 HELP: Final = (
     "Compare controllers or tunings with the same patient, meals, sensor and pump: one table, one figure.\n\n"
@@ -62,8 +62,8 @@ def command(given: Given) -> None:
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):
-            from glucoloop.cli.closed_loop import close_the_loop
             from glucoloop.cli.compiled import keep_compiled
+            from glucoloop.studies.closed_loop import close_the_loop
         if bounded:
             from glucoloop.bounds.optimal_doses import check_samples
 
@@ -78,7 +78,7 @@ def command(given: Given) -> None:
                     raise
         if bounded:
             with stage("Working out the bound"):
-                from glucoloop.cli.bounded import bound_of_run
+                from glucoloop.studies.bounded import bound_of_run
 
                 bound = bound_of_run(asked.situation)
         if folder is not None:

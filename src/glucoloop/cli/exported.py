@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import glucoloop
-from glucoloop.cli.closed_loop import controller_for, model_for
 from glucoloop.cli.telling import where_written
 from glucoloop.config import toml_text
 from glucoloop.config.export import Export
@@ -24,6 +23,7 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import OutputFolder
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.storage.strict_json import json_text, with_version
+from glucoloop.studies.closed_loop import controller_for, model_for
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from glucoloop.cli.telling import print_json, where_written
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
-    from glucoloop.cli.identified import Identified
     from glucoloop.config import IdentificationConfig
     from glucoloop.storage.folder import OutputFolder
+    from glucoloop.studies.identified import Identified
 
 HELP: Final = (
     "Identify a step-response model, which `glucoloop run --model` uses.\n\n"
@@ -110,7 +110,7 @@ def command(given: Given) -> None:
     with output.folder() as folder:
         with stage("Importing the simulator"):
             from glucoloop.cli.compiled import keep_compiled
-            from glucoloop.cli.identified import identify
+            from glucoloop.studies.identified import identify
         keep_compiled()
         with stage("Identifying a model"):
             identified = identify(asked)

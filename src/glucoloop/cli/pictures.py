@@ -12,8 +12,8 @@ from glucoloop.report import interactive_page, plot, plots_lack
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from glucoloop.cli.closed_loop import Outcome
     from glucoloop.storage.folder import OutputFolder
+    from glucoloop.studies.closed_loop import Outcome
 
 
 def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:

@@ -11,9 +11,9 @@ from glucoloop.cli.telling import mmol_lines, print_json, where_written
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
-    from glucoloop.cli.closed_loop import Outcome
     from glucoloop.config import Run
     from glucoloop.storage.folder import OutputFolder
+    from glucoloop.studies.closed_loop import Outcome
 
 HELP: Final = (
     "Simulate a controller in closed loop with a virtual patient and a meal.\n\n"
@@ -35,8 +35,8 @@ def command(given: Given) -> None:
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):
-            from glucoloop.cli.closed_loop import close_the_loop
             from glucoloop.cli.compiled import keep_compiled
+            from glucoloop.studies.closed_loop import close_the_loop
         keep_compiled()
         with stage("Closing the loop"):
             outcome = close_the_loop(asked)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from glucoloop.cli.screen import note
 
 if TYPE_CHECKING:
-    from glucoloop.cli.closed_loop import Outcome
+    from glucoloop.studies.closed_loop import Outcome
 
 
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: tuple[str, ...]) -> None:

@@ -25,6 +25,7 @@ from glucoloop.config.run import (
     whole_samples,
 )
 from glucoloop.config.unusual import ask_about
+from glucoloop.experiments.situation import Situation
 from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.registry.settings import refuse_unknown_keys
@@ -79,6 +80,18 @@ class IdentificationConfig(BaseModel):
     def dead_time_samples(self) -> int:
         """Dead time of the experiment's readings."""
         return whole_samples(self.dead_time_min, self.sample_time_min)
+
+    def situation(self) -> Situation:
+        """The patient and the sensor of the experiment."""
+        return Situation(
+            patient=self.patient,
+            operating_point=self.operating_point,
+            noise_variance=self.noise_variance,
+            noise_bound_mg_dl=self.noise_bound_mg_dl,
+            dead_time_samples=self.dead_time_samples,
+            sample_time_min=self.sample_time_min,
+            seed=self.seed,
+        )
 
 
 def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> IdentificationConfig:

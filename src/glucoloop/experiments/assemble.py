@@ -59,17 +59,20 @@ def close_loop(
     controller: Controller,
     scenario: Scenario,
     *,
+    patient: SemilinearPatient | None = None,
     around: Surroundings | None = None,
     key: jax.Array | int | None = None,
     integrator: Integrator | None = None,
 ) -> Trace:
-    """Simulate the nominal patient of a situation under a controller.
+    """Simulate one person in a situation under a controller.
 
     Parameters
     ----------
     situation : Situation
     controller : Controller
     scenario : Scenario
+    patient : SemilinearPatient, optional
+        The person; the nominal patient of the situation by default.
     around : Surroundings, optional
         Sensor and pump; those of the situation by default.
     key : jax.Array or int, optional
@@ -84,7 +87,7 @@ def close_loop(
     """
     around = surroundings_of(situation) if around is None else around
     return simulate(
-        situation.nominal,
+        situation.nominal if patient is None else patient,
         controller,
         around.sensor,
         around.pump,
@@ -244,7 +247,7 @@ class PeopleLoop:
         meals : Eaten, optional
             ``(meals, people)`` individual meals of people.
         announced_g : array, optional
-            ``(meals, people)`` individual meals of people. what is announced of the meals; by default what is eaten.
+            ``(meals, people)`` carbohydrate that is announced of the meals, in g; by default what is eaten.
         """
         number = people.basal_insulin_mU_min.shape[0]
 

@@ -16,7 +16,7 @@ from glucoloop.control import Controller, GuardSettings, guarded
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.situation import Situation
-from glucoloop.experiments.surroundings import sensor_of
+from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import LinearModel
@@ -160,7 +160,7 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
     """
     return identify(
         patient,
-        sensor_of(case.model_noise_variance or 0.0, situation.noise_bound_mg_dl, 0, situation.site),
+        record_sensor(situation, case.model_noise_variance or 0.0),
         record_key(situation.seed),
         memory=case.memory or 0,
         amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),

@@ -23,7 +23,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.situation import Situation
-from glucoloop.experiments.surroundings import sensor_of
+from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
@@ -73,7 +73,7 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
     experiment = PulseExperiment(
         situation.nominal,
         example.patient,
-        sensor_of(case.model_noise_variance or 0.0, situation.noise_bound_mg_dl, 0, situation.site),
+        record_sensor(situation, case.model_noise_variance or 0.0),
         sample_time_min=situation.sample_time_min,
     )
     late = situation.dead_time_samples if case.known_dead_time else 0

@@ -19,7 +19,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.situation import Situation
-from glucoloop.experiments.surroundings import sensor_of
+from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import design_csrs
 from glucoloop.identification.gain_and_lag import identify_gain_and_lag
 from glucoloop.models.state_space import LinearModel
@@ -76,7 +76,7 @@ def by_record(situation: Situation, example: VirtualPeople) -> Known:
     experiment = PulseExperiment(
         situation.nominal,
         example.patient,
-        sensor_of(situation.noise_variance, situation.noise_bound_mg_dl, 0, situation.site),
+        record_sensor(situation, situation.noise_variance),
         sample_time_min=situation.sample_time_min,
     )
     response = impulse_response(linear_model(situation.nominal, sample_time_min=situation.sample_time_min), shape.size)

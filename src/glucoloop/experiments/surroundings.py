@@ -41,12 +41,17 @@ class Surroundings:
         return Surroundings(sensor=sensor, pump=pump)
 
 
-def sensor_of(noise_variance: float, bound_mg_dl: float, dead_time_samples: int, site: str | None = None) -> Sensor:
-    """Sensor at a site with noise, dead time, both or neither; None is the site of the controlled glucose."""
-    inner: Sensor = IdealSensor(site=site)
-    if noise_variance > 0.0:
-        inner = white_noise(noise_variance, bound_mg_dl, inner)
-    return dead_time(dead_time_samples, inner) if dead_time_samples else inner
+def sensor_of(situation: Situation) -> Sensor:
+    """Sensor of a situation without its faults: its site, noise and dead time."""
+    inner: Sensor = IdealSensor(site=situation.site)
+    if situation.noise_variance > 0.0:
+        inner = white_noise(situation.noise_variance, situation.noise_bound_mg_dl, inner)
+    return dead_time(situation.dead_time_samples, inner) if situation.dead_time_samples else inner
+
+
+def record_sensor(situation: Situation, noise_variance: float) -> Sensor:
+    """Sensor of a record from which a model is identified: that of the situation with other noise, on time."""
+    return sensor_of(dataclasses.replace(situation, noise_variance=noise_variance, dead_time_samples=0))
 
 
 def pump_of(limits: DoseLimits, resolution_mU_min: float | None) -> Pump:
@@ -64,12 +69,9 @@ def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroun
         If a fault is not possible.
     """
     limits, every = situation.limits, [parse_fault(text) for text in (*situation.faults, *faults)]
-    sensor = sensor_of(
-        situation.noise_variance, situation.noise_bound_mg_dl, situation.dead_time_samples, situation.site
-    )
     pump = pump_of(limits, situation.pump_resolution_mU_min)
     return Surroundings(
-        sensor=faulty_sensor(sensor, every, situation.sample_time_min),
+        sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min),
         pump=faulty_pump(pump, every, situation.sample_time_min, limits),
     )
 

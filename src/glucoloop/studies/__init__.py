@@ -1,1 +1,1 @@
-"""Studies of controllers, one folder each: stress, detection, verification, the worst sensor errors, robust tuning."""
+"""What the commands compute: one run, identifications and bounds, and the studies of controllers, one folder each."""

@@ -85,4 +85,4 @@ def paper_tuning_surface(
     )
     design = designer(situation, usual_case(controller, situation), model)
     points = grid if printed in grid else [*grid, printed]
-    return search(situation.nominal, design, points, name=controller, progress=progress)
+    return search(situation, design, points, name=controller, progress=progress)

@@ -6,6 +6,7 @@ to the constraints (17) to (19) and to no oscillation.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -17,13 +18,11 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.control import Controller, MPCTuning
+from glucoloop.experiments.assemble import close_loop
+from glucoloop.experiments.situation import Situation
+from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
-from glucoloop.patients import Patient
-from glucoloop.pumps import LimitedPump, Pump
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation import simulate
 from glucoloop.simulation.plant import Integrator
 from glucoloop.tuning.designers import Designer
 from glucoloop.tuning.oscillation import Oscillation, oscillation
@@ -58,44 +57,34 @@ class _Scores:
 
 
 def search(
-    patient: Patient,
+    situation: Situation,
     design: Designer,
     grid: Sequence[MPCTuning],
     *,
     scenario: Scenario | None = None,
-    sensor: Sensor | None = None,
-    quiet_sensor: Sensor | None = None,
     seeds: Sequence[int] = (0,),
-    pump: Pump | None = None,
-    limits: DoseLimits = PARKER_1999_LIMITS,
     integrator: Integrator | None = None,
     name: str = "controller",
     progress: Progress | None = None,
 ) -> TuningSurface:
     """Simulate the loop with every tuning of a grid, as one batch, and score each.
 
+    With noisy readings, oscillation is judged in a loop of its own without noise.
+
     Parameters
     ----------
-    patient : Patient
+    situation : Situation
+        Patient, sensor, pump and faults.
     design : callable
         Function that makes the controller of a tuning, see `designer`.
     grid : sequence of MPCTuning
         Tunings, see `tuning_grid`.
     scenario : Scenario, optional
-        Argument of `simulate`.
-    sensor : Sensor, optional
-        Sensor; an ideal one by default.
-    quiet_sensor : Sensor, optional
-        The sensor without its noise, in whose loop oscillation is judged; by default it is judged with `sensor` and the
-        first seed.
+        Meals and length; the 50 g oral glucose test by default.
     seeds : sequence of int
         Keys of the noise. Every tuning meets the same ones; results are medians over them.
-    pump : Pump, optional
-        Pump; by default one with `limits`.
-    limits : DoseLimits
-        Limits of the constraints (17) and (18).
     integrator : Integrator, optional
-        Argument of `simulate`.
+        Argument of `close_loop`.
     name : str, optional
         Name of the controller on the surface.
     progress : callable, optional
@@ -123,13 +112,16 @@ def search(
     designed, refused = _designed(design, grid)
     grid = list(designed)
     controllers = list(designed.values())
-    pump = LimitedPump(limits=limits) if pump is None else pump
+    meals = Scenario() if scenario is None else scenario
+    limits = situation.limits
     most_moves = max(horizons(one)[0] for one in controllers)
     horizon = max(horizons(one)[1] for one in controllers)
 
-    def runs(sensor: Sensor, seeds: Sequence[int], done: int, total: int) -> _Scores:
+    def runs(situation: Situation, seeds: Sequence[int], done: int, total: int) -> _Scores:
+        around = surroundings_of(situation)
+
         def score(controller: Controller, key: jax.Array) -> _Scores:
-            trace = simulate(patient, controller, sensor, pump, scenario, key, integrator=integrator)
+            trace = close_loop(situation, controller, meals, around=around, key=key, integrator=integrator)
             metrics = summarise(trace, limits)
             return _Scores(
                 sse=metrics.sse,
@@ -146,10 +138,11 @@ def search(
 
         return _in_blocks(score, controllers, seeds, most_moves, horizon, progress, done, total)
 
-    judged_apart = quiet_sensor is not None
-    total = len(grid) * (len(seeds) + judged_apart)
-    scores = runs(IdealSensor() if sensor is None else sensor, seeds, 0, total)
-    quiet = runs(quiet_sensor, [0], len(grid) * len(seeds), total) if quiet_sensor is not None else scores
+    noisy = situation.noise_variance > 0.0
+    total = len(grid) * (len(seeds) + noisy)
+    scores = runs(situation, seeds, 0, total)
+    without_noise = dataclasses.replace(situation, noise_variance=0.0)
+    quiet = runs(without_noise, [0], len(grid) * len(seeds), total) if noisy else scores
     return TuningSurface(
         controller=name,
         tunings=tuple(grid),

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from glucoloop.cli.closed_loop import close_the_loop
 from glucoloop.config import read_run
 from glucoloop.papers.meal_aware.experiments import MEASURES, numbers_of, study
 from glucoloop.papers.meal_aware.situations import MOST_SEEDS, SITUATIONS, read_asked
 from glucoloop.patients.population import population, virtual_people
+from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.tuning.oscillation import oscillation
 
 DEAD_TIME = next(one for one in SITUATIONS if one.name == "dead-time-10")

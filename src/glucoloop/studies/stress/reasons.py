@@ -10,11 +10,12 @@ import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial, announced_to
 from glucoloop.control import Status
+from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import of_people, virtual_people
-from glucoloop.simulation import Trace, simulate
+from glucoloop.simulation import Trace
 from glucoloop.simulation.people_plant import varying
 from glucoloop.studies.stress.stress import Reason, StressRow
 
@@ -52,11 +53,9 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
     if of_case.loop.own is not None:
         own = of_case.loop.own(drawn)
         controller = _first(own, varying(own, controller))
-    return simulate(
-        of_people(drawn.patient, 0),
+    return close_loop(
+        trial,
         controller,
-        of_case.surroundings.sensor,
-        of_case.surroundings.pump,
         Scenario(
             [
                 Meal(*map(float, of_meal))
@@ -69,7 +68,9 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
             meal_model=trial.gut,
             start_min=trial.start_min,
         ),
-        keys_of_people(trial.seed, number)[0],
+        patient=of_people(drawn.patient, 0),
+        around=of_case.surroundings,
+        key=keys_of_people(trial.seed, number)[0],
     )
 
 

@@ -1,4 +1,4 @@
-"""Simulation of a configured run: patient, sensor, pump and controller are made, and the loop is simulated."""
+"""A configured run: the model is identified or read, the controller designed, and the loop simulated."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from glucoloop.pumps import DoseLimits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
+from glucoloop.simulation.plant import Integrator
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.units import u_h_from_mu_min
 
@@ -64,7 +65,7 @@ def close_the_loop(run: Run) -> Outcome:
         situation,
         controller,
         asked.scenario(announced=asked.announce_meals),
-        integrator=Exponential() if asked.integrator == "fast" else Adaptive(),
+        integrator=integrator_of(asked),
     )
     metrics = summarise(trace, situation.limits)
     return Outcome(
@@ -130,12 +131,19 @@ def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelF
 
 def controller_for(run: Run, situation: Situation, model: ModelFile | None) -> Controller:
     """Controller of a case. A model from a record with dead time contains the dead time already."""
-    return controller_of(
-        situation,
-        run.case.case(),
-        model=None if model is None else model.step_response_model(),
-        model_is_late=model is not None and bool(model.provenance.dead_time_min),
-    )
+    return controller_of(situation, run.case.case(), **model_arguments(model))
+
+
+def model_arguments(model: ModelFile | None) -> dict[str, Any]:
+    """Arguments of a design for its model, and for whether the model holds the dead time."""
+    if model is None:
+        return {"model": None}
+    return {"model": model.step_response_model(), "model_is_late": bool(model.provenance.dead_time_min)}
+
+
+def integrator_of(situation: SituationKeys) -> Integrator:
+    """Integrator of a run."""
+    return Exponential() if situation.integrator == "fast" else Adaptive()
 
 
 def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:

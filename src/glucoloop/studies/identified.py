@@ -28,9 +28,9 @@ from glucoloop.identification import (
     record_from_samples,
     validate,
 )
-from glucoloop.patients import patient
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
+from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
@@ -116,7 +116,8 @@ def identify(config: IdentificationConfig) -> Identified:
 
 
 def _from_patient(config: IdentificationConfig) -> Identified:
-    person = patient(config.patient, config.operating_point)
+    situation = config.situation()
+    person = situation.nominal
     basal = float(person.basal_insulin_mU_min)
     if config.amplitude_mU_min > basal:
         raise ValueError(
@@ -124,27 +125,21 @@ def _from_patient(config: IdentificationConfig) -> Identified:
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
     pulses = basal + np.asarray(design_csrs(config.memory, config.amplitude_mU_min, config.samples))
-    late = config.dead_time_samples
+    quiet_sensor = sensor_of(dataclasses.replace(situation, noise_variance=0.0))
 
-    def experiment(noise_variance: float) -> Record:
-        reads = sensor_of(noise_variance, config.noise_bound_mg_dl, late)
-        return excite(person, pulses, reads, record_key(config.seed), sample_time_min=config.sample_time_min)
+    def experiment(sensor: Sensor) -> Record:
+        return excite(person, pulses, sensor, record_key(config.seed), sample_time_min=config.sample_time_min)
 
-    record = experiment(config.noise_variance)
+    record = experiment(sensor_of(situation))
     identification = _fit(config, record, "csrs", basal_insulin_mU_min=basal)
     truth = None
     if config.noise_variance:
         quiet = identify_record(
-            experiment(0.0), memory=config.memory, laguerre_functions=None, basal_insulin_mU_min=basal
+            experiment(quiet_sensor), memory=config.memory, laguerre_functions=None, basal_insulin_mU_min=basal
         )
         truth = quiet.impulse_response
     sequence = random_binary_sequence(VALIDATION_SAMPLES, VALIDATION_SHARE * basal, config.seed)
-    answer = excite(
-        person,
-        basal + np.asarray(sequence),
-        sensor_of(0.0, config.noise_bound_mg_dl, late),
-        sample_time_min=config.sample_time_min,
-    )
+    answer = excite(person, basal + np.asarray(sequence), quiet_sensor, sample_time_min=config.sample_time_min)
     noise = f"with noise of variance {config.noise_variance:g}" if config.noise_variance else "free of noise"
     source = f"identified from a record of {pulses.size} samples {noise}"
     return Identified(
