@@ -9,8 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, Observation, Status, design_linear_mpc
+from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.patients import patient
 from glucoloop.pumps import LimitedPump, dose_limits
+from glucoloop.simulation import linear_model
 
 # Second order: a slow fall of glucose after a delayed start.
 IMPULSE = -0.12 * (np.exp(-np.arange(1, 37) / 9.0) - np.exp(-np.arange(1, 37) / 3.0))
@@ -349,3 +352,59 @@ def test_a_model_that_is_not_finite_is_refused():
 def test_a_model_without_any_response_is_refused():
     with pytest.raises(ValueError, match="does not determine 1 moves"):
         design_linear_mpc(StepResponseModel.from_impulse_response(np.zeros(5), 5.0), MPCTuning(1, 4))
+
+
+def test_a_tail_is_the_same_as_a_response_that_never_ends():
+    pole, ends = 0.97, MPCTuning(2, 20, 1.0, 3.0)
+    whole = np.r_[IMPULSE, IMPULSE[-1] * pole ** np.arange(1, 600)]
+    readings = jnp.asarray(81.1 + 40.0 * np.exp(-((np.arange(200) - 20.0) ** 2) / 200.0))
+    tailed, endless, ending = (
+        follow(design_linear_mpc(model, ends, WIDE), readings, jnp.ones(200, bool), 500.0)[0]
+        for model in (
+            StepResponseModel.from_impulse_response(IMPULSE, 5.0, tail_pole=pole),
+            StepResponseModel.from_impulse_response(whole, 5.0),
+            MODEL,
+        )
+    )
+    np.testing.assert_allclose(tailed, endless, rtol=1e-9)
+    assert np.max(np.abs(ending - endless)) > 1.0
+
+
+def test_a_tail_makes_room_for_a_longer_horizon():
+    model = StepResponseModel.from_impulse_response(IMPULSE[:8], 5.0, tail_pole=0.9)
+    tuning = MPCTuning(2, 10, 1.0, 3.0)
+    short, long = (design_linear_mpc(model, dataclasses.replace(tuning, prediction_horizon=p)) for p in (10, 30))
+    np.testing.assert_allclose(short.padded(2, 30).step_response, long.step_response, rtol=1e-12)
+
+
+def test_a_dose_under_the_skin_has_no_echo_when_the_model_forgets_it():
+    """The patient's own linearisation, a day and a half after a disturbance, under models of 24 h with tail and not."""
+    person = patient("hovorka-2004")
+    plant = linear_model(person)
+    true = np.asarray(step_response(plant, 1800))
+    h = np.diff(true, prepend=0.0)
+    disturbed = jnp.zeros(432).at[12:60].set(2.0)
+
+    @jax.jit
+    def glucose(controller):
+        def sample(carry, too_much):
+            x, state, delivered = carry
+            y = person.setpoint_mg_dl + plant.C @ x
+            state, decision = controller.step(state, observe(y, delivered, person.setpoint_mg_dl))
+            dose = decision.insulin_mU_min
+            u = dose - person.basal_insulin_mU_min - too_much
+            return (plant.Phi @ x + plant.Gamma * u, state, dose), y
+
+        start = controller.init(observe(person.setpoint_mg_dl, person.basal_insulin_mU_min, person.setpoint_mg_dl))
+        return jax.lax.scan(sample, (jnp.zeros(plant.C.size), start, person.basal_insulin_mU_min), disturbed)[1]
+
+    endless, tailed, ending = (
+        np.asarray(glucose(design_linear_mpc(model, MPCTuning(2, 36, 1.0, 3.0), WIDE)))
+        for model in (
+            StepResponseModel.from_impulse_response(h, 5.0),
+            StepResponseModel.from_impulse_response(h[:288], 5.0, tail_pole=h[288] / h[287]),
+            StepResponseModel.from_impulse_response(h[:288], 5.0),
+        )
+    )
+    np.testing.assert_allclose(tailed[288:], endless[288:], atol=0.05)
+    assert np.max(np.abs(ending[288:] - endless[288:])) > 2.0

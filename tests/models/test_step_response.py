@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import signal
 
-from glucoloop.models.step_response import StepResponseModel, lagged_inputs
+from glucoloop.models.step_response import StepResponseModel, extended, lagged_inputs
 
 values = st.floats(-50, 50, allow_subnormal=False)
 impulse_responses = arrays(float, 12, elements=values)
@@ -105,3 +105,22 @@ def test_an_impulse_response_that_is_empty_or_not_finite_is_refused():
 def test_an_input_with_two_axes_is_refused():
     with pytest.raises(ValueError, match=r"not one-dimensional.*vmap"):
         StepResponseModel.from_impulse_response([-0.1], 5.0).predict(np.zeros((3, 2)))
+
+
+@settings(deadline=None, max_examples=20)
+@given(impulse_responses, inputs, st.floats(0.0, 0.95))
+def test_a_tail_is_an_impulse_response_that_goes_on_geometrically(h, u, pole):
+    model = StepResponseModel.from_impulse_response(h, 5.0, tail_pole=pole)
+    whole = np.r_[h, h[-1] * pole ** np.arange(1, 400)]
+    np.testing.assert_allclose(model.predict(u), signal.lfilter(np.r_[0.0, whole], [1.0], np.r_[u, 0.0]), atol=1e-9)
+    np.testing.assert_allclose(model.gain, whole.sum(), atol=1e-5)
+    np.testing.assert_allclose(model.delayed(3).gain, model.gain)
+    for response in (model.step_response, np.asarray(model.step_response)):
+        longer = extended(response, model.tail_pole, 60)
+        np.testing.assert_allclose(longer, np.cumsum(whole)[:60], atol=1e-9)
+
+
+@pytest.mark.parametrize("pole", [-0.1, 1.0, np.nan])
+def test_a_pole_without_a_steady_gain_is_refused(pole):
+    with pytest.raises(ValueError, match="at least 0 and less than 1"):
+        StepResponseModel.from_impulse_response([-1.0, -0.5], 5.0, tail_pole=pole)

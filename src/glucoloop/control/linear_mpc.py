@@ -6,7 +6,6 @@ Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV, eq. (15
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +20,7 @@ from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plan
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LinearMPCSettings, MPCTuning
 from glucoloop.control.tuning import NOISE_FREE, check_gain
-from glucoloop.models.step_response import StepResponseModel
+from glucoloop.models.step_response import StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -45,6 +44,8 @@ class LinearMPC:
     """(M,) S_1 .. S_M, long enough for the prediction horizon."""
     plan: MovePlan
     sample_time_min: float = static()
+    tail_pole: jax.Array | None = None
+    """p, ratio of the increments of the step response after S_M; None for a response that is constant there."""
 
     @property
     def gain(self) -> jax.Array:
@@ -58,9 +59,7 @@ class LinearMPC:
 
     def padded(self, moves: int, horizon: int) -> LinearMPC:
         """The same controller with room for more moves and more samples, none of which has any weight."""
-        S = self.step_response
-        # Where the model ends, its answer stays, and so do the samples that the controller now looks at in vain.
-        longer = jnp.pad(S, (0, max(0, horizon + 1 - S.shape[0])), mode="edge")
+        longer = extended(self.step_response, self.tail_pole, horizon + 1)
         return dataclasses.replace(self, step_response=longer, plan=self.plan.padded(moves, horizon))
 
     def init(self, observation: Observation) -> LinearMPCState:
@@ -76,7 +75,7 @@ class LinearMPC:
         """Include the delivered rate and the reading, and decide on one move."""
         # The pump's word, not our command: what it clipped must not wind up in the prediction.
         delivered = delivered_since(observation, state.insulin_mU_min)
-        free = _after_move(state.free_response, self.step_response, delivered - state.insulin_mU_min)
+        free = _after_move(state.free_response, self.step_response, delivered - state.insulin_mU_min, self.tail_pole)
         known = is_known(observation)
         disturbance = jnp.where(known, observation.glucose_mg_dl - free[0], state.disturbance_mg_dl)
 
@@ -87,9 +86,18 @@ class LinearMPC:
         return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
 
 
-def _after_move(free_response: jax.Array, step_response: jax.Array, move: jax.Array) -> jax.Array:
-    """Free response one sample on, with a move made at the last sample; it stays at its last value at the far end."""
-    shifted = jnp.concatenate([free_response[1:], free_response[-1:]])
+def _after_move(
+    free_response: jax.Array, step_response: jax.Array, move: jax.Array, tail_pole: jax.Array | None
+) -> jax.Array:
+    """Free response one sample on, with a move made at the last sample.
+
+    At the far end it stays at its last value, or goes on with the tail. The tail is exact for every move ever made,
+    since the increments of each answer fall by the same ratio from there on.
+    """
+    last = free_response[-1:]
+    if tail_pole is not None:
+        last = last + tail_pole * (last - free_response[-2:-1])
+    shifted = jnp.concatenate([free_response[1:], last])
     return shifted + jnp.multiply.outer(step_response, move)
 
 
@@ -153,10 +161,14 @@ def design_linear_mpc(
     [-0.2, -0.36, -0.48]
     """
     response = model.step_response
-    S = _long_enough(response if is_traced(response) else np.asarray(response, float), tuning)
+    S = extended(
+        response if is_traced(response) else np.asarray(response, float), model.tail_pole, tuning.prediction_horizon + 1
+    )
     plan = plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight))
-    check_gain(S[-1])
-    return LinearMPC(step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min)
+    check_gain(model.gain)
+    return LinearMPC(
+        step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min, tail_pole=model.tail_pole
+    )
 
 
 def linear_mpc_of_people(
@@ -165,6 +177,7 @@ def linear_mpc_of_people(
     limits: DoseLimits,
     *,
     sample_time_min: float,
+    tail_pole: npt.NDArray[np.float64] | None = None,
     constraints: str = "clip",
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
@@ -174,23 +187,19 @@ def linear_mpc_of_people(
     Parameters
     ----------
     step_response : (M, people) array
+    tail_pole : (people,) array, optional
+        Ratio of the increments after M samples, 0 for a person whose response ends there; None if everybody's does.
     tuning, limits, constraints, glucose_floor_mg_dl, floor_weight
         As for `design_linear_mpc`.
     sample_time_min : float
     """
-    S = _long_enough(step_response, tuning)
+    S = extended(step_response, tail_pole, tuning.prediction_horizon + 1)
     return LinearMPC(
         step_response=jnp.asarray(S),
         plan=plans_of_people(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight)),
         sample_time_min=sample_time_min,
+        tail_pole=None if tail_pole is None else jnp.asarray(tail_pole),
     )
-
-
-def _long_enough(step_response: Any, tuning: MPCTuning) -> Any:
-    """Step response extended at its last value to the end of the prediction horizon."""
-    missing = max(0, tuning.prediction_horizon + 1 - step_response.shape[0])
-    xp: Any = jnp if is_traced(step_response) else np
-    return xp.concatenate([step_response, xp.repeat(step_response[-1:], missing, axis=0)])
 
 
 def design(case: DesignCase, settings: LinearMPCSettings) -> LinearMPC:

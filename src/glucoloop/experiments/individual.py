@@ -24,7 +24,13 @@ from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import record_sensor
-from glucoloop.identification import cross_correlation, design_csrs, laguerre_smooth
+from glucoloop.identification import (
+    cross_correlation,
+    design_csrs,
+    laguerre_coefficients,
+    laguerre_functions,
+    laguerre_tail_pole,
+)
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.registry.controllers import controller_entry
@@ -89,13 +95,19 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         known = np.isfinite(glucose).all(axis=0)
         deviation = np.where(known, (glucose - glucose.mean(axis=0)) / np.where(known, amplitude, 1.0), 0.0)
         response = cross_correlation(pulses, deviation, memory)
-        smooth = laguerre_smooth(response, case.laguerre_pole or 0.0, functions) if functions else response
+        smooth, tail_pole = response, None
+        if functions:
+            pole = case.laguerre_pole or 0.0
+            coefficients = laguerre_coefficients(response, pole, functions)
+            smooth = laguerre_functions(pole, functions, memory).T @ coefficients
+            tail_pole = laguerre_tail_pole(coefficients, pole, memory)
         S = np.where(known, np.cumsum(np.asarray(smooth), axis=0), np.nan)
         return linear_mpc_of_people(
             np.concatenate([np.zeros((late, S.shape[1])), S]),
             tuning,
             situation.limits,
             sample_time_min=situation.sample_time_min,
+            tail_pole=tail_pole,
             **settings.moves,
         )
 

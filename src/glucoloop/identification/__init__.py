@@ -14,6 +14,7 @@ from glucoloop.identification.laguerre import (
     laguerre_coefficients,
     laguerre_functions,
     laguerre_smooth,
+    laguerre_tail_pole,
 )
 from glucoloop.identification.meal_response import meal_answer
 from glucoloop.identification.record import Record, record_from_samples
@@ -37,6 +38,7 @@ __all__ = [
     "laguerre_coefficients",
     "laguerre_functions",
     "laguerre_smooth",
+    "laguerre_tail_pole",
     "least_squares",
     "meal_answer",
     "random_binary_sequence",

@@ -10,7 +10,12 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
-from glucoloop.identification.laguerre import laguerre_coefficients, laguerre_functions
+from glucoloop.identification.laguerre import (
+    laguerre_coefficients,
+    laguerre_functions,
+    laguerre_sum,
+    laguerre_tail_pole,
+)
 from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
 from glucoloop.identification.reliability import Reliability, doubts, reliability
@@ -185,7 +190,9 @@ def identify_record(
 
         estimate, coefficients = fit(None), None if basis is None else fit(basis)
     smoothed = estimate if basis is None or coefficients is None else basis.T @ coefficients
-    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min)
+    tail_pole = None if coefficients is None else laguerre_tail_pole(coefficients, laguerre_pole, memory)
+    tail_pole = tail_pole if tail_pole else None
+    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, tail_pole=tail_pole)
 
     first = 0 if starts_at_rest else memory
     past, readings, meals = lagged_inputs(insulin, memory)[first:], (glucose - offset)[first:], meals[first:]
@@ -193,8 +200,11 @@ def identify_record(
     # Cross-correlation takes the mean reading for the baseline, as the paper does.
     beside = meals if by_pulses else jnp.concatenate([meals, constant], axis=1)
     left_by_estimate, _ = _left(readings - past @ estimate, beside)
-    left_by_model, of_beside = _left(readings - past @ smoothed, beside)
+    left_by_model, of_beside = _left(readings - model.predict(insulin)[first:], beside)
     sought = past if basis is None else past @ basis.T
+    of_gain = np.ones(memory)
+    if basis is not None:
+        of_gain = np.full(basis.shape[0], laguerre_sum(laguerre_pole)) if tail_pole else np.asarray(basis.sum(axis=1))
     return Identification(
         model=model,
         impulse_response=estimate,
@@ -210,9 +220,7 @@ def identify_record(
         reliability=reliability(
             np.concatenate([sought, meals, constant], axis=1),
             np.asarray(readings),
-            np.append(
-                np.ones(memory) if basis is None else basis.sum(axis=1), np.zeros(meals.shape[1] + free_baseline)
-            ),
+            np.append(of_gain, np.zeros(meals.shape[1] + free_baseline)),
         ),
         method=method,
     )

@@ -6,16 +6,22 @@ Implementation Using MATLAB, Springer 2009, section 3.2.
 
 from __future__ import annotations
 
+import math
 from functools import partial
+from typing import Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from numpy.typing import NDArray
 
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
+
+LEAST_TAIL: Final = 0.05
+"""Share of the gain that must come after the memory for a response to have a tail."""
 
 
 @pytree
@@ -136,6 +142,48 @@ def laguerre_smooth(impulse_response: ArrayLike, pole: float | Array, functions:
     """
     basis = laguerre_functions(pole, functions, _memory(impulse_response))
     return basis.T @ _fit(basis, jnp.asarray(impulse_response, dtype=float))
+
+
+def laguerre_sum(pole: float) -> float:
+    """Sum of each Laguerre function over all time, ``sqrt((1 + a) / (1 - a))``, the same for all of them."""
+    return math.sqrt((1.0 + pole) / (1.0 - pole))
+
+
+def laguerre_tail_pole(coefficients: ArrayLike, pole: float, memory: int) -> NDArray[np.float64] | None:
+    """Pole of the geometric tail with which a smoothed impulse response goes on after its memory.
+
+    The coefficients tell the sum of the functions over all time, and so what comes after the memory. The tail begins
+    at the last coefficient of the response and has the same sum::
+
+        h_(M+j) = p^j h_M,    h_M p / (1 - p) = sum_m c_m sqrt((1 + a) / (1 - a)) - sum_{i=1..M} h_i
+
+    A response has died out, and no tail, if less than `LEAST_TAIL` of its sum would come after its memory. One whose
+    tail would last longer than the memory, or have another sign than the whole, is left without a tail, because the
+    record does not show it.
+
+    Parameters
+    ----------
+    coefficients : array_like, shape (L,) or (L, R)
+        c_1..c_L [mg/dl per mU/min].
+    pole : float
+        a, between 0 and 1.
+    memory : int
+        M, the number of samples.
+
+    Returns
+    -------
+    array, shape () or (R,), or None
+        p, at most ``1 - 1 / M``, and 0 for a response without a tail; None if each function itself has died out.
+    """
+    c, over_all_time = np.asarray(coefficients, dtype=float), laguerre_sum(pole)
+    functions = np.asarray(laguerre_functions(pole, c.shape[0], memory))
+    if np.all(np.abs(over_all_time - functions.sum(axis=1)) < LEAST_TAIL * over_all_time):
+        return None
+    whole, last = c.sum(axis=0) * over_all_time, np.tensordot(functions[:, -1], c, 1)
+    rest = whole - np.tensordot(functions.sum(axis=1), c, 1)
+    late = (rest * whole > 0.0) & (rest * last > 0.0) & (np.abs(rest) >= LEAST_TAIL * np.abs(whole))
+    p = np.where(late, rest / np.where(late, last + rest, 1.0), 0.0)
+    return np.where(p <= 1.0 - 1.0 / memory, p, 0.0)
 
 
 def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | None = None) -> PoleSearch:

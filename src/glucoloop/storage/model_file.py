@@ -79,6 +79,8 @@ class ModelFile(BaseModel):
     """S_1 .. S_M, mg/dl per mU/min."""
     impulse_response: Response
     """h_1 .. h_M, its increments."""
+    tail_pole: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    """Ratio of the increments after h_M; None for a response that ends there."""
     operating_point: RestingPoint
     quality: Quality | None = None
     """Quality of the model; None in a file from another program."""
@@ -104,13 +106,22 @@ class ModelFile(BaseModel):
 
     def step_response_model(self) -> StepResponseModel:
         """Step-response model for a controller."""
-        return StepResponseModel(step_response=jnp.asarray(self.step_response), sample_time_min=self.sample_time_min)
+        return StepResponseModel(
+            step_response=jnp.asarray(self.step_response),
+            sample_time_min=self.sample_time_min,
+            tail_pole=None if self.tail_pole is None else jnp.asarray(self.tail_pole),
+        )
+
+    @property
+    def gain(self) -> float:
+        """Steady change of glucose for a lasting change of insulin, mg/dl per mU/min."""
+        return float(self.step_response_model().gain)
 
     def doubts(self) -> tuple[str, ...]:
         """Reasons why no controller should be designed on the model, one sentence each; empty for a sound model."""
         quality, resting = self.quality, self.operating_point
         return doubts(
-            self.step_response[-1],
+            self.gain,
             None
             if quality is None
             else Reliability(gain_margin=quality.gain_margin, explained_percent=quality.explained_percent),
@@ -138,6 +149,7 @@ def model_file(
         sample_time_min=model.sample_time_min,
         step_response=np.asarray(model.step_response).tolist(),
         impulse_response=np.asarray(model.impulse_response).tolist(),
+        tail_pole=None if model.tail_pole is None else float(model.tail_pole),
         operating_point=RestingPoint(
             name=operating_point,
             basal_insulin_mU_min=identification.basal_insulin_mU_min,

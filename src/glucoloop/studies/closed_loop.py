@@ -150,7 +150,7 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
     """Notes on the model and the run, one sentence each."""
     situation, case = run.situation, run.case
     if model is not None:
-        gain = f"gain {model.step_response[-1]:.4g} mg/dl per mU/min"
+        gain = f"gain {model.gain:.4g} mg/dl per mU/min"
         where = f"from {case.model}, which was {model.provenance.source}" if case.model else model.provenance.source
         yield f"Model: {where}; {gain}."
         yield from (f"Doubtful model: {doubt}" for doubt in model.doubts())
