@@ -9,6 +9,7 @@ it known to every command.
 
 import functools
 from dataclasses import dataclass
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.episodes import Episodes, always
 from glucoloop.registry.faults import FaultEntry
-from glucoloop.registry.settings import Default, Setting
+from glucoloop.registry.settings import About, settings_record
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.faults.wrapping import Within, begin, read_within
 
@@ -43,13 +44,15 @@ class Coarse:
         return state, Reading(glucose_mg_dl=glucose, valid=reading.valid)
 
 
-def coarse(step_mg_dl: float, episodes: Episodes, inner: Sensor) -> Coarse:
-    """The fault around a sensor; called with its settings, with its times and with the sensor.
+@settings_record
+class CoarseSettings:
+    """Settings of the fault; keys, help and checks follow from this declaration."""
 
-    What is not possible is refused here, since a sensor cannot raise.
-    """
-    if not 0.0 < step_mg_dl < float("inf"):
-        raise ValueError(f"a step of {step_mg_dl:g} mg/dl is not possible; give a finite value above 0")
+    step_mg_dl: Annotated[float, About("Step of the readings.", above=0.0)] = 10.0
+
+
+def coarse(step_mg_dl: float, episodes: Episodes, inner: Sensor) -> Coarse:
+    """The fault around a sensor; called with its settings, with its times and with the sensor."""
     return Coarse(inner, episodes, step_mg_dl)
 
 
@@ -58,7 +61,7 @@ ENTRY = FaultEntry(
     part="sensor",
     summary="readings are given in coarse steps",
     make="your_own_fault:coarse",
-    settings=(Setting("step_mg_dl", float, "Step of the readings.", Default(10.0)),),
+    record=CoarseSettings,
 )
 
 if __name__ == "__main__":

@@ -11,9 +11,7 @@ from typing import Any
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.faults import fault_entry
-from glucoloop.registry.patients import patient_entry
+from glucoloop.registry.plugins import added
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -67,15 +65,11 @@ def install(tmp_path, monkeypatch) -> Callable[[str, str, str, str], None]:
         (package / "entry_points.txt").write_text(f"[glucoloop.{group}]\n{name} = {module}:{attribute}\n")
         monkeypatch.syspath_prepend(str(tmp_path))
         monkeypatch.chdir(tmp_path)
-        forget()
+        added.cache_clear()
         installed.append(module)
 
-    def forget() -> None:
-        for entry in (controller_entry, fault_entry, patient_entry):
-            entry.cache_clear()
-
     yield installing
-    forget()
+    added.cache_clear()
     for module in installed:
         sys.modules.pop(module, None)
 

@@ -60,4 +60,4 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
 
 def test_an_entry_without_a_place_is_refused():
     with pytest.raises(ValueError, match="'here' of the fault x is no place; write it like module:function"):
-        FaultEntry("x", "sensor", "", "here")
+        FaultEntry(name="x", part="sensor", summary="", make="here")

@@ -71,11 +71,25 @@ def test_what_is_no_fault_is_refused_in_a_sentence(text, sentence):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("late, delay_min=0", "a delay of 0 samples is not possible"),
-        ("late, delay_min=inf", "a delay of 0 samples is not possible"),
+        ("late, delay_min=0", "a delay of 0 min is not possible; give a finite value above 0"),
+        ("late, delay_min=inf", "a delay of inf min is not possible"),
         ("calibration, gain=-1", "a calibration gain of -1 is not possible"),
+        ("compression, depth=0", "a compression depth of 0 is not possible; give a value above 0 and up to 1"),
+        ("saturation, low_mg_dl=90, high_mg_dl=80", "a sensor range of 90 to 80 mg/dl is not possible"),
+        ("missed-pulses, share=2", "a share of missed doses of 2 is not possible; give 0 to 1"),
+    ],
+)
+def test_a_setting_out_of_its_bounds_is_refused_where_the_text_is_read(text, sentence):
+    with pytest.raises(ValueError, match="possible") as refused:
+        parse_fault(text)
+    assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("late, delay_min=9000", "a delay of 1800 samples is not possible"),
         ("spikes, per_day=300", "per_day of the fault spikes is 300; give at most one a sample, 288"),
-        ("missed-pulses, share=2", "probability of 2"),
     ],
 )
 def test_what_cannot_be_made_is_refused_where_it_is_made(text, sentence):

@@ -14,25 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control import (
-    MPCTuning,
-    Observation,
-    PIDTuning,
-    StateTuning,
-    Status,
-    design_imc,
-    design_linear_mpc,
-    design_meal_mpc,
-    design_mpc_se,
-    design_nlqdmc_se,
-    design_open_loop,
-    design_pid,
-)
-from glucoloop.estimation.unknown_meal import MealHabits
+from glucoloop.control import Observation, Status
+from glucoloop.control.protocol import gives_boluses
+from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps import LimitedPump
+from glucoloop.pumps import PARKER_1999_LIMITS, DoseLimits, LimitedPump
+from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate
 
@@ -139,32 +128,69 @@ IDENTIFIED = StepResponseModel.from_impulse_response(impulse_response(LINEAR, 60
 Q = np.array([5.0, 1e-5, 0.1])
 IMAGINED = Imagined(patient=PATIENT, state=PATIENT.steady_state(25.0), insulin_mU_min=PATIENT.basal_insulin_mU_min)
 
-CONTROLLERS = {
-    "open loop": design_open_loop(),
-    "PID": design_pid(PIDTuning(0.5, 100.0, 10.0)),
-    "IMC": design_imc(-2.0, 60.0, 10.0, filter_min=15.0),
-    "linear MPC": design_linear_mpc(IDENTIFIED, MPCTuning(2, 12, 1.0, 1.0)),
-    "MPC/SE": design_mpc_se(LINEAR, Q, StateTuning(2, 10, 1.0, 1.0)),
-    "MPC/SE, exact program": design_mpc_se(
-        LINEAR, Q, StateTuning(2, 10, 1.0, 1.0), offset_free="input-disturbance", constraints="qp", dead_time_samples=1
-    ),
-    "NLQDMC/SE": design_nlqdmc_se(
-        IMAGINED,
-        Q,
-        StateTuning(2, 8, 1.0, 1.0),
-    ),
-    "meal-aware MPC": design_meal_mpc(IMAGINED, habits=MealHabits(0.1), meal_horizon=4, dead_time_samples=1),
+
+@dataclasses.dataclass(frozen=True)
+class Designed:
+    """What designs may know of the patient; implements `control.design_case.DesignCase`."""
+
+    dead_time_samples: int = 0
+    noise_variance: float = 1.45
+    sample_time_min: float = 5.0
+    limits: DoseLimits = PARKER_1999_LIMITS
+    basal_insulin_mU_min: float = 25.0
+    identified: StepResponseModel = IDENTIFIED
+
+    def linearised(self):
+        return LINEAR
+
+    def nonlinear(self):
+        return IMAGINED
+
+    def first_order(self, step_mU_min, delay_min=None):
+        del step_mU_min
+        delay = 10.0 if delay_min is None else delay_min
+        return FirstOrderModel(gain=-2.0, tau_min=60.0, delay_min=delay, residual_rms_mg_dl=0.0)
+
+    def process_noise(self, glucose, other, glucagon):
+        del glucose, other, glucagon
+        return Q
+
+
+SETTINGS = {
+    "mpc": {"prediction_horizon": 12, "move_weight": 1.0},
+    "mpc-se": {"prediction_horizon": 10, "move_weight": 1.0},
+    "nlqdmc-se": {"move_weight": 1.0},
+    "meal-mpc": {"meals_per_h": 0.1, "mean_carbs_g": 40.0, "meal_horizon": 4},
+    "imc": {"filter_min": 15.0, "delay_min": 10.0},
+    "pid": {"gain": 0.5, "integral_time_min": 100.0, "derivative_time_min": 10.0},
 }
-ONE_PERSONS = {"NLQDMC/SE", "meal-aware MPC"}
+"""Settings that suit this patient, where those of the catalogue do not."""
+EXACT = {"offset_free": "input-disturbance", "constraints": "qp"}
+VARIANTS = {
+    **{name: (name, {}, 0) for name in ENTRIES},
+    "mpc-se, exact program": ("mpc-se", EXACT, 1),
+    "meal-mpc, known dead time": ("meal-mpc", {}, 1),
+}
+"""Every controller of the catalogue, and others with further settings: name, settings, known dead time in samples."""
 
 
-def observe(reading, valid, delivered):
+def designed(name, own, dead_time_samples):
+    values = ENTRIES[name].values({**SETTINGS.get(name, {}), **own})
+    return ENTRIES[name].designer()(Designed(dead_time_samples), *(() if values is None else (values,)))
+
+
+CONTROLLERS = {name: designed(*variant) for name, variant in VARIANTS.items()}
+ONE_PERSONS = {name for name, variant in VARIANTS.items() if ENTRIES[variant[0]].slow}
+
+
+def observe(reading, valid, delivered, controller):
     return Observation(
         glucose_mg_dl=jnp.asarray(reading, float),
         valid=jnp.asarray(valid),
         setpoint_mg_dl=jnp.broadcast_to(PATIENT.setpoint_mg_dl, jnp.shape(reading)),
         delivered_mU_min=jnp.asarray(delivered, float),
         announced_carbs_g=jnp.zeros(jnp.shape(reading)),
+        delivered_bolus_mU=jnp.zeros(jnp.shape(reading)) if gives_boluses(controller) else None,
     )
 
 
@@ -207,7 +233,7 @@ def test_stepping_in_real_time_is_the_simulation(controller, alone):
         np.testing.assert_allclose(x, trace.states[k], rtol=1e-12, atol=1e-12)
         # the noise is what the sensor added; everything else happens here again
         reading = x[0] + (trace.reading_mg_dl[k] - trace.glucose_mg_dl[k])
-        seen = observe(reading, True, delivered)
+        seen = observe(reading, True, delivered, controller)
         state = controller.init(seen) if state is None else state
         state, decision = step(controller, state, seen)
         in_pump, delivery = pump.deliver(in_pump, decision.insulin_mU_min, keys[0])
@@ -226,9 +252,14 @@ def test_a_key_gives_one_trace_and_another_key_another(controller, alone):
 def test_the_loop_is_worth_closing(controller, alone):
     """A meal raises glucose less than without a controller; so what is compared above is at work."""
     peak = float(alone[0].fine_glucose_mg_dl.max())
-    highest = float(loop(CONTROLLERS["open loop"], keys[0]).fine_glucose_mg_dl.max())
+    highest = float(loop(CONTROLLERS["basal"], keys[0]).fine_glucose_mg_dl.max())
     assert highest > float(PATIENT.setpoint_mg_dl) + 20.0
-    if controller is not CONTROLLERS["open loop"]:
+    if gives_boluses(controller):  # this one acts on announced meals
+        told = dataclasses.replace(
+            observe(jnp.asarray(100.0), True, 25.0, controller), announced_carbs_g=jnp.asarray(40.0)
+        )
+        assert controller.step(controller.init(told), told)[1].bolus_mU > 1000.0
+    elif controller is not CONTROLLERS["basal"]:
         assert peak < highest - 5.0
         assert np.ptp(alone[0].insulin_mU_min) > 5.0
 
@@ -250,11 +281,11 @@ def follow(controller, readings, valid, start):
 
     def sample(carry, entry):
         state, delivered = carry
-        state, decision = controller.step(state, observe(*entry, delivered))
+        state, decision = controller.step(state, observe(*entry, delivered, controller))
         delivered, _ = LimitedPump().deliver(delivered, decision.insulin_mU_min, keys[0])
         return (state, delivered), (delivered, decision, state)
 
-    first = controller.init(observe(readings[0], valid[0], start))
+    first = controller.init(observe(readings[0], valid[0], start, controller))
     return jax.lax.scan(sample, (first, start), (readings, valid))[1]
 
 
@@ -285,7 +316,7 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonse
     doses, decision, _ = follow(controller, readings, np.isfinite(readings), jnp.asarray(25.0))
     whole = np.where(np.isfinite(readings), readings, rest)
     expected, _, _ = follow(controller, whole, np.ones(ROWS, bool), jnp.asarray(25.0))
-    if controller is CONTROLLERS["meal-aware MPC"]:
+    if any(controller is CONTROLLERS[name] for name in VARIANTS if VARIANTS[name][0] == "meal-mpc"):
         # a sudden rise tells of a meal, and one after a gap of a meal or of less: it need not answer alike
         np.testing.assert_allclose(doses[:8], 25.0, atol=1.0)
         assert np.all(np.asarray(doses[8:]) > 26.0)
@@ -298,7 +329,7 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonse
 @pytest.mark.long
 def test_it_starts_without_a_rate_and_goes_on_after_a_missing_setpoint(controller):
     rest = float(PATIENT.setpoint_mg_dl)
-    ordinary = observe(rest + 2.0, True, np.nan)
+    ordinary = observe(rest + 2.0, True, np.nan, controller)
     lost = dataclasses.replace(ordinary, setpoint_mg_dl=jnp.asarray(np.nan))
     state, doses, statuses = controller.init(ordinary), [], []
     for observation in (ordinary, ordinary, lost, ordinary, ordinary, ordinary):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.control import Status, design_pid, guarded, internal_model_tuning
@@ -19,6 +19,8 @@ from glucoloop.patients import patient
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.registry.fault_text import parse_fault
+from glucoloop.registry.faults import FAULTS
+from glucoloop.registry.settings import declarations
 from glucoloop.sensors import IdealSensor, white_noise
 from glucoloop.sensors.faults import Missing, Nonsense
 from glucoloop.simulation import Adaptive, simulate
@@ -61,23 +63,23 @@ def timing():
     return st.tuples(st.integers(0, 30).map(lambda k: 5 * k), st.none() | st.integers(1, 48).map(lambda k: 5 * k))
 
 
-def number(least, most):
-    return st.floats(least, most, allow_nan=False).map(lambda value: f"{value!r}")
+def number(kind, about):
+    """Text of a possible value of a setting."""
+    if kind is bool:
+        return st.sampled_from(["true", "false"])
+    if kind is int:
+        return st.integers(int(max(about.at_least, -50)), int(min(about.at_most, 50))).map(str)
+    least, most = max(about.at_least, about.above, -1e6), min(about.at_most, about.below, 1e6)
+    some = st.floats(least, most, allow_nan=False).filter(about.allows).map(repr)
+    return some if about.finite else some | st.sampled_from(["nan", "inf", "-inf", "0", "2000", "1e300", "-1e300"])
 
 
 SETTINGS = {
-    "missing": {},
-    "repeated": {"times": st.integers(2, 50)},
-    "spikes": {"size_mg_dl": number(-1e6, 1e6)},
-    "stuck": {},
-    "drift": {"mg_dl_h": number(-1e4, 1e4)},
-    "calibration": {"gain": number(1e-3, 1e3), "offset_mg_dl": number(-1e3, 1e3)},
-    "compression": {"depth": number(1e-3, 1.0), "tau_min": number(0.1, 1e3)},
-    "saturation": {"low_mg_dl": number(0.0, 100.0), "high_mg_dl": number(101.0, 1e4)},
-    "nonsense": {"value": st.sampled_from(["nan", "inf", "-inf", "0", "2000", "1e300", "-1e300"]) | number(-1e9, 1e9)},
-    "occlusion": {"open_fraction": number(0.0, 0.99)},
-    "battery": {},
+    entry.name: {} if entry.record is None else {name: number(*of) for name, of in declarations(entry.record).items()}
+    for entry in FAULTS.values()
+    if entry.timed and entry.shared is None
 }
+"""Strategies of the settings of every fault that comes and goes, but of those whose settings change the program."""
 
 
 @st.composite
@@ -88,7 +90,14 @@ def fault_texts(draw):
         start, lasts = draw(timing())
         parts = [name, f"start_min={start if draw(st.booleans()) else 10_000}"]
         parts += [] if lasts is None else [f"duration_min={lasts}"]
-        texts.append(", ".join([*parts, *(f"{key}={draw(value)}" for key, value in own.items())]))
+        given = {key: draw(value) for key, value in own.items()}
+        if name == "saturation":
+            low, high = sorted(given, key=lambda end: float(given[end]))
+            assume(given[low] != given[high])
+            given = {"low_mg_dl": given[low], "high_mg_dl": given[high]}
+        if "noticed" in given:  # part of the program
+            given["noticed"] = "false"
+        texts.append(", ".join([*parts, *(f"{key}={value}" for key, value in given.items())]))
     return texts
 
 

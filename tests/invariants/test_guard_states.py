@@ -1,5 +1,6 @@
 """Guarded controllers under faults in any order: doses keep their limits, states stay finite, statuses are known."""
 
+import dataclasses
 import functools
 
 import jax
@@ -17,20 +18,13 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from glucoloop.control import (
-    MPCTuning,
-    Observation,
-    PIDTuning,
-    StateTuning,
-    Status,
-    design_imc,
-    design_linear_mpc,
-    design_mpc_se,
-    design_pid,
-    guarded,
-)
+from glucoloop.control import Observation, Status, guarded
+from glucoloop.control.protocol import gives_boluses
+from glucoloop.identification import FirstOrderModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.pumps import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
 MODEL = StepResponseModel.from_impulse_response(-0.19 * np.exp(-np.arange(1, 31) / 18.0), 5.0)
@@ -43,47 +37,60 @@ LINEAR = LinearModel(
     glucose_mg_dl=jnp.array(81.0),
     sample_time_min=5.0,
 )
-CONTROLLERS = {
-    "IMC": design_imc(-3.45, 89.1, 5.0),
-    "linear MPC": design_linear_mpc(MODEL, MPCTuning(2, 10, 1.0, 1.0)),
-    "MPC/SE": design_mpc_se(LINEAR, [1.0, 0.1], StateTuning(2, 8, 1.0, 1.0)),
-    "PID": design_pid(PIDTuning(0.5, 100.0, 10.0)),
-}
+
+
+@dataclasses.dataclass(frozen=True)
+class Designed:
+    """What designs may know of the patient; implements `control.design_case.DesignCase`."""
+
+    dead_time_samples: int = 0
+    noise_variance: float = 1.45
+    sample_time_min: float = 5.0
+    limits: DoseLimits = PARKER_1999_LIMITS
+    basal_insulin_mU_min: float = 22.3
+    identified: StepResponseModel = MODEL
+
+    def linearised(self):
+        return LINEAR
+
+    def first_order(self, step_mU_min, delay_min=None):
+        del step_mU_min, delay_min
+        return FirstOrderModel(gain=-3.45, tau_min=89.1, delay_min=5.0, residual_rms_mg_dl=0.0)
+
+    def process_noise(self, glucose, other, glucagon):
+        del other, glucagon
+        return np.array([glucose, 0.1 * glucose])
+
+
+# with a controller that is slow, as many steps would take minutes
+CONTROLLERS = [name for name, entry in ENTRIES.items() if not entry.slow]
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 NONSENSE = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 2000.0, 1e300, -1.7e308])
 
 
-@jax.jit
-def step(guard, state, numbers, valid):
+def observation(guard, numbers, valid):
     glucose, setpoint, delivered, carbs = numbers
-    observation = Observation(
+    return Observation(
         glucose_mg_dl=glucose,
         valid=valid,
         setpoint_mg_dl=setpoint,
         delivered_mU_min=delivered,
         announced_carbs_g=carbs,
+        delivered_bolus_mU=jnp.zeros(()) if gives_boluses(guard) else None,
     )
-    return guard.step(state, observation)
+
+
+@jax.jit
+def step(guard, state, numbers, valid):
+    return guard.step(state, observation(guard, numbers, valid))
 
 
 @functools.lru_cache
 def waking(name):
-    guard = guarded(CONTROLLERS[name])
-
-    def wake(numbers, valid):
-        glucose, setpoint, delivered, carbs = numbers
-        return guard.init(
-            Observation(
-                glucose_mg_dl=glucose,
-                valid=valid,
-                setpoint_mg_dl=setpoint,
-                delivered_mU_min=delivered,
-                announced_carbs_g=carbs,
-            )
-        )
-
-    return guard, jax.jit(wake)
+    values = ENTRIES[name].values({})
+    guard = guarded(ENTRIES[name].designer()(Designed(), *(() if values is None else (values,))))
+    return guard, jax.jit(lambda numbers, valid: guard.init(observation(guard, numbers, valid)))
 
 
 class Faults(RuleBasedStateMachine):

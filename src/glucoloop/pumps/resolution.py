@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, Final
 
 import jax
@@ -15,6 +14,7 @@ from glucoloop.arguments import checked, is_traced
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
+from glucoloop.registry.fault_settings import ResolutionSettings
 
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
 
@@ -89,17 +89,14 @@ def with_resolution(
         Unless the step is positive and finite, and the least dose from 0 to the largest dose of the limits.
     """
     traced = is_traced(step_mU_min, least_mU_min, inner, limits)
-    if not traced and not 0.0 < step_mU_min < math.inf:
-        raise ValueError(
-            f"a delivery resolution of {step_mU_min:g} mU/min is not possible; give a finite value above 0"
-        )
+    ResolutionSettings(step_mU_min, least_mU_min)
     pump = LimitedPump() if inner is None else inner
     kept = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
     whole = jnp.ceil if traced else np.ceil
     least = whole(least_mU_min / step_mU_min - _HAIR) * step_mU_min
-    if not traced and not (least_mU_min >= 0.0 and jnp.all(least <= kept.max_mU_min)):
+    if not traced and not jnp.all(least <= kept.max_mU_min):
         raise ValueError(
-            f"a least dose of {least_mU_min:g} mU/min is not possible; "
-            "give 0 or more, and whole steps that stay within the largest dose"
+            f"a least dose of {least_mU_min:g} mU/min is not possible; give whole steps that stay within the largest "
+            "dose"
         )
     return Resolution(inner=pump, limits=kept, step_mU_min=step_mU_min, least_mU_min=least if traced else float(least))

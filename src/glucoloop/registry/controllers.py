@@ -8,21 +8,21 @@ shown at once.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
+from glucoloop.registry.entries import Entry
 from glucoloop.registry.patients import PatientEntry
-from glucoloop.registry.plugins import added, added_names, loaded
+from glucoloop.registry.plugins import Catalogue, loaded
 from glucoloop.registry.ranges import Tuned
-from glucoloop.registry.settings import Setting, Value, known_names, settings_of
+from glucoloop.registry.settings import Setting, Value
 
 _TUNED: Final = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerEntry:
+class ControllerEntry(Entry):
     """Description of a controller that is available without designing it.
 
     Raises
@@ -32,14 +32,12 @@ class ControllerEntry:
         controller without horizons and weights.
     """
 
-    name: str
-    summary: str
+    kind: ClassVar = "controller"
+
     design: str
     """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
     the record of settings if there is one, and returns a controller.
     """
-    record: type | str | None = None
-    """Settings: a class made by `registry.settings.settings_record`, or ``module:Class``, or None without settings."""
     uses_model: bool = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
     individual: str | None = "glucoloop.experiments.individual:one_by_one"
@@ -59,64 +57,15 @@ class ControllerEntry:
     """
 
     def __post_init__(self) -> None:
-        for place in (self.design, self.individual, self.record):
-            if isinstance(place, str) and not all(place.partition(":")):
-                raise ValueError(f"{place!r} of the controller {self.name} is no place; write it like module:function")
-        if not isinstance(self.record, type):
-            return
-        names = [setting.name for setting in self.settings]
-        lacking = [name for name in _TUNED if name not in names]
+        super().__post_init__()
+        lacking = set(_TUNED) - {setting.name for setting in self.settings} if isinstance(self.record, type) else set()
         if self.tunable and lacking:
-            raise ValueError(f"the controller {self.name} cannot be tunable: it has no setting {lacking[0]!r}")
-        for setting in self.settings:
-            for noisy in (False, True):
-                try:
-                    setting.check(setting.default.value(noisy=noisy))
-                except ValueError as error:
-                    raise ValueError(f"a default of the controller {self.name} is not allowed: {error}") from None
-
-    @functools.cached_property
-    def settings(self) -> tuple[Setting, ...]:
-        """Settings of the controller, as its record declares them.
-
-        Raises
-        ------
-        ValueError
-            For a record that cannot be found, or does not declare its fields.
-        """
-        record = self._record
-        return () if record is None else settings_of(record)
+            raise ValueError(f"the controller {self.name} cannot be tunable: it has no setting {min(lacking)!r}")
 
     @property
-    def _record(self) -> type | None:
-        if isinstance(self.record, str):
-            record: type = loaded(self.record)
-            return record
-        return self.record
-
-    def values(self, tuning: Mapping[str, Value]) -> Any:
-        """Record of all its settings; None for a controller without settings.
-
-        Raises
-        ------
-        ValueError
-            For a value out of its bounds.
-        """
-        record = self._record
-        return None if record is None else record(**tuning)
-
-    def setting(self, name: str) -> Setting:
-        """A setting by name.
-
-        Raises
-        ------
-        ValueError
-            If the controller has no such setting.
-        """
-        known = {setting.name: setting for setting in self.settings}
-        if name not in known:
-            raise ValueError(f"the controller {self.name} has no setting {name!r}; {known_names(name, known)}")
-        return known[name]
+    def places(self) -> tuple[object, ...]:
+        """Names of functions, each to be written as ``module:function``."""
+        return self.design, self.individual
 
     def designer(self) -> Callable[..., Any]:
         """The design function; importing it imports JAX.
@@ -140,9 +89,10 @@ class ControllerEntry:
         return None if self.individual is None else loaded(self.individual)
 
 
-CONTROLLERS: Final[dict[str, ControllerEntry]] = {
-    entry.name: entry
-    for entry in (
+CONTROLLERS: Final = Catalogue(
+    "controller",
+    ControllerEntry,
+    (
         ControllerEntry(
             name="mpc",
             summary="linear model predictive control on the identified step response",
@@ -226,8 +176,8 @@ CONTROLLERS: Final[dict[str, ControllerEntry]] = {
             uses_model=False,
             individual=None,
         ),
-    )
-}
+    ),
+)
 
 
 TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tunable)
@@ -238,26 +188,10 @@ ESTIMATING: Final = next(entry for entry in CONTROLLERS.values() if entry.estima
 """The controller whose estimators of meals `glucoloop detect` tries."""
 
 
-@functools.cache
-def controller_entry(name: str) -> ControllerEntry:
-    """A controller by name: of this package, of another one, or ``module:attribute``.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a controller of another package that cannot be loaded.
-    """
-    if name in CONTROLLERS:
-        return CONTROLLERS[name]
-    entry: ControllerEntry | None = added("controllers", name, ControllerEntry)
-    if entry is None:
-        raise ValueError(f"unknown controller {name!r}; {known_names(name, controller_names())}")
-    return entry
-
-
-def controller_names() -> list[str]:
-    """Names of all controllers, those of other packages included."""
-    return [*CONTROLLERS, *added_names("controllers")]
+controller_entry: Final = CONTROLLERS.find
+"""Function that returns a controller by name: of this package, of another one, or ``module:attribute``."""
+controller_names: Final = CONTROLLERS.names
+"""Function that returns the names of all controllers, those of other packages included."""
 
 
 def setting_names(*controllers: str) -> set[str]:

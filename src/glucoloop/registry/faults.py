@@ -7,15 +7,16 @@ last. Nothing here imports a numerical library, so that help is shown at once.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
-from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
-from glucoloop.registry.plugins import added, added_names, loaded
-from glucoloop.registry.settings import Default, Setting, Value, known_names
+from glucoloop.registry import fault_settings as declared
+from glucoloop.registry.entries import Entry
+from glucoloop.registry.fault_settings import FaultKey, FaultTimes
+from glucoloop.registry.plugins import Catalogue, loaded
+from glucoloop.registry.settings import Setting, Value, known_names, settings_of
 
 START: Final = "start_min"
 LATEST: Final = "latest_min"
@@ -23,17 +24,9 @@ DURATION: Final = "duration_min"
 PER_DAY: Final = "per_day"
 KEY: Final = "key"
 
-TIMING: Final = (
-    Setting(START, float, "Time at which the fault begins, rounded up to a sample.", Default(0.0)),
-    Setting(LATEST, float, "Latest start; the start is drawn between start_min and it, for each person.", Default(0.0)),
-    Setting(DURATION, float, "Duration of the fault; by default to the end, or one sample with per_day.", Default(0.0)),
-    Setting(PER_DAY, float, "Mean number of random occurrences in a day, in place of a start.", Default(0.0)),
-)
+TIMING: Final = settings_of(FaultTimes)
 """Settings of the times of a fault, which have no value unless one is given."""
-OWN_KEY: Final = Setting(
-    KEY, int, "Number that makes the random draws of two faults of the same kind differ.", Default(0)
-)
-
+(OWN_KEY,) = settings_of(FaultKey)
 
 Draw = Callable[[Callable[..., Any]], dict[str, Any]]
 """Function that returns values ``(people,)`` by setting. It is given ``even(low, high, index=0)``, which draws
@@ -43,20 +36,19 @@ Shared = Callable[[Callable[[str, int, int], int]], dict[str, Any]]
 number."""
 
 
-@dataclass(frozen=True)
-class FaultEntry:
+@dataclass(frozen=True, kw_only=True)
+class FaultEntry(Entry):
     """A fault of the catalogue."""
 
-    name: str
+    kind: ClassVar = "fault"
+
     part: Literal["sensor", "pump"]
-    summary: str
     make: str
     """``module:function`` that puts the fault around a sensor or a pump.
 
     It is called by name with the settings of the fault and, if it has parameters of these names, with ``inner``,
     ``episodes``, ``sample_time_min``, ``limits`` and ``key``. It returns a record whose field ``inner`` is the part.
     """
-    settings: tuple[Setting, ...] = ()
     timed: bool = True
     """Whether the fault has times; otherwise it is always present."""
     comes_and_goes: bool = True
@@ -72,9 +64,10 @@ class FaultEntry:
     both: str | None = None
     """Setting, true or false, of which either value is drawn as a kind of its own."""
 
-    def __post_init__(self) -> None:
-        if not all(self.make.partition(":")):
-            raise ValueError(f"{self.make!r} of the fault {self.name} is no place; write it like module:function")
+    @property
+    def places(self) -> tuple[object, ...]:
+        """Names of functions, each to be written as ``module:function``."""
+        return (self.make,)
 
     def maker(self) -> Callable[..., Any]:
         """The function that puts the fault around a part; importing it imports JAX.
@@ -107,8 +100,6 @@ class Fault:
         return fault_entry(self.name)
 
 
-_NOTICED: Final = Setting("noticed", bool, "Whether the pump reports the fault: true or false.", Default(False))
-
 _NONSENSE: Final = (math.nan, math.inf, -math.inf, 0.0, 2000.0, 1e300, -1e300, -40.0, 600.0, 20.0)
 _SENSORS: Final = "glucoloop.sensors.faults"
 _PUMPS: Final = "glucoloop.pumps.faults"
@@ -126,161 +117,144 @@ def _steps(even: Callable[..., Any]) -> dict[str, Any]:
     return {"step_mU_min": step, "least_mU_min": step * (even(0.0, 4.0, 1) // 1.0)}
 
 
-FAULTS: Final[dict[str, FaultEntry]] = {
-    entry.name: entry
-    for entry in (
-        FaultEntry("missing", "sensor", "readings do not arrive", f"{_SENSORS}:missing"),
+FAULTS: Final = Catalogue(
+    "fault",
+    FaultEntry,
+    (
         FaultEntry(
-            "late",
-            "sensor",
-            "readings arrive late and do not say so",
-            f"{_SENSORS}:late_by",
-            (Setting("delay_min", float, "Delay of the readings, rounded up to samples.", Default(15.0)),),
+            name="missing",
+            part="sensor",
+            summary="readings do not arrive",
+            make=f"{_SENSORS}:missing",
+        ),
+        FaultEntry(
+            name="late",
+            part="sensor",
+            summary="readings arrive late and do not say so",
+            make=f"{_SENSORS}:late_by",
+            record=declared.LateSettings,
             shared=lambda whole: {"delay_min": 5.0 * whole("delay", 1, 12)},
         ),
         FaultEntry(
-            "repeated",
-            "sensor",
-            "each reading is given several times",
-            f"{_SENSORS}:repeated",
-            (Setting("times", int, "Number of times that each reading is given.", Default(3)),),
+            name="repeated",
+            part="sensor",
+            summary="each reading is given several times",
+            make=f"{_SENSORS}:repeated",
+            record=declared.RepeatedSettings,
             draw=lambda even: {"times": even(2.0, 13.0) // 1.0},
         ),
         FaultEntry(
-            "out-of-order",
-            "sensor",
-            "a random one of the latest readings is given",
-            f"{_SENSORS}:out_of_order",
-            (Setting("among", int, "Number of latest readings among which one is drawn.", Default(4)),),
+            name="out-of-order",
+            part="sensor",
+            summary="a random one of the latest readings is given",
+            make=f"{_SENSORS}:out_of_order",
+            record=declared.OutOfOrderSettings,
             shared=lambda whole: {"among": whole("among", 2, 8)},
         ),
         FaultEntry(
-            "spikes",
-            "sensor",
-            "readings are off by a fixed amount",
-            f"{_SENSORS}:spikes",
-            (Setting("size_mg_dl", float, "Error of the readings, of either sign.", Default(60.0)),),
+            name="spikes",
+            part="sensor",
+            summary="readings are off by a fixed amount",
+            make=f"{_SENSORS}:spikes",
+            record=declared.SpikesSettings,
             draw=lambda even: {"size_mg_dl": even(-1000.0, 1000.0)},
         ),
-        FaultEntry("stuck", "sensor", "the reading at the start of the fault is repeated", f"{_SENSORS}:stuck"),
         FaultEntry(
-            "drift",
-            "sensor",
-            "readings have an error that grows with time",
-            f"{_SENSORS}:drift",
-            (Setting("mg_dl_h", float, "Growth of the error in an hour, of either sign.", Default(5.0)),),
+            name="stuck",
+            part="sensor",
+            summary="the reading at the start of the fault is repeated",
+            make=f"{_SENSORS}:stuck",
+        ),
+        FaultEntry(
+            name="drift",
+            part="sensor",
+            summary="readings have an error that grows with time",
+            make=f"{_SENSORS}:drift",
+            record=declared.DriftSettings,
             draw=lambda even: {"mg_dl_h": even(-1.0, 1.0) * 10.0 ** even(0.0, 3.0, 1)},
         ),
         FaultEntry(
-            "calibration",
-            "sensor",
-            "readings are wrong by a gain and an offset",
-            f"{_SENSORS}:calibration",
-            (
-                Setting("gain", float, "Factor from the correct reading to the given one.", Default(1.15)),
-                Setting("offset_mg_dl", float, "Offset that is added after the gain.", Default(0.0)),
-            ),
+            name="calibration",
+            part="sensor",
+            summary="readings are wrong by a gain and an offset",
+            make=f"{_SENSORS}:calibration",
+            record=declared.CalibrationSettings,
             draw=lambda even: {"gain": 10.0 ** even(-1.0, 1.0), "offset_mg_dl": even(-200.0, 200.0, 1)},
         ),
         FaultEntry(
-            "compression",
-            "sensor",
-            "readings fall because someone lies on the sensor",
-            f"{_SENSORS}:compression",
-            (
-                Setting("depth", float, "Part of the reading that is finally lost.", Default(0.3)),
-                Setting("tau_min", float, "Time constant of fall and recovery.", Default(10.0)),
-            ),
+            name="compression",
+            part="sensor",
+            summary="readings fall because someone lies on the sensor",
+            make=f"{_SENSORS}:compression",
+            record=declared.CompressionSettings,
             draw=lambda even: {"depth": even(0.05, 1.0), "tau_min": even(1.0, 60.0, 1)},
         ),
         FaultEntry(
-            "saturation",
-            "sensor",
-            "readings are limited to a range",
-            f"{_SENSORS}:saturation",
-            (
-                Setting("low_mg_dl", float, "Lower end of the range.", Default(40.0), quantity=GLUCOSE_BOUND),
-                Setting("high_mg_dl", float, "Upper end of the range.", Default(400.0), quantity=GLUCOSE_BOUND),
-            ),
+            name="saturation",
+            part="sensor",
+            summary="readings are limited to a range",
+            make=f"{_SENSORS}:saturation",
+            record=declared.SaturationSettings,
             draw=_range,
         ),
         FaultEntry(
-            "nonsense",
-            "sensor",
-            "a fixed number is given as a valid reading: nan, inf, 0, 2000",
-            f"{_SENSORS}:nonsense",
-            (Setting("value", float, "Number that is given.", Default(0.0)),),
+            name="nonsense",
+            part="sensor",
+            summary="a fixed number is given as a valid reading: nan, inf, 0, 2000",
+            make=f"{_SENSORS}:nonsense",
+            record=declared.NonsenseSettings,
             draw=lambda even: {"value": [_NONSENSE[int(place)] for place in even(0.0, float(len(_NONSENSE)))]},
         ),
         # Pumps' faults from the inside out, as they are drawn: what is around a pump without power does not restart.
         FaultEntry(
-            "resolution",
-            "pump",
-            "only whole steps are delivered, from a least dose on; the remainder is delivered later",
-            "glucoloop.pumps:with_resolution",
-            (
-                Setting("step_mU_min", float, "Step of the rate.", Default(0.5), quantity=RATE_STEP),
-                Setting("least_mU_min", float, "Least rate that is delivered.", Default(0.0)),
-            ),
+            name="resolution",
+            part="pump",
+            summary="only whole steps are delivered, from a least dose on; the remainder is delivered later",
+            make="glucoloop.pumps:with_resolution",
+            record=declared.ResolutionSettings,
             timed=False,
             comes_and_goes=False,
             draw=_steps,
             idle={"step_mU_min": _NO_STEP, "least_mU_min": 0.0},
         ),
         FaultEntry(
-            "battery",
-            "pump",
-            "the pump is off, reports nothing, and starts again from rest",
-            f"{_PUMPS}:battery_gap",
+            name="battery",
+            part="pump",
+            summary="the pump is off, reports nothing, and starts again from rest",
+            make=f"{_PUMPS}:battery_gap",
         ),
         FaultEntry(
-            "missed-pulses",
-            "pump",
-            "single doses at random are not delivered",
-            f"{_PUMPS}:missed_pulses",
-            (Setting("share", float, "Share of the doses that are missed.", Default(0.2)), _NOTICED),
+            name="missed-pulses",
+            part="pump",
+            summary="single doses at random are not delivered",
+            make=f"{_PUMPS}:missed_pulses",
+            record=declared.MissedPulsesSettings,
             timed=False,
             each_sample="share",
         ),
         FaultEntry(
-            "occlusion",
-            "pump",
-            "less insulin passes the line than the pump drives",
-            f"{_PUMPS}:occlusion",
-            (Setting("open_fraction", float, "Part of the insulin that is delivered.", Default(0.0)), _NOTICED),
+            name="occlusion",
+            part="pump",
+            summary="less insulin passes the line than the pump drives",
+            make=f"{_PUMPS}:occlusion",
+            record=declared.OcclusionSettings,
             draw=lambda even: {"open_fraction": (even(0.0, 1.0) >= 0.5) * even(0.0, 0.95, 1)},
             both="noticed",
         ),
         FaultEntry(
-            "unheard",
-            "pump",
-            "commands do not reach the pump, which goes to its least rate",
-            f"{_PUMPS}:unheard",
+            name="unheard",
+            part="pump",
+            summary="commands do not reach the pump, which goes to its least rate",
+            make=f"{_PUMPS}:unheard",
         ),
-    )
-}
+    ),
+)
 
 
-@functools.cache
-def fault_entry(name: str) -> FaultEntry:
-    """A fault of the catalogue by name: of this package, of another one, or ``module:attribute``.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a fault of another package that cannot be loaded.
-    """
-    if name in FAULTS:
-        return FAULTS[name]
-    entry: FaultEntry | None = added("faults", name, FaultEntry)
-    if entry is None:
-        raise ValueError(f"unknown fault {name!r}; {known_names(name, fault_names())}")
-    return entry
-
-
-def fault_names() -> list[str]:
-    """Names of all faults, those of other packages included."""
-    return [*FAULTS, *added_names("faults")]
+fault_entry: Final = FAULTS.find
+"""Function that returns a fault by name: of this package, of another one, or ``module:attribute``."""
+fault_names: Final = FAULTS.names
+"""Function that returns the names of all faults, those of other packages included."""
 
 
 def fault(name: str, given: Mapping[str, object] | None = None) -> Fault:
@@ -289,7 +263,8 @@ def fault(name: str, given: Mapping[str, object] | None = None) -> Fault:
     Raises
     ------
     ValueError
-        For an unknown fault or setting, a value of the wrong type, or times that exclude one another.
+        For an unknown fault or setting, a value of the wrong type or out of its bounds, or times that exclude one
+        another.
     """
     entry, given = fault_entry(name), given or {}
     settings = entry.all_settings
@@ -299,6 +274,7 @@ def fault(name: str, given: Mapping[str, object] | None = None) -> Fault:
     checked = {key: settings[key].check(value) for key, value in given.items()}
     _check_times(name, checked)
     own = {setting.name: checked.get(setting.name, setting.default.noise_free) for setting in entry.settings}
+    entry.values(own)
     when = {setting.name: checked[setting.name] for setting in (*TIMING, OWN_KEY) if setting.name in checked}
     return Fault(name=name, settings={**when, **own})
 

@@ -6,12 +6,11 @@ point of another package in the group ``glucoloop.patients``.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.registry.plugins import added, added_names, loaded
+from glucoloop.registry.plugins import Catalogue, loaded
 from glucoloop.registry.settings import Default, Tunings, known_names
 
 _PRINTED_SAMPLE_TIME_MIN: Final = 5.0
@@ -145,9 +144,10 @@ _OF_HOVORKA_2004: Final = {
     "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
 }
 
-PATIENTS: Final[dict[str, PatientEntry]] = {
-    entry.name: entry
-    for entry in (
+PATIENTS: Final = Catalogue(
+    "patient",
+    PatientEntry,
+    (
         PatientEntry(
             name="parker-1999",
             summary="Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; insulin into a vein, 70 kg",
@@ -189,12 +189,11 @@ PATIENTS: Final[dict[str, PatientEntry]] = {
             laguerre_functions=4,
             tunings=_OF_HOVORKA_2004,
         ),
-    )
-}
+    ),
+)
 USUAL_PATIENT: Final = PATIENTS["parker-1999"]
 
 
-@functools.cache
 def patient_entry(name: str) -> PatientEntry:
     """A patient by name: of this package, of another one, or ``module:attribute``.
 
@@ -203,19 +202,11 @@ def patient_entry(name: str) -> PatientEntry:
     ValueError
         For an unknown name, or one of another package that cannot be loaded.
     """
-    if name in PATIENTS:
-        return PATIENTS[name]
-    entry: PatientEntry | None = added("patients", name, PatientEntry)
-    if entry is None:
-        for known in PATIENTS.values():
-            if name in [point.name for point in known.operating_points]:
-                raise ValueError(
-                    f"{name!r} is an operating point of {known.name} and no patient; give it as the operating point"
-                )
-        raise ValueError(f"unknown patient {name!r}; {known_names(name, patient_names())}")
-    return entry
+    of = next((entry for entry in PATIENTS.values() if name in [point.name for point in entry.operating_points]), None)
+    if of is not None and name not in PATIENTS.names():
+        raise ValueError(f"{name!r} is an operating point of {of.name} and no patient; give it as the operating point")
+    return PATIENTS.find(name)
 
 
-def patient_names() -> list[str]:
-    """Names of all patients, those of other packages included."""
-    return [*PATIENTS, *added_names("patients")]
+patient_names: Final = PATIENTS.names
+"""Function that returns the names of all patients, those of other packages included."""

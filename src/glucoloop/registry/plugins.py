@@ -2,13 +2,63 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.metadata
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
+
+from glucoloop.registry.settings import known_names
+
+
+class Named(Protocol):
+    """Anything with a name."""
+
+    @property
+    def name(self) -> str:
+        """Name under which it is found."""
+        ...
+
+
+E = TypeVar("E", bound=Named)
+
+
+class Catalogue(dict[str, E]):
+    """Entries of one kind by name: those of this package, to which `find` adds those of other packages.
+
+    Parameters
+    ----------
+    what : str
+        Kind in messages, ``"controller"``; entry points of packages are in the group ``glucoloop.controllers``.
+    kind : type
+        Class of the entries.
+    entries : iterable
+        Entries of this package.
+    """
+
+    def __init__(self, what: str, kind: type[E], entries: Iterable[E]) -> None:
+        super().__init__({entry.name: entry for entry in entries})
+        self._what, self._kind, self._group = what, kind, f"{what}s"
+
+    def find(self, name: str) -> E:
+        """An entry by name: of this package, of another one, or ``module:attribute``.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name, or an entry of another package that cannot be loaded.
+        """
+        entry: E | None = self.get(name) or added(self._group, name, self._kind)
+        if entry is None:
+            raise ValueError(f"unknown {self._what} {name!r}; {known_names(name, self.names())}")
+        return entry
+
+    def names(self) -> list[str]:
+        """Names of all entries, those of other packages included."""
+        return [*self, *added_names(self._group)]
 
 
 def added_names(group: str) -> list[str]:
@@ -16,13 +66,16 @@ def added_names(group: str) -> list[str]:
     return sorted(point.name for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"))
 
 
+@functools.cache
 def added(group: str, name: str, kind: type) -> Any | None:
     """Object that a package adds under a name, or that ``module:attribute`` names; None if there is none.
+
+    What was found is kept, so that a module is looked for once.
 
     Parameters
     ----------
     group : str
-        ``"controllers"`` or ``"patients"``; the entry points of a package are in ``glucoloop.controllers`` and so on.
+        ``"controllers"``; the entry points of a package are then in ``glucoloop.controllers``.
     name : str
         Name of an entry point, or ``module:attribute`` of a module that Python finds or that lies in the current
         folder.

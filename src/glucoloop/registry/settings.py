@@ -101,9 +101,15 @@ class About:
     above: float = -math.inf
     below: float = math.inf
     quantity: Quantity | None = None
+    called: str = ""
+    """Name of the value in messages; by default the name of the setting."""
+    finite: bool = True
+    """Whether a number has to be finite."""
 
     def allows(self, value: float) -> bool:
-        """Whether a number is finite and within the bounds."""
+        """Whether a number is finite, where it has to be, and within the bounds."""
+        if not self.finite and not math.isfinite(value):
+            return True
         return self.at_least <= value <= self.at_most and self.above < value < self.below
 
     def possible(self, kind: type) -> str:
@@ -112,6 +118,8 @@ class About:
             return f"{self.at_least:g} or more and less than {self.below:g}"
         if kind is int and self.at_most - self.at_least == 1:
             return f"{self.at_least:g} or {self.at_most:g}"
+        if math.isfinite(self.at_most) and math.isfinite(self.above):
+            return f"a value above {self.above:g} and up to {self.at_most:g}"
         if math.isfinite(self.at_most):
             return f"{'a whole number from ' if kind is int else ''}{self.at_least:g} to {self.at_most:g}"
         if kind is int:
@@ -122,7 +130,7 @@ class About:
 
 
 Record = TypeVar("Record")
-_UNITS: Final = {"_mg_dl": " mg/dl", "_mU_min": " mU/min", "_min": " min", "_g": " g"}
+_UNITS: Final = {"mg_dl_h": " mg/dl per hour", "_mg_dl": " mg/dl", "_mU_min": " mU/min", "_min": " min", "_g": " g"}
 
 
 def usual(*, default: Any, noisy: Any) -> Any:
@@ -166,7 +174,7 @@ def settings_record(cls: type[Record]) -> type[Record]:
     return typing.cast(type[Record], made)
 
 
-def _declared(record: type) -> dict[str, tuple[Any, About]]:
+def declarations(record: type) -> dict[str, tuple[Any, About]]:
     """Type and meaning of each field of a record."""
     hints = typing.get_type_hints(record, include_extras=True)
     declared = {}
@@ -191,7 +199,7 @@ def settings_of(record: type) -> tuple[Setting, ...]:
     ValueError
         For a field without a description or without a default.
     """
-    declared, settings = _declared(record), []
+    declared, settings = declarations(record), []
     for field in dataclasses.fields(record):
         if field.default is dataclasses.MISSING:
             raise ValueError(f"the setting {field.name} of {record.__name__} has no default; give it one")
@@ -206,15 +214,16 @@ def settings_of(record: type) -> tuple[Setting, ...]:
 def _check_bounds(record: Any) -> None:
     from glucoloop.arguments import is_traced
 
-    for name, (kind, about) in _declared(type(record)).items():
+    for name, (kind, about) in declarations(type(record)).items():
         value = getattr(record, name)
         if typing.get_origin(kind) is Literal:
             if value not in typing.get_args(kind):
                 raise ValueError(f"{name} is {value!r}; the known ones are: {', '.join(typing.get_args(kind))}")
         elif kind in (int, float) and not is_traced(value) and not about.allows(value):
             unit = next((of for ending, of in _UNITS.items() if name.endswith(ending)), "")
-            words = name.removesuffix(unit.strip().replace("/", "_")).replace("_", " ").strip()
-            article, verb = ("", "are") if words.endswith("s") else ("an " if words[0] in "aeiou" else "a ", "is")
+            words = about.called or name.removesuffix(unit.strip().replace("/", "_")).replace("_", " ").strip()
+            many = words.endswith("s") and not about.called
+            article, verb = ("", "are") if many else ("an " if words[0] in "aeiou" else "a ", "is")
             raise ValueError(f"{article}{words} of {value:g}{unit} {verb} not possible; give {about.possible(kind)}")
 
 

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, recurring
 from glucoloop.pumps.faults.wrapping import Within, begin, deliver_within, or_limited
 from glucoloop.pumps.protocol import Delivery, Pump
+from glucoloop.registry.fault_settings import OcclusionSettings
 
 
 @pytree
@@ -69,8 +70,7 @@ def occlusion(
     ValueError
         Unless ``0 <= open_fraction < 1``.
     """
-    if not is_traced(open_fraction) and not 0.0 <= open_fraction < 1.0:
-        raise ValueError(f"an open fraction of {open_fraction:g} is not possible; give 0 or more and less than 1")
+    OcclusionSettings(open_fraction)
     return Occlusion(inner=or_limited(inner), episodes=episodes, open_fraction=open_fraction, noticed=noticed)
 
 

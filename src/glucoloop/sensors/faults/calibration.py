@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
+from glucoloop.registry.fault_settings import CalibrationSettings
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -57,9 +56,6 @@ def calibration(
     ValueError
         For a gain that is not positive, or a number that is not finite.
     """
-    if not is_traced(gain) and not 0.0 < gain < math.inf:
-        raise ValueError(f"a calibration gain of {gain:g} is not possible; give a finite value above 0")
-    if not is_traced(offset_mg_dl) and not math.isfinite(offset_mg_dl):
-        raise ValueError(f"a calibration offset of {offset_mg_dl:g} mg/dl is not possible; give a finite value")
+    CalibrationSettings(gain, offset_mg_dl)
     when = always() if episodes is None else episodes
     return Calibration(inner=or_ideal(inner), episodes=when, gain=gain, offset_mg_dl=offset_mg_dl)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,8 +9,9 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
+from glucoloop.registry.fault_settings import DriftSettings
 from glucoloop.sensors.faults.sample_time import checked_sample_time
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -63,7 +63,6 @@ def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sa
     ValueError
         For a growth that is not finite or a sample time that is not positive.
     """
-    if not is_traced(mg_dl_h) and not math.isfinite(mg_dl_h):
-        raise ValueError(f"a drift of {mg_dl_h:g} mg/dl per hour is not possible; give a finite value")
+    DriftSettings(mg_dl_h)
     a_sample = mg_dl_h * checked_sample_time(sample_time_min) / MIN_PER_H
     return Drift(inner=or_ideal(inner), episodes=episodes, mg_dl_sample=a_sample)

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
+from glucoloop.registry.fault_settings import OutOfOrderSettings
 from glucoloop.sensors.faults.past import filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
-_MOST: Final = 48
 _WHICH: Final = 1  # sets the choice of a reading apart from the draws of an episode
 
 
@@ -59,6 +59,5 @@ def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) ->
     ValueError
         Unless `among` is a whole number from 2 to 48.
     """
-    if not 2 <= among <= _MOST:
-        raise ValueError(f"disorder among {among} readings is not possible; give a whole number from 2 to {_MOST}")
+    OutOfOrderSettings(among)
     return OutOfOrder(inner=or_ideal(inner), episodes=episodes, among=among)

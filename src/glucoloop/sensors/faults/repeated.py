@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
+from glucoloop.registry.fault_settings import RepeatedSettings
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -52,6 +51,5 @@ def repeated(times: int, episodes: Episodes, inner: Sensor | None = None) -> Rep
     ValueError
         Unless `times` is a whole number of 2 or more.
     """
-    if isinstance(times, bool) or not math.isfinite(times) or times != math.floor(times) or times < 2:
-        raise ValueError(f"to tell a reading {times} times is not possible; give a whole number of 2 or more")
+    RepeatedSettings(times)
     return Repeated(inner=or_ideal(inner), episodes=episodes, times=float(times))

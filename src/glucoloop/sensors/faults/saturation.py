@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
+from glucoloop.registry.fault_settings import SaturationSettings
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -58,10 +57,6 @@ def saturation(
     ValueError
         Unless ``0 <= low < high``, both finite.
     """
-    if not 0.0 <= low_mg_dl < high_mg_dl < math.inf:
-        raise ValueError(
-            f"a sensor range of {low_mg_dl:g} to {high_mg_dl:g} mg/dl is not possible; "
-            "give 0 or more as the lower and a larger finite value as the upper end"
-        )
+    SaturationSettings(low_mg_dl, high_mg_dl)
     when = always() if episodes is None else episodes
     return Saturation(inner=or_ideal(inner), episodes=when, low_mg_dl=float(low_mg_dl), high_mg_dl=float(high_mg_dl))

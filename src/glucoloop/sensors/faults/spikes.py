@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
+from glucoloop.registry.fault_settings import SpikesSettings
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -43,6 +42,5 @@ def spikes(size_mg_dl: float, episodes: Episodes, inner: Sensor | None = None) -
     ValueError
         For a size that is not finite.
     """
-    if not is_traced(size_mg_dl) and not math.isfinite(size_mg_dl):
-        raise ValueError(f"a spike of {size_mg_dl:g} mg/dl is not possible; give a finite value")
+    SpikesSettings(size_mg_dl)
     return Spikes(inner=or_ideal(inner), episodes=episodes, size_mg_dl=float(size_mg_dl))
