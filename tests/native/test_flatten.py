@@ -125,6 +125,7 @@ LOOPS = {
     "without entries": lambda x: jax.lax.scan(lambda c, _: (c * 0.5 + 1.0, None), x, None, length=64)[0],
     "within a loop": lambda x: jax.lax.fori_loop(0, 5, lambda i, c: c + i * x[1], x[0]),
     "calls": lambda x: [jax.jit(lambda y: y + x[0])(x), jax.nn.relu(x)],
+    "running sums": lambda x: [jnp.cumsum(x, axis=0), jnp.cumsum(x, axis=1), jax.lax.cumsum(x, axis=1, reverse=True)],
     "remat": lambda x: jax.checkpoint(lambda y: y * y)(x),
     "derivative": lambda x: [jax.grad(lambda y: (y**3).sum())(x), jax.jacfwd(lambda y: y * y[0])(x[0])],
 }

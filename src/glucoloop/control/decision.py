@@ -52,9 +52,12 @@ def decide(
     finite = jnp.isfinite(wanted_mU_min)
     insulin = limits.clip(jnp.where(finite, wanted_mU_min, delivered_mU_min), delivered_mU_min)
     saturated = ~limits.allow(wanted_mU_min, delivered_mU_min, _SATURATED_MU_MIN)
-    status = jnp.select(
-        [~finite, ~known, ~jnp.broadcast_to(converged, finite.shape), saturated],
-        [Status.NON_FINITE, Status.READING_MISSING, Status.NOT_CONVERGED, Status.SATURATED],
-        Status.OK,
-    )
+    status = jnp.full_like(finite, int(Status.OK), dtype=int)
+    for holds, of in (
+        (saturated, Status.SATURATED),
+        (~jnp.asarray(converged), Status.NOT_CONVERGED),
+        (~known, Status.READING_MISSING),
+        (~finite, Status.NON_FINITE),
+    ):
+        status = jnp.where(holds, int(of), status)
     return Decision(insulin_mU_min=insulin, status=status)

@@ -23,10 +23,13 @@ and the way down never has to go below the basal rate.
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
 
 from glucoloop._pytree import pytree
 from glucoloop.control.guard_settings import GuardSettings
@@ -202,19 +205,19 @@ def most_bolus(
     kept, others = _kept(settings, sample_time_min), given.hour_mU_min.shape[0]
     counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)
     beyond, steep = (counted_rate - given.basal_mU_min) * given.per_basal, max_change_mU_min * given.per_basal
-    largest = jnp.full_like(beyond, math.inf)
-    for n in range(others + 1):
-        # beyond, for n + 1 samples from now on, lowered by a further step at each
-        held, lowered = (sum(f(i) * kept ** (n - i) for i in range(n + 1)) for f in (lambda i: 1.0, float))
-        on_board = kept ** (n + 1) * given.counted + (1.0 - kept) * (held * beyond - lowered * steep)
-        largest = jnp.minimum(largest, (settings.max_on_board - on_board) * (1.0 / ((1.0 - kept) * kept**n)))
-    largest = largest * given.basal_mU_min
+    n = np.arange(others + 1)
+    # beyond, for n + 1 samples from now on, lowered by a further step at each
+    held, lowered, left, own = (
+        _column(of, beyond)
+        for of in (_after(n, kept, np.ones_like), _after(n, kept, np.asarray), kept ** (n + 1), (1.0 - kept) * kept**n)
+    )
+    on_board = left * given.counted + (1.0 - kept) * (held * beyond - lowered * steep)
+    by_board = jnp.min((settings.max_on_board - on_board) * (1.0 / own), axis=0) * given.basal_mU_min
     cap = settings.max_hour * (others + 1) * given.basal_mU_min
-    past = jnp.zeros_like(cap)
-    for n in range(others, -1, -1):
-        past = past + (given.hour_mU_min[n] if n < others else 0.0)
-        of_rate = (n + 1) * counted_rate - 0.5 * n * (n + 1) * max_change_mU_min
-        largest = jnp.minimum(largest, cap - past - of_rate)
+    n = n[::-1]
+    past = jnp.concatenate([jnp.zeros_like(cap)[None], jnp.cumsum(given.hour_mU_min[::-1], axis=0)])
+    of_rate = _column(n + 1.0, cap) * counted_rate - _column(0.5 * n * (n + 1), cap) * max_change_mU_min
+    largest = jnp.minimum(by_board, jnp.min(cap - past - of_rate, axis=0))
     return jnp.maximum(largest, 0.0) * sample_time_min
 
 
@@ -229,13 +232,12 @@ def _most_beyond(
     cannot pass it.
     """
     steep = max_change_mU_min * given.per_basal
-    largest = target + samples * steep
-    for n in range(samples):
-        left = kept ** (n + 1)
-        lowered = (1.0 - kept) * sum(i * kept ** (n - i) for i in range(n + 1))
-        z = (target - left * given.counted + lowered * steep) * (1.0 / (1.0 - left))
-        largest = jnp.minimum(largest, z)
-    return largest
+    n = np.arange(samples)
+    share = kept ** (n + 1)
+    left, per_rate = _column(share, target), _column(1.0 / (1.0 - share), target)
+    lowered = _column((1.0 - kept) * _after(n, kept, np.asarray), target)
+    z = (target - left * given.counted + lowered * steep) * per_rate
+    return jnp.minimum(target + samples * steep, jnp.min(z, axis=0))
 
 
 def _most_of_hour(given: Given, settings: GuardSettings, max_change_mU_min: jax.Array | float) -> jax.Array:
@@ -245,11 +247,21 @@ def _most_of_hour(given: Given, settings: GuardSettings, max_change_mU_min: jax.
     """
     others = given.hour_mU_min.shape[0]
     cap = settings.max_hour * (others + 1) * given.basal_mU_min
-    largest, past = cap * (1.0 / (others + 1)) + 0.5 * others * max_change_mU_min, jnp.zeros_like(cap)
-    for n in range(others - 1, -1, -1):
-        past = past + given.hour_mU_min[n]
-        largest = jnp.minimum(largest, (cap - past) * (1.0 / (n + 1)) + 0.5 * n * max_change_mU_min)
-    return largest
+    n = np.arange(others)[::-1]
+    past = jnp.cumsum(given.hour_mU_min[::-1], axis=0)
+    later = (cap - past) * _column(1.0 / (n + 1), cap) + _column(0.5 * n, cap) * max_change_mU_min
+    return jnp.minimum(cap * (1.0 / (others + 1)) + 0.5 * others * max_change_mU_min, jnp.min(later, axis=0))
+
+
+def _after(n: NDArray[Any], kept: float, given: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    """Sum of ``given(i) kept^(n - i)`` over i from 0 to each n."""
+    i = np.arange(n.size, dtype=float)
+    return np.asarray(np.where(i <= n[:, None], kept ** (n[:, None] - i), 0.0) @ given(i))
+
+
+def _column(numbers: NDArray[Any], like: jax.Array) -> jax.Array:
+    """Numbers along a first axis before the axes of an array, in its precision."""
+    return jnp.asarray(numbers.reshape(-1, *(1,) * like.ndim), like.dtype)
 
 
 def _kept(settings: GuardSettings, sample_time_min: float) -> float:

@@ -68,6 +68,8 @@ CHIPS: Final = {
 }
 HOST: Final = "c"
 """Target name of C for any computer, without a chip."""
+SMALL: Final = ("-Os", "-fno-inline", "-fno-thread-jumps", "-fno-reorder-blocks")
+"""Flags for a small program: even the smallest functions are called, and no piece of code is repeated for speed."""
 LINK: Final = ("-nostdlib", "-nostartfiles", "-fno-builtin", "-fno-math-errno", "-T", "chip.ld")
 
 

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from glucoloop.control.protocol import Controller, Status
-from glucoloop.firmware.chips import CHIPS, LINK, Chip, template
+from glucoloop.firmware.chips import CHIPS, LINK, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.samples import Record
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
@@ -37,7 +37,7 @@ def code_files(exported: Exported, record: Record, chip: Chip | None) -> dict[st
 
 def build_command(chip: Chip, output: str = "selftest.elf") -> list[str]:
     """The command that makes the self-test for a chip."""
-    flags = ["-std=c99", "-Wall", "-Wextra", "-ffp-contract=off", "-Os", "-DCHIP", *chip.flags]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-ffp-contract=off", *SMALL, "-DCHIP", *chip.flags]
     files = ["controller.c", "selftest.c", "chip.c"]
     return [chip.compiler, *flags, *LINK, "-fno-tree-loop-distribute-patterns", "-o", output, *files, "-lgcc"]
 
@@ -49,11 +49,13 @@ def run_command(chip: Chip, file: str = "selftest.elf") -> list[str]:
 
 def _makefile(chip: Chip) -> str:
     elf = f"{chip.name}.elf"
-    build = " ".join(build_command(chip, "$@")).replace("-Os", "$(OPTIMISE)")
+    build = " ".join(build_command(chip, "$@")).replace(" ".join(SMALL), "$(OPTIMISE)")
     sources = "controller.c controller.h samples.h selftest.c chip.c chip.h chip.ld"
     rules = f"{elf}: {sources}\n\t{build}\n"
     run = " ".join(run_command(chip, elf))
-    text = template("Makefile").replace("@CHIP@", chip.name).replace("@RULES@", rules)
+    text = (
+        template("Makefile").replace("@CHIP@", chip.name).replace("@SMALL@", " ".join(SMALL)).replace("@RULES@", rules)
+    )
     return text.replace("@RUN@", run)
 
 

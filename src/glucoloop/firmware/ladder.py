@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from glucoloop.firmware.chips import CHIPS, Chip
+from glucoloop.firmware.chips import CHIPS, SMALL, Chip
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import build_command, code_files, run_command
 from glucoloop.firmware.samples import Record, arithmetic, replayed
@@ -168,7 +168,7 @@ def _emulated(exported: Exported, record: Record, chip: Chip) -> Rung:
 
 def _flash(chip: Chip, folder: Path) -> dict[str, int]:
     """Size of program, tables and stack of the controller alone."""
-    flags = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", "-Os", "-fstack-usage", *chip.flags]
+    flags = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", *SMALL, "-fstack-usage", *chip.flags]
     code, _ = _ran([chip.compiler, *flags, "-c", "-o", "controller.o", "controller.c"], folder)
     code_size, said = _ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
     if code or code_size:
@@ -252,7 +252,7 @@ def _proved(exported: Exported, record: Record) -> Rung:
         folder = Path(made)
         _written(exported, record, None, folder)
         (folder / "main.c").write_text(text)
-        flags = ["-eva", "-eva-precision", "2", "-warn-special-float", "none"]
+        flags = ["-eva", "-eva-precision", "0", "-eva-auto-loop-unroll", "4", "-warn-special-float", "none"]
         code, said = _ran(["frama-c", *flags, str(folder / "main.c"), str(folder / "controller.c")], folder)
     if code:
         return Rung(name, None, f"Frama-C does not run: {' '.join(said.split())[-300:]}", {})

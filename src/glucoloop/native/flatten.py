@@ -207,6 +207,14 @@ class Flattener:
         flat = [total(row) for row in rows.reshape(-1, rows.shape[-1])]
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
 
+    def _do_cumsum(self, equation: Any, a: Values) -> Values:
+        axis, reverse = primitives.running(equation)
+        rows = np.moveaxis(a, axis, 0)[:: -1 if reverse else 1]
+        sums = [rows[0]]
+        for row in rows[1:]:
+            sums.append(self._elementwise(functools.partial(self.program.apply, "add"), sums[-1], row))
+        return np.moveaxis(np.stack(sums[:: -1 if reverse else 1]), 0, axis)
+
     def _move(self, equation: Any, inputs: list[Values]) -> list[Values]:
         """Let JAX move the numbers of the values."""
         with jax.ensure_compile_time_eval():

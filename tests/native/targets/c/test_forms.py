@@ -26,6 +26,8 @@ def scalars(state, seen):
     matrix = jnp.array([[0.1, 0.0, 0.5, -0.2]] * 3 + [[0.0, 1.0, 0.0, 0.3]], x.dtype)
     z = jnp.clip(matrix @ z, -50.0, 50.0) + jnp.floor(y / 7.0) * 0.01 + jnp.sqrt(jnp.abs(x[::-1]))
     low = low ^ alarm | (z[0] >= z[1]) & ~jnp.isfinite(y)
+    unit = jnp.asarray([0.0, 0.0, 1.0, 0.0], x.dtype)
+    z = z + 1e-3 * jnp.where((z >= -20.0) & (z <= 20.0), z @ matrix.T, unit @ z)  # zeros at the ends of rows
     which = jnp.argmax(z)
     return {"x": z, "count": jnp.where(low, count + 1, which).astype(count.dtype), "alarm": low}, {
         "dose": jnp.sum(z) + jnp.max(z) * 1e-3 + jnp.where(low, 1.0, -1.0),

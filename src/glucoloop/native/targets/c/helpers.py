@@ -49,6 +49,18 @@ static @real@ gl_min(@real@ a, @real@ b)
 {
   return (a != a) ? a : ((a < b) ? a : b);
 }""",
+    "gl_inside": """
+/* Whether x is at least one number and at most another. */
+static bool gl_inside(@real@ x, @real@ least, @real@ most)
+{
+  return (x >= least) && (x <= most);
+}""",
+    "gl_clip": """
+/* The number from least to most that is nearest to x; not a number if any of them is none. */
+static @real@ gl_clip(@real@ x, @real@ least, @real@ most)
+{
+  return gl_min(most, gl_max(least, x));
+}""",
     "gl_copy_sign": """
 /* x with the sign of y. */
 static @real@ gl_copy_sign(@real@ x, @real@ y)
@@ -202,12 +214,13 @@ static @real@ gl_sqrt(@real@ x)
     b &= ((@bits@)1@u@ << @shift@) - 1@u@;
     if (e == 0) /* subnormal */
     {
-      e = 1;
-      while ((b >> @shift@) == 0@u@)
+      int32_t zeros = 0;
+      while ((zeros < @shift@) && ((b >> @shift@) == 0@u@))
       {
         b <<= 1;
-        e -= 1;
+        zeros += 1;
       }
+      e = 1 - zeros;
     }
     else
     {

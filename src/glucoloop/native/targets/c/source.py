@@ -242,9 +242,8 @@ def _bounded(bounds: Mapping[str, tuple[float, float]], format: Format) -> list[
     lines = []
     for name, (least, most) in bounds.items():
         place, low, high = f"decision->{name}", format.literal(least), format.literal(most)
-        lines.append(f"{place} = ({place} == {place}) ? {place} : {low};")
-        lines.append(f"{place} = ({place} >= {low}) ? {place} : {low};")
-        lines.append(f"{place} = ({place} <= {high}) ? {place} : {high};")
+        # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
+        lines.append(f"{place} = ({place} == {place}) ? gl_clip({place}, {low}, {high}) : {low};")
     return lines
 
 
@@ -284,7 +283,7 @@ def _tables(tables: Tables, text: str, format: Format) -> list[str]:
         if f"{name}[" not in text:
             continue
         kind = kind_of(array.dtype)
-        small = kind == WHOLE and array.min() >= 0 and array.max() < 2**15
+        small = kind == WHOLE and array.min() >= -(2**15) and array.max() < 2**15
         type_name = "int16_t" if small else type_of(kind, format)
         lines += [f"static const {type_name} {name}[{array.size}] =", "{", *_rows(array, kind, format), "};", ""]
     return lines

@@ -43,6 +43,8 @@ MOVES: Final = frozenset({
 REDUCTIONS: Final = frozenset(("reduce_sum", "reduce_max", "reduce_min", "reduce_and", "reduce_or"))
 FURTHEST_WHOLE: Final = 2.0**30
 """Bound on whole numbers that are made from real ones."""
+LARGEST_CONSTANT: Final = 1024
+"""Largest number of elements of an array that is computed beforehand rather than in C."""
 SMALL_POWERS: Final = (1.0, 2.0, 3.0, 4.0)
 
 
@@ -74,8 +76,10 @@ class Arithmetic:
         self._places: dict[int, tuple[Any, list[npt.NDArray[np.int64]]]] = {}
         """Places of moves that were computed before, by the identity of the operation."""
 
-    def __call__(self, name: str, equation: Any, given: Sequence[Array]) -> list[Array]:
-        """Results of an operation without an inner function."""
+    def __call__(
+        self, name: str, equation: Any, given: Sequence[Array], known: Sequence[bool] = (False, False)
+    ) -> list[Array]:
+        """Results of an operation without an inner function; `known` says which factors of a product are constants."""
         with np.errstate(all="ignore"):
             if name in SAME:
                 return list(given)
@@ -83,6 +87,8 @@ class Arithmetic:
                 return self._moved(equation, given)
             if name in ELEMENTWISE:
                 return [self._elementwise(name, equation, np.broadcast_arrays(*given))]
+            if name == "dot_general":
+                return [self._product(equation, given[0], given[1], (known[0], known[1]))]
             found = getattr(self, f"_{name.replace('-', '_')}", None)
             if found is None:
                 raise UnsupportedError(f"the operation {name!r}")
@@ -197,17 +203,26 @@ class Arithmetic:
     def _iota(self, equation: Any) -> Array:
         return constant(np.asarray(primitives.iota(equation)).astype(equation.outvars[0].aval.dtype), self.precision)
 
-    def _dot_general(self, equation: Any, a: Array, b: Array) -> Array:
+    def _product(self, equation: Any, a: Array, b: Array, known: tuple[bool, bool]) -> Array:
         left, right, batch, free_a, free_b = product_axes(equation, a.ndim, b.ndim)
-        summed_a, summed_b = left, right
-        a = a.transpose(*summed_a, *batch[0], *free_a)
-        b = b.transpose(*summed_b, *batch[1], *free_b)
-        n, m = len(summed_a), len(batch[0])
-        a = a.reshape(-1, *a.shape[n:], *[1] * len(free_b))
-        b = b.reshape(-1, *b.shape[n : n + m], *[1] * len(free_a), *b.shape[n + m :])
+        factor = banded_factor(equation, a.shape, b.shape, known)
+        inside_a = constant_band(a, left) if factor == 0 else np.ones(a.shape, np.bool_)
+        inside_b = constant_band(b, right) if factor == 1 else np.ones(b.shape, np.bool_)
+
+        def rows_of_a(of: Array) -> Array:
+            of = of.transpose(*left, *batch[0], *free_a)
+            return of.reshape(-1, *of.shape[len(left) :], *[1] * len(free_b))
+
+        def rows_of_b(of: Array) -> Array:
+            of = of.transpose(*right, *batch[1], *free_b)
+            n, m = len(right), len(batch[1])
+            return of.reshape(-1, *of.shape[n : n + m], *[1] * len(free_a), *of.shape[n + m :])
+
+        a, b, inside = rows_of_a(a), rows_of_b(b), rows_of_a(inside_a) & rows_of_b(inside_b)
         total = np.zeros(np.broadcast_shapes(a.shape[1:], b.shape[1:]), a.dtype)
-        for row_a, row_b in zip(a, b, strict=True):
-            total = total + row_a * row_b
+        for row_a, row_b, takes in zip(a, b, inside, strict=True):
+            more = total + row_a * row_b
+            total = more if takes.all() else np.where(takes, more, total)
         return np.asarray(total)
 
     def _dynamic_slice(self, equation: Any, a: Array, *starts: Array) -> Array:
@@ -301,6 +316,26 @@ def product_axes(equation: Any, left: int, right: int) -> tuple[Any, Any, Any, l
     free_a = [i for i in range(left) if i not in (*product.summed[0], *product.batched[0])]
     free_b = [i for i in range(right) if i not in (*product.summed[1], *product.batched[1])]
     return product.summed[0], product.summed[1], product.batched, free_a, free_b
+
+
+def banded_factor(equation: Any, left: tuple[int, ...], right: tuple[int, ...], known: tuple[bool, bool]) -> int | None:
+    """Factor of a product whose zeros are left out: a matrix or vector of constants times a vector that is not known.
+
+    Of each row of that factor the numbers from the first to the last that is not zero enter the sum.
+    """
+    summed, _, batch, free_left, free_right = product_axes(equation, len(left), len(right))
+    if known[0] == known[1] or len(summed) != 1 or batch[0]:
+        return None
+    of_other = [right[i] for i in free_right] if known[0] else [left[i] for i in free_left]
+    return None if np.prod(of_other, dtype=int) != 1 else 0 if known[0] else 1
+
+
+def constant_band(array: Array, summed: Sequence[int]) -> Array:
+    """Numbers of each row from the first to the last that is not zero; rows lie along the summed axis."""
+    some, (axis,) = array != 0, summed
+    before = np.maximum.accumulate(some, axis=axis)
+    after = np.flip(np.maximum.accumulate(np.flip(some, axis), axis=axis), axis)
+    return np.asarray(before & after)
 
 
 def places_of(equation: Any, shapes: Sequence[tuple[int, ...]]) -> list[npt.NDArray[np.int64]]:

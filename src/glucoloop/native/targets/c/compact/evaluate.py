@@ -9,7 +9,7 @@ import numpy as np
 from jax.extend import core
 
 from glucoloop.native import primitives
-from glucoloop.native.targets.c.compact.arithmetic import Arithmetic, Array, constant
+from glucoloop.native.targets.c.compact.arithmetic import LARGEST_CONSTANT, SAME, Arithmetic, Array, constant
 
 
 class Evaluation:
@@ -28,39 +28,58 @@ class Evaluation:
     def __call__(self, arguments: Sequence[Any]) -> list[Array]:
         """Results of the function for arrays."""
         given = [constant(argument, self._arithmetic.precision) for argument in arguments]
-        return _run(self._closed, given, self._arithmetic)
+        return _run(self._closed, given, self._arithmetic, [False] * len(given))[0]
 
 
-def _run(closed: Any, arguments: Sequence[Array], arithmetic: Arithmetic) -> list[Array]:
+def _run(
+    closed: Any, arguments: Sequence[Array], arithmetic: Arithmetic, known: Sequence[bool]
+) -> tuple[list[Array], list[bool]]:
+    """Results of a function, and whether each depends on constants alone."""
     jaxpr = closed.jaxpr
     values: dict[Any, Array] = dict(zip(jaxpr.invars, arguments, strict=True))
+    constants = {variable for variable, is_known in zip(jaxpr.invars, known, strict=True) if is_known}
     for variable, array in zip(jaxpr.constvars, closed.consts, strict=True):
         values[variable] = constant(array, arithmetic.precision)
+        constants.add(variable)
 
     def read(atom: Any) -> Array:
         return constant(atom.val, arithmetic.precision) if isinstance(atom, core.Literal) else values[atom]
 
+    def is_constant(atom: Any) -> bool:
+        return isinstance(atom, core.Literal) or atom in constants
+
     for equation in jaxpr.eqns:
         inputs = [read(atom) for atom in equation.invars]
-        results = _equation(equation, inputs, arithmetic)
+        results, found = _equation(equation, inputs, arithmetic, [is_constant(atom) for atom in equation.invars])
         values.update(zip(equation.outvars, results, strict=True))
-    return [read(atom) for atom in jaxpr.outvars]
+        constants |= {variable for variable, is_known in zip(equation.outvars, found, strict=True) if is_known}
+    return [read(atom) for atom in jaxpr.outvars], [is_constant(atom) for atom in jaxpr.outvars]
 
 
-def _equation(equation: Any, inputs: list[Array], arithmetic: Arithmetic) -> list[Array]:
+def _equation(
+    equation: Any, inputs: list[Array], arithmetic: Arithmetic, known: list[bool]
+) -> tuple[list[Array], list[bool]]:
     name, called = equation.primitive.name, primitives.called(equation)
     if called is not None:
-        return _run(called, inputs, arithmetic)
+        return _run(called, inputs, arithmetic, known)
     if name == "custom_linear_solve":
         solve, first, right = primitives.solver(equation)
         constants = len(solve.jaxpr.invars) - (len(inputs) - right)
-        return _run(solve, [*inputs[first : first + constants], *inputs[right:]], arithmetic)
+        taken = [*range(first, first + constants), *range(right, len(inputs))]
+        return _run(solve, [inputs[i] for i in taken], arithmetic, [known[i] for i in taken])
     if name == "cond":
         options = primitives.branches(equation)
-        return _run(options[min(max(int(inputs[0]), 0), len(options) - 1)], inputs[1:], arithmetic)
+        branch = options[min(max(int(inputs[0]), 0), len(options) - 1)]
+        if known[0]:
+            return _run(branch, inputs[1:], arithmetic, known[1:])
+        results, _ = _run(branch, inputs[1:], arithmetic, [False] * len(inputs[1:]))
+        return results, [False] * len(results)
     if name == "scan":
-        return _scan(equation, inputs, arithmetic)
-    return arithmetic(name, equation, inputs)
+        results = _scan(equation, inputs, arithmetic)
+        return results, [False] * len(results)
+    results = arithmetic(name, equation, inputs, known)
+    kept = name in SAME or all(result.size <= LARGEST_CONSTANT for result in results)
+    return results, [kept and all(known)] * len(results)
 
 
 def _scan(equation: Any, inputs: list[Array], arithmetic: Arithmetic) -> list[Array]:
@@ -69,7 +88,8 @@ def _scan(equation: Any, inputs: list[Array], arithmetic: Arithmetic) -> list[Ar
     carry, each = rest[: loop.carried], rest[loop.carried :]
     rows: dict[int, list[Array]] = {}
     for k in reversed(range(loop.length)) if loop.reverse else range(loop.length):
-        results = _run(loop.round, [*constants, *carry, *(a[k] for a in each)], arithmetic)
+        given = [*constants, *carry, *(a[k] for a in each)]
+        results, _ = _run(loop.round, given, arithmetic, [False] * len(given))
         carry, rows[k] = results[: loop.carried], results[loop.carried :]
     stacked = [np.stack(parts) for parts in zip(*(rows[k] for k in range(loop.length)), strict=True)]
     return [*carry, *stacked]

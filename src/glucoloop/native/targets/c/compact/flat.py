@@ -9,8 +9,8 @@ from typing import Any, Final
 from jax.extend import core
 
 from glucoloop.native import primitives
-from glucoloop.native.targets.c.compact.arithmetic import SAME, Arithmetic, Array, constant
-from glucoloop.native.targets.c.numbers import kind_of
+from glucoloop.native.targets.c.compact.arithmetic import LARGEST_CONSTANT, SAME, Arithmetic, Array, constant
+from glucoloop.native.targets.c.numbers import REAL, kind_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +22,10 @@ class Variable:
 
 
 Operand = Variable | Array
+INSIDE: Final = "inside"
+"""Whether a number is at least one and at most another."""
+CLIP: Final = "clip"
+"""The smaller of a number and the larger of two others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +52,6 @@ class Flat:
     """Number of uses of each variable."""
 
 
-_LARGEST_CONSTANT: Final = 1024
-"""Largest number of elements of an array that is computed beforehand rather than in C."""
-
-
 def flatten(closed: Any, precision: str) -> Flat:
     """Flatten a traced function."""
     return _Flattener(precision).function(closed)
@@ -63,6 +63,7 @@ class _Flattener:
         self._arithmetic = Arithmetic(precision)
         self._operations: list[Operation] = []
         self._known: dict[Any, Sequence[Variable]] = {}
+        self._made: dict[Variable, Operation] = {}
 
     def function(self, closed: Any) -> Flat:
         inner = _Flattener(self._precision)
@@ -103,7 +104,7 @@ class _Flattener:
         if name == "scan":
             inner = (self.function(primitives.scan(equation).round),)
             return self._add(name, equation, inputs, inner)
-        small = all(v.aval.size <= _LARGEST_CONSTANT for v in equation.outvars)
+        small = all(v.aval.size <= LARGEST_CONSTANT for v in equation.outvars)
         if small and not any(isinstance(given, Variable) for given in inputs):
             return self._arithmetic(name, equation, [g for g in inputs if not isinstance(g, Variable)])
         return self._add(name, equation, inputs)
@@ -117,15 +118,34 @@ class _Flattener:
     def _add(
         self, name: str, equation: Any, inputs: Sequence[Operand], inner: Sequence[Flat] = ()
     ) -> Sequence[Variable]:
+        name, inputs = self._joined(name, equation, inputs)
         if not inner:
             key = (name, str(equation.params), tuple(str(v.aval) for v in equation.outvars), *map(_key, inputs))
             if key in self._known:
                 return self._known[key]
         outputs = [_variable(v) for v in equation.outvars]
-        self._operations.append(Operation(name, equation, inputs, outputs, inner))
+        operation = Operation(name, equation, inputs, outputs, inner)
+        self._operations.append(operation)
+        self._made.update(dict.fromkeys(outputs, operation))
         if not inner:
             self._known[key] = outputs
         return outputs
+
+    def _joined(self, name: str, equation: Any, inputs: Sequence[Operand]) -> tuple[str, Sequence[Operand]]:
+        """Two operations that make one of C: whether a number lies within bounds, and the nearest one within them."""
+        made = [self._made.get(given) if isinstance(given, Variable) else None for given in inputs]
+        if name == "and" and made[0] is not None and made[1] is not None:
+            low, high = made[0], made[1]
+            of_low, of_high = low.inputs[0], high.inputs[0]
+            if (low.name, high.name) == ("ge", "le") and of_low is of_high and _is_real(low.equation):
+                return INSIDE, [of_low, low.inputs[1], high.inputs[1]]
+        if name == "min" and made[1] is not None and made[1].name == "max" and _is_real(equation):
+            return CLIP, [made[1].inputs[1], made[1].inputs[0], inputs[0]]
+        return name, inputs
+
+
+def _is_real(equation: Any) -> bool:
+    return kind_of(equation.invars[0].aval.dtype) == REAL
 
 
 def _variable(of: Any) -> Variable:

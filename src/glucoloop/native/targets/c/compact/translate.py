@@ -18,12 +18,14 @@ from glucoloop.native.targets.c.compact.arithmetic import (
     MOVES,
     REDUCTIONS,
     SMALL_POWERS,
+    banded_factor,
+    constant_band,
     gather_places,
     places_of,
     product_axes,
     scatter_places,
 )
-from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
+from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operand, Operation, Variable
 from glucoloop.native.targets.c.compact.values import (
     LARGEST_EXPRESSION,
     Maker,
@@ -32,10 +34,11 @@ from glucoloop.native.targets.c.compact.values import (
     Tree,
     Value,
     View,
+    dense,
     regular_places,
     views_of,
 )
-from glucoloop.native.targets.c.compact.writer import Writer
+from glucoloop.native.targets.c.compact.writer import FEW, Writer
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE
 
 _LONGEST: Final = 160
@@ -165,7 +168,7 @@ class Translator:
 
     def _operation(self, operation: Operation, environment: Environment, flat: Flat) -> None:
         name = operation.name
-        if name in ELEMENTWISE:
+        if name in ELEMENTWISE or name in (INSIDE, CLIP):
             results: Sequence[Value] = [self._elementwise(operation, environment, flat)]
         elif name in MOVES:
             results = self._moved(operation, environment, flat)
@@ -348,6 +351,14 @@ class Translator:
         )
         alone_a = math.prod(_shape(left)[i] for i in free_a) == 1
         alone_b = math.prod(_shape(right)[i] for i in free_b) == 1
+        known = not isinstance(left, Variable), not isinstance(right, Variable)
+        factor = banded_factor(operation.equation, _shape(left), _shape(right), known)
+        if factor is not None:
+            constants: Any
+            constants, vector, summed = ((left, right, summed_a), (right, left, summed_b))[factor]
+            rows, band = (np.moveaxis(of, summed[0], -1) for of in (constants, constant_band(constants, summed)))
+            if not band.all():
+                return [self._banded(output, rows, band, self._view(vector, environment))]
         a = self._readable(left, environment, flat) if alone_b else self._settled(left, environment)
         b = self._readable(right, environment, flat) if alone_a else self._settled(right, environment)
         a, b = _permuted(a, [*batch[0], *free_a, *summed_a]), _permuted(b, [*batch[1], *free_b, *summed_b])
@@ -363,6 +374,33 @@ class Translator:
             return found
 
         return [self._each(output, total, (a, b))]
+
+    def _banded(self, output: Variable, rows: Any, band: Any, vector: View) -> Value:
+        """Product of a matrix of constants with zeros at the ends of its rows and a vector; the zeros are not kept."""
+        flat_rows, flat_band = (of.reshape(-1, of.shape[-1]) for of in (rows, band))
+        line = replace(vector, shape=(math.prod(vector.shape),), strides=(max(vector.strides, key=abs),))
+        kept = flat_rows[flat_band]
+        counts = flat_band.sum(axis=1)
+        begins = np.append(0, np.cumsum(counts)).astype(np.int32)
+        shifts = (flat_band.argmax(axis=1) - begins[:-1]).astype(np.int32)
+        if counts.size == 1 and counts[0] <= FEW:
+            text = self._w.literal(0, output.kind)
+            for number, place in zip(kept, np.flatnonzero(flat_band[0]), strict=True):
+                text = f"({text} + ({self._w.literal(number, output.kind)} * {line.value([str(place)])}))"
+            return self._w.local(Scalar(text, output.kind))
+        numbers, begin, shift = (self._w.table(of) for of in (kept, begins, shifts))
+        to = self._w.array((counts.size,), output.kind)
+        i, p = self._w.fresh("i"), self._w.fresh("i")
+        self._w.say(f"/*@ loop unroll {counts.size}; */")  # without it Frama-C does not see that no index is outside
+        with self._w.block(f"for (int32_t {i} = 0; {i} < {counts.size}; {i}++)"):
+            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
+            head = f"for (int32_t {p} = {begin}[{i}]; {p} < {begin}[{i} + 1]; {p}++)"
+            with self._w.block(head):
+                of = line.value([f"({p} + {shift}[{i}])"])
+                self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {of});")
+            self._w.assign(to, [i], found.text)
+        view = replace(to, shape=output.shape, strides=dense(output.shape))
+        return self._scalar(view) if math.prod(output.shape) == 1 else view
 
     def _cumsum(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         (output,), (given,) = operation.outputs, operation.inputs
@@ -658,6 +696,8 @@ def _reversed(value: Any, axis: int) -> Any:
 def _template(operation: Operation, writer: Writer) -> str:
     """The text of an operation on numbers, with places for its arguments."""
     name, equation = operation.name, operation.equation
+    if name in (INSIDE, CLIP):
+        return f"gl_{name}({_arguments(operation)})"
     first = equation.invars[0].aval.dtype
     real = np.issubdtype(first, np.floating)
     if name in _OF_WHOLE and not real:

@@ -75,6 +75,10 @@ class Writer:
             return number if array.size == 1 else Tree(array.shape, kind, "{0}", (number,))
         return View(self._tables.name(array), kind, array.shape, dense(array.shape))
 
+    def table(self, array: npt.NDArray[Any]) -> str:
+        """Name of a table of constants."""
+        return self._tables.name(array)
+
     def array(self, shape: Sequence[int], kind: str) -> View:
         """A new array in the workspace."""
         self.arrays.append(Array(len(self.arrays), kind, max(1, math.prod(shape))))
