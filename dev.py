@@ -403,7 +403,7 @@ def try_newest(python: Python) -> None:
     newest = Environment(ROOT / ".venv-newest", python)
     say(f"\nPython {newest.python.name} ({newest.python.path}) with the newest release of every package")
     create_venv(newest)
-    pip_install(newest, "glucoloop as its users do", f"{ROOT}[pages,query]", "pytest", "hypothesis")
+    pip_install(newest, "glucoloop as its users do", f"{ROOT}[query]", "pytest", "hypothesis")
     newest.call([newest.program("python"), "-m", "pip", "freeze", "--disable-pip-version-check"])
     first_commands(newest)
     native_tests(newest, "-W", "default")  # what another package is about to drop is no error here
@@ -416,7 +416,7 @@ def renew_locks() -> None:
         stop("lock needs uv, which is not installed; install it with: python3 -m pip install uv")
     oldest = ".".join(map(str, OLDEST_PYTHON))
     options = f"--universal --fork-strategy fewest --python-version {oldest} --generate-hashes --no-emit-index-url "
-    options += "--no-emit-find-links --quiet --extra pages --extra query"
+    options += "--no-emit-find-links --quiet --extra query"
     header = ["--custom-compile-command", "python3 dev.py lock"]
     for lock, own in (
         (DEV_LOCK, "--group dev --extra dask --extra search"),

@@ -19,7 +19,7 @@ import glucoloop
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
 from glucoloop.registry.guard import complete_guard
-from glucoloop.studies.stress._faults import short_names
+from glucoloop.report.fault_words import short_names
 
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}
 PEOPLE, SEED = 1000, 0

@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 import glucoloop
-from glucoloop._extras import EXTRAS, MissingExtraError, missing, needed_for
-from glucoloop.report import plots_lack
-from glucoloop.report._page import picture
+from glucoloop._extras import EXTRAS, MissingExtraError, needed_for
 
 SOURCE = Path(glucoloop.__file__).parent
 PROJECT = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -33,24 +31,11 @@ def test_a_missing_package_is_told_with_its_extra(monkeypatch, package):
     told = rf"^drawing needs {package}; install it with: pip install 'glucoloop\[{EXTRAS[package]}\]'$"
     with pytest.raises(MissingExtraError, match=told), needed_for("drawing"):
         __import__(f"{package}.part")
-    assert missing("drawing", package) == told[1:-1].replace("\\", "")
-
-
-def test_what_is_there_lacks_nothing():
-    assert missing("drawing", "numpy") is None
 
 
 def test_another_missing_module_stays_what_it_is():
     with pytest.raises(ModuleNotFoundError, match="no_such_module"), needed_for("drawing"):
         import no_such_module  # noqa: F401
-
-
-def test_a_page_says_what_its_plots_lack(monkeypatch):
-    monkeypatch.setitem(sys.modules, "plotly", None)
-    drawn = picture([], {}, name="glucose", height_px=300.0, buttons=())
-    told = "A plot to zoom into needs plotly; install it with: pip install 'glucoloop[pages]'"
-    assert drawn == f'<p class="lacking">{told}</p>'
-    assert plots_lack() == told
 
 
 def test_sql_says_what_it_lacks(monkeypatch):
@@ -85,4 +70,4 @@ def test_no_module_imports_an_extra_unguarded():
                 and packages(node) & set(EXTRAS)
             ):
                 unguarded.add(str(path.relative_to(SOURCE)))
-    assert unguarded == {"report/_page.py"}  # which asks `plots_lack` first
+    assert not unguarded

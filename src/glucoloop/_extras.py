@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -13,7 +12,6 @@ EXTRAS: Final = {
     "distributed": "dask",
     "duckdb": "query",
     "optuna": "search",
-    "plotly": "pages",
 }
 """Extra of ``pyproject.toml`` that installs a package."""
 
@@ -42,13 +40,6 @@ def needed_for(what: str) -> Iterator[None]:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:
             raise
-        raise MissingExtraError(_sentence(what, package)) from None
-
-
-def missing(what: str, package: str) -> str | None:
-    """Sentence about a package that is not installed; None if it is."""
-    return None if importlib.util.find_spec(package) else _sentence(what, package)
-
-
-def _sentence(what: str, package: str) -> str:
-    return f"{what} needs {package}; install it with: pip install 'glucoloop[{EXTRAS[package]}]'"
+        extra = EXTRAS[package]
+        told = f"{what} needs {package}; install it with: pip install 'glucoloop[{extra}]'"
+        raise MissingExtraError(told) from None

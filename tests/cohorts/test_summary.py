@@ -121,7 +121,7 @@ def test_worst_are_those_with_the_least_glucose(cases, summary):
 def test_low_glucose_grid_and_distributions_count_people(cases, summary):
     people = cases["mpc"]
     case, minimum = summary.cases["mpc"], people.metrics["minimum_mg_dl"][people.feasible]
-    for limit in (60, 54):
+    for limit in (70, 60, 54):
         assert case.ever_below[limit] == {
             "people": (minimum < limit).sum(),
             "share_pct": pytest.approx(100.0 * (minimum < limit).mean()),

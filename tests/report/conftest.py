@@ -1,5 +1,7 @@
 """Runs and trials written down by hand, without a patient, and a reader of pages."""
 
+import html
+import re
 from html.parser import HTMLParser
 
 import jax.numpy as jnp
@@ -37,6 +39,53 @@ class Reader(HTMLParser):
     def handle_data(self, data):
         if self.open:
             self.text.setdefault(self.open[-1], []).append(data)
+
+    def refuse_loads(self):
+        """Nothing on the page makes a browser ask for another file."""
+        assert not {"link", "iframe", "img", "object", "embed"} & set(self.tags)
+        assert not {"src", "onclick"} & {name for name, _ in self.attributes}
+        assert not [value for name, value in self.attributes if name == "href" and "/" in value]
+        loads = ("url(", "@import", "fetch(", "import(", "XMLHttpRequest", "http://", "https://")
+        assert not [
+            word for kind in ("style", "script") for part in self.text.get(kind, []) for word in loads if word in part
+        ]
+
+
+class Drawn:
+    """What a path of a page draws: ``t_min`` and ``values``, NaN between parts, and its attributes."""
+
+    def __init__(self, panel, attributes, path):
+        self.unit = panel["unit"]
+        self.attributes = dict(re.findall(r'([\w-]+)="([^"]*)"', attributes))
+        self.name = html.unescape(self.attributes.get("data-name", ""))
+        parts = []
+        for part in path.split("M")[1:]:
+            steps = np.array(re.findall(r"-?\d+", part), float).reshape(-1, 2)
+            parts += [np.cumsum(steps, axis=0), np.full((1, 2), np.nan)]
+        self.t_min, self.values = np.concatenate(parts)[:-1].T * [[0.1], [float(panel["step"])]]
+
+    def edges(self):
+        """Lower and upper edge of a band."""
+        middle = len(self.values) // 2
+        return self.values[middle:][::-1], self.values[:middle]
+
+
+def drawn_on(page):
+    """Figures of a page, each a list of what is drawn in it."""
+    figures = []
+    for figure in page.split('<figure class="plot"')[1:]:
+        found = []
+        for panel in figure.partition("</figure>")[0].split('<div class="panel" ')[1:]:
+            data = dict(re.findall(r'data-(\w+)="([^"]*)"', panel.partition(">")[0]))
+            found += [Drawn(data, *of) for of in re.findall(r'<path (?!class="grid")([^>]*?)d="([^"]*)"/>', panel)]
+        figures.append(found)
+    return figures
+
+
+@pytest.fixture(scope="session")
+def drawn():
+    """What the figures of a page draw."""
+    return drawn_on
 
 
 def _trace(fine_glucose, insulin=None, *, setpoint=80.0, basal=20.0, meal_sample=10, **fields):
@@ -152,6 +201,9 @@ def _case(undershoot, seed=0, people=400):
             )
             for p in worst
         ],
+        ever_below={
+            limit: (int((minimum < limit).sum()), 100.0 * float((minimum < limit).mean())) for limit in (70, 54)
+        },
     )
 
 
@@ -238,7 +290,7 @@ def make_stress(make_stress_row):
             "rows": tuple(rows),
             "reasons": reasons,
             "facts": {"Population": "parker2000", "Seed": "1"},
-            "repeat": "glucoloop stress --config stress.toml --out again",
+            "repeat": "stress --config stress.toml",
         }
         return StressResult(**(values | fields))
 

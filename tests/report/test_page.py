@@ -1,19 +1,22 @@
 """The page: one file, complete, offline, and safe whatever a label holds."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
+from glucoloop.control import Status
 from glucoloop.metrics import summarise
-from glucoloop.report import interactive_page
+from glucoloop.report import Repeat, interactive_page
+from glucoloop.report.rows import metric_rows
+from glucoloop.units import MG_DL_PER_MMOL_L
+
+FAULT = "occlusion, start_min=200, duration_min=60, open_fraction=0, noticed=false"
 
 
-def curves(page):
-    """What plotly is given to draw."""
-    call = re.search(r'Plotly\.newPlot\(\s*"runs",\s*(\[.*?\]),\s*\{', page, re.DOTALL)
-    return json.loads(call.group(1))
+def shown(text):
+    """Text of HTML in mg/dl, without its tags."""
+    return re.sub(r"<[^>]*>", "", re.sub(r'<span class="mmol">[^<]*</span>', "", text))
 
 
 @pytest.fixture(scope="module")
@@ -27,54 +30,125 @@ def test_the_page_is_well_formed_and_says_what_it_is(page, reader):
     read = reader(page)
     assert page.startswith("<!doctype html>")
     assert read.text["title"] == read.text["h1"] == ["Two runs"]
+    assert read.text["h2"] == ["What happened", "Metrics", "Numbers of the picture"]
     assert read.text["footer"] == ["Research software, not a medical device."]
     assert ("charset", "utf-8") in read.attributes
-    assert "viewport" in dict(read.attributes).values()
+    assert ("name", "viewport") in read.attributes
 
 
-def test_the_page_needs_no_network(page, reader):
-    read = reader(page)
-    assert not {"link", "iframe", "img"} & set(read.tags)
-    assert not {"src", "href"} & {name for name, _ in read.attributes}
-    assert len(page) > 1_000_000  # plotly itself is inside
+def test_the_page_is_small_and_needs_no_network(page, reader):
+    reader(page).refuse_loads()
+    assert len(page) < 80_000
 
 
-def test_the_curves_are_the_runs(page, quiet, noisy):
-    drawn = {curve["name"]: curve for curve in curves(page)}
-    assert list(drawn)[:4] == [
-        "setpoint 80 mg/dl",
-        "lowest allowed 60 mg/dl",
-        "basal 20 mU/min",
-        "pump limits 0 and 66.9 mU/min",
-    ]
-    np.testing.assert_allclose(drawn["calm"]["y"], quiet.fine_glucose_mg_dl, atol=1e-3)
-    np.testing.assert_allclose(drawn["calm"]["customdata"], quiet.fine_glucose_mg_dl / 18.0156, atol=1e-3)
+def test_the_curves_are_the_runs(page, quiet, noisy, drawn):
+    (figure,) = drawn(page)
+    curves = {curve.name: curve for curve in figure if curve.name}
+    assert list(curves) == ["calm, glucose", "wild, glucose", "calm, delivered", "wild, delivered"]
+    calm = curves["calm, glucose"]
+    np.testing.assert_allclose(calm.t_min, quiet.fine_t_min)
+    np.testing.assert_allclose(calm.values, quiet.fine_glucose_mg_dl, atol=0.051)
     held = np.append(np.repeat(np.asarray(noisy.insulin_mU_min), 5), noisy.insulin_mU_min[-1])
-    np.testing.assert_allclose(drawn["wild, insulin"]["y"], held, atol=1e-3)
-    np.testing.assert_allclose(drawn["wild, insulin"]["customdata"], held * 0.06, atol=1e-3)
-    assert len(drawn["wild, reading"]["x"]) == 117
-    assert "calm, reading" not in drawn
-    for unit in ("mg/dl", "mmol/l"):
-        assert unit in drawn["calm"]["hovertemplate"]
-    for unit in ("mU/min", "U/h"):
-        assert unit in drawn["calm, insulin"]["hovertemplate"]
+    wild = curves["wild, delivered"]
+    # the middle of each sample, since a step has two values
+    middle = np.arange(2.5, 600.0, 5.0)
+    np.testing.assert_allclose(np.interp(middle, wild.t_min, wild.values), held[2:-1:5], atol=0.0051)
+    assert (calm.unit, wild.unit) == ("mg/dl", "mU/min")
+    dots = [curve for curve in figure if "dots" in curve.attributes.get("class", "")]
+    assert [np.isfinite(curve.values).sum() for curve in dots] == [2 * 117]  # each dot is a line of no length
 
 
-def test_the_metrics_stand_below(page, reader):
+def test_both_units_stand_on_the_axes(page):
+    assert page.count('data-unit="mg/dl" data-digits="1" data-other="mmol/l"') == 1
+    assert page.count('data-unit="mU/min" data-digits="2" data-other="U/h" data-factor="0.06"') == 1
+
+
+def test_the_metrics_are_those_of_the_runs_in_both_units(page, quiet, noisy):
+    of_all = {"calm": summarise(quiet), "wild": summarise(noisy)}
+    table = page[page.index(">Metrics</h2>") :].partition("</table>")[0]
+    lines = [line for line in table.split("<tr>") if "scope='row'" in line]
+    rows = metric_rows(of_all)
+    assert len(lines) == len(rows) > 30
+    for line, row in zip(lines, rows, strict=True):
+        name, *cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", line)
+        assert shown(name) == row.name
+        assert tuple(map(shown, cells)) == (*row.values, row.unit)
+    undershoot = of_all["wild"].undershoot_mg_dl / MG_DL_PER_MMOL_L
+    assert f'<span class="mmol">{undershoot:.2f}</span>' in table
+    assert '<span class="mmol">3.9 mmol/l</span>' in table
+
+
+def test_the_picture_is_told_in_words(page, quiet, reader):
+    (glucose, insulin, *_) = [
+        value
+        for name, value in reader(page).attributes
+        if (name == "aria-label" and "over" in value) or (name == "aria-label" and "Rate" in value)
+    ]
+    least = float(np.min(quiet.fine_glucose_mg_dl))
+    assert f"least {least:.1f} at" in glucose
+    assert "calm: from 20.00 to 35.00 mU/min, basal rate 20.00" in insulin
+    assert 'class="target"' in page
+
+
+def test_what_happened_is_marked_and_told(make_trace):
+    glucose = 80.0 - np.where((np.arange(601) > 300) & (np.arange(601) < 331), 15.0, 0.0)
+    status = np.zeros(120, int)
+    status[60:66] = Status.SUSPENDED
+    command = np.full(120, 20.0)
+    insulin = np.where(np.arange(120) // 12 == 4, 0.0, command)
+    bolus = np.zeros(120)
+    bolus[10] = 4200.0
+    trace = make_trace(
+        glucose,
+        insulin,
+        command_mU_min=command,
+        status=status,
+        bolus_mU=bolus,
+        command_bolus_mU=bolus,
+        reported_bolus_mU=bolus,
+    )
+    page = interactive_page(trace, summarise(trace), faults=[FAULT])
+    told = shown(page)
+    assert "Meals: 50 g at 50 min." in told
+    assert "Fault: occlusion, open fraction 0, not noticed, from 200 min, for 60 min." in told
+    assert "Glucose below 70 mg/dl from 301 to 330 min." in told
+    assert "below 54" not in told.partition("Metrics")[0]
+    assert "Guard: insulin suspended from 300 to 330 min." in told
+    assert "Boluses delivered: 4.2 U at 50 min." in told
+    assert '<rect class="fault" x="2000"' in page
+    assert 'width="600"' in page
+    assert '<rect x="3000" y="0.1" width="300"' in page  # the guard's line of time
+
+
+def test_what_was_commanded_is_drawn_where_it_differs(make_trace, drawn):
+    command = np.full(120, 20.0)
+    blocked = make_trace(np.full(601, 80.0), np.zeros(120), command_mU_min=command)
+    (figure,) = drawn(interactive_page(blocked, summarise(blocked)))
+    assert [curve.name for curve in figure if curve.name] == ["glucose", "commanded", "delivered"]
+    asked = next(curve for curve in figure if curve.name == "commanded")
+    assert set(asked.values) == {20.0}
+
+
+def test_the_whole_situation_is_told(quiet, reader):
+    repeat = Repeat("run --config run.toml", {"controller": "mpc", "seed": 3}, {"trace.csv": "one row per sample"})
+    facts = {"Sensor": "no <noise>", "Setpoint": "80 mg/dl"}
+    page = interactive_page(quiet, summarise(quiet), facts=facts, repeat=repeat)
     read = reader(page)
-    assert page.index("<table>") > page.index("Plotly.newPlot")
-    assert "Undershoot" in read.text["th"]
-    assert "551+" in read.text["td"]
-    assert {"mg/dl", "min", "%", "U", "mU/min"} <= set(read.text["td"])
+    assert read.text["h2"][-1] == "Situation"
+    assert "no <noise>" in read.text["dd"]
+    assert any(text.startswith("glucoloop 0.") for text in read.text["dd"])
+    assert "glucoloop run --config run.toml --out again" in read.text["code"]
+    assert any('controller = "mpc"\nseed = 3' in text for text in read.text["code"])
+    assert ("href", "trace.csv") in read.attributes
 
 
-def test_a_single_run_needs_no_label(noisy, reader):
+def test_a_single_run_needs_no_label(noisy, reader, drawn):
     page = interactive_page(noisy, summarise(noisy))
-    assert [curve["name"] for curve in curves(page)][-3:] == ["glucose", "insulin", "reading"]
+    assert [curve.name for curve in drawn(page)[0] if curve.name] == ["glucose", "delivered"]
     assert "Value" in reader(page).text["th"]
 
 
-def test_labels_are_shown_as_they_are_and_never_run(quiet, noisy, reader):
+def test_labels_are_shown_as_they_are_and_never_run(quiet, noisy, reader, drawn):
     labels = ["<script>alert(1)</script>", "</script><img src=x onerror=alert(1)>"]
     traces = dict(zip(labels, (quiet, noisy), strict=True))
     metrics = {label: summarise(trace) for label, trace in traces.items()}
@@ -87,27 +161,39 @@ def test_labels_are_shown_as_they_are_and_never_run(quiet, noisy, reader):
     for label in labels:
         assert label in read.text["th"]
         assert label not in page
-        # plotly, too, reads entities, and so shows the label as it is
-        assert any(curve["name"] == label.replace("<", "&lt;").replace(">", "&gt;") for curve in curves(page))
+        assert any(curve.name == f"{label}, glucose" for curve in drawn(page)[0])
 
 
-def test_a_run_that_left_the_numbers_makes_a_page(make_trace, reader):
+def test_a_run_that_left_the_numbers_makes_a_page(make_trace, reader, drawn):
     glucose = np.full(601, 80.0)
     glucose[300:] = np.nan
     trace = make_trace(glucose)
     page = interactive_page(trace, summarise(trace))
-    shown = next(curve for curve in curves(page) if curve["name"] == "glucose")
-    assert shown["y"][299:301] == [80.0, None]
-    assert "n/a" in reader(page).text["td"]
+    curve = next(curve for curve in drawn(page)[0] if curve.name == "glucose")
+    assert curve.t_min[-1] == 299.0
+    assert np.isfinite(curve.values).all()
+    assert "n/a" in reader(page).text["span"]
 
 
-@pytest.mark.parametrize(("meals", "expected"), [(3, "50 g<br>▼"), (20, "◀ 50 g"), (100, "▼")])
-def test_meals_are_told_as_space_allows(make_trace, meals, expected):
+def test_a_long_run_keeps_its_extremes_and_stays_small(make_trace, drawn):
+    t = np.arange(14 * 1440 + 1.0)
+    glucose = 100.0 + 30.0 * np.sin(t / 200.0)
+    glucose[7777] = 41.0
+    trace = make_trace(glucose, meal_sample=None)
+    traces = {f"run {index}": trace for index in range(10)}
+    page = interactive_page(traces, {label: summarise(trace) for label in traces})
+    assert len(page) < 300_000
+    for curve in drawn(page)[0][:10]:
+        assert curve.values.min() == pytest.approx(41.0)
+
+
+@pytest.mark.parametrize(("meals", "many"), [(3, False), (100, True)])
+def test_meals_are_told_as_space_allows(make_trace, meals, many):
     carbs_g = np.zeros(120)
     carbs_g[:meals] = 50.0
     trace = make_trace(np.full(601, 80.0), carbs_g=carbs_g)
     page = interactive_page(trace, summarise(trace))
-    assert page.count(json.dumps(expected).replace("<", "\\u003c").replace(">", "\\u003e")) == meals
+    assert page.count(f'<span class="mark{" many" * many}"') == meals
 
 
 @pytest.mark.parametrize("labels", [("a", "c"), ("b", "a"), ("a",)])

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from glucoloop.registry.fault_text import parse_fault
+from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
 from glucoloop.studies.stress._cells import SHADES, UNKNOWN, shade_of, short_mg_dl, short_pct
-from glucoloop.studies.stress._faults import settings_in_words, short_names, when_in_words
 from glucoloop.studies.stress._grid import grid_of
 from glucoloop.studies.stress._words import numbers_told, verdict
 from glucoloop.studies.stress.stress import STANDARD_FAULTS

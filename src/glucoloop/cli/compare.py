@@ -112,8 +112,10 @@ def _write(
     bound: OptimalDoses | None,
     output: Output,
 ) -> None:
-    from glucoloop.cli.pictures import write_pictures
+    from glucoloop.cli.pictures import RUN_FILES, write_pictures
     from glucoloop.config import toml_text
+    from glucoloop.report import Repeat
+    from glucoloop.report.facts import comparison_facts
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text
 
@@ -130,8 +132,16 @@ def _write(
             folder.write(name, outcome.model.text())
             if outcome.run.case.model is not None:
                 table["model"] = name
-    folder.write("compare.toml", toml_text(keys, "compare --config compare.toml"))
-    write_pictures(folder, outcomes, title=f"Comparison at {asked.situation.place}", mmol=output.mmol)
+    again = Repeat("compare --config compare.toml", keys, RUN_FILES)
+    folder.write("compare.toml", toml_text(again.keys, again.command))
+    write_pictures(
+        folder,
+        outcomes,
+        title=f"Comparison at {asked.situation.place}",
+        mmol=output.mmol,
+        facts=comparison_facts(asked),
+        repeat=again,
+    )
 
 
 def _report(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None) -> dict[str, object]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.screen import note
 from glucoloop.patients.capabilities import SUBCUTANEOUS, insulin_route
-from glucoloop.report import interactive_page, plot, plots_lack
+from glucoloop.report import Repeat, interactive_page, plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,19 +23,36 @@ def write_figure(folder: OutputFolder, name: str, figure: Figure) -> None:
         folder.write(file, data)
 
 
-def tell_what_plots_lack() -> None:
-    """Print the reason why a page is written without its plots."""
-    lacking = plots_lack()
-    if lacking:
-        note([f"The page was written without its plots. {lacking}"])
+RUN_FILES: Final = {
+    "trace.csv": "one row per sample",
+    "metrics.json": "all metrics",
+    "glucose_1min.parquet": "glucose every minute",
+}
+"""Files with the data of runs, beside their page."""
 
 
-def write_pictures(folder: OutputFolder, outcomes: Mapping[str, Outcome], *, title: str, mmol: bool) -> None:
+def write_pictures(
+    folder: OutputFolder,
+    outcomes: Mapping[str, Outcome],
+    *,
+    title: str,
+    mmol: bool,
+    facts: Mapping[str, str],
+    repeat: Repeat,
+) -> None:
     """Write the figure for print and the interactive page of runs in the same situation."""
     first = next(iter(outcomes.values()))
     limits, under_the_skin = first.limits, insulin_route(first.run.situation.surroundings().nominal) == SUBCUTANEOUS
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
     write_figure(folder, "figure", plot(traces, title=title, mmol=mmol, units_per_hour=under_the_skin, limits=limits))
-    tell_what_plots_lack()
-    folder.write("figure.html", interactive_page(traces, metrics, title=title, limits=limits))
+    page = interactive_page(
+        traces if len(traces) > 1 else next(iter(traces.values())),
+        metrics if len(metrics) > 1 else next(iter(metrics.values())),
+        title=title,
+        limits=limits,
+        faults=first.run.situation.faults,
+        facts=facts,
+        repeat=repeat,
+    )
+    folder.write("figure.html", page)

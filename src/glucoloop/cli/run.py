@@ -55,8 +55,10 @@ def _read(keys: Given, of_file: Given) -> Run:
 
 
 def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
-    from glucoloop.cli.pictures import write_pictures
+    from glucoloop.cli.pictures import RUN_FILES, write_pictures
     from glucoloop.config import toml_text
+    from glucoloop.report import Repeat
+    from glucoloop.report.facts import run_facts
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text
 
@@ -71,10 +73,16 @@ def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
         if repeat.case.model is not None:
             # The model goes along, so that the folder repeats the run by itself.
             repeat = repeat.with_model("model.json")
-    folder.write("run.toml", toml_text(repeat.keys(), "run --config run.toml"))
+    again = Repeat("run --config run.toml", repeat.keys(), RUN_FILES)
+    folder.write("run.toml", toml_text(again.keys, again.command))
     case, situation = outcome.run.case, outcome.run.situation
     write_pictures(
-        folder, {case.controller: outcome}, title=f"{case.controller} at {situation.place}", mmol=output.mmol
+        folder,
+        {case.controller: outcome},
+        title=f"{case.controller} at {situation.place}",
+        mmol=output.mmol,
+        facts=run_facts(repeat),
+        repeat=again,
     )
 
 

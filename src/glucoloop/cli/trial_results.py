@@ -9,14 +9,15 @@ import numpy as np
 import polars as pl
 
 import glucoloop
-from glucoloop.cli.pictures import tell_what_plots_lack
 from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
 from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
+from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.report import CaseReport, Distribution, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.report import CaseReport, Distribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.report.facts import controllers_facts, trial_facts
+from glucoloop.report.person_words import person_in_words
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.trial_facts import facts
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import parquet
@@ -34,7 +35,11 @@ _RANGE_METRICS: Final = (
     "time_above_250_pct",
 )
 _SETTLING: Final = "settling_5pct_min"
-_REMARKABLE: Final = 3
+_FILES: Final = {
+    "summary.json": "numbers of each controller",
+    BANDS: "percentiles over time",
+}
+"""Files with the data of a trial, beside its page."""
 
 
 def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
@@ -48,13 +53,13 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         setpoint_mg_dl=setpoint,
         people=summary.people,
         infeasible=summary.infeasible.count,
-        facts=facts(trial),
+        facts={**controllers_facts(trial.cases), **trial_facts(trial)},
+        repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)
             for label, of_label in summary.cases.items()
         },
     )
-    tell_what_plots_lack()
     return {
         BANDS: parquet(pl.concat(_band_tables(trial, bands))),
         SUMMARY: _summary_text(folder, summary, setpoint).encode(),
@@ -116,6 +121,7 @@ def _case_report(
         time_in_range_pct=ranges_pct(**{name: metrics[name]["mean"] for name in _RANGE_METRICS}),
         table=_headlines(summary, settling=_one_meal(trial)),
         worst=_worst(trial, label, summary, simulate),
+        ever_below={limit: (int(of["people"]), float(of["share_pct"])) for limit, of in summary.ever_below.items()},
     )
 
 
@@ -161,19 +167,7 @@ def _worst(trial: Trial, label: str, summary: CaseSummary, simulate: Simulate) -
             glucose_mg_dl=again.glucose_mg_dl[:, column].astype(np.float64),
             insulin_t_min=t_min["insulin"],
             insulin_mU_min=again.insulin_mU_min[:, column].astype(np.float64),
-            note=_note(trial, person),
+            note=person_in_words(trial.population, person),
         )
         for column, person in enumerate(summary.worst)
     ]
-
-
-def _note(trial: Trial, person: Mapping[str, Any]) -> str:
-    """Basal rate of a person, and the parameters that are farthest from the middle of their range."""
-    told = [f"basal {person['basal_insulin_mU_min']:.1f} mU/min"]
-    distributions = trial.population.distributions()
-    apart = {
-        name: (value - distributions[name].centre) / (distributions[name].upper - distributions[name].lower)
-        for name, value in person["parameters"].items()
-    }
-    farthest = sorted(apart, key=lambda name: -abs(apart[name]))[:_REMARKABLE]
-    return ", ".join([*told, *(f"{name} {person['parameters'][name]:.3g}" for name in farthest)])

@@ -22,7 +22,7 @@ QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0
 MOST_NAMED: Final = 1000
 """Largest number of people that are listed by number; beyond it they are only counted."""
 WORST: Final = 10
-LOW_MG_DL: Final = (60, 54)
+LOW_MG_DL: Final = (70, 60, 54)
 DISTRIBUTIONS: Final = (
     "undershoot_mg_dl",
     "time_below_60_pct",

@@ -63,6 +63,8 @@ class PatientModel:
     refuse: Callable[[Mapping[str, Distribution]], None] = _anything
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Parameters that follow from others, each with these others."""
+    meanings: Mapping[str, str] = field(default_factory=dict)
+    """Meaning of parameters that can vary, in words."""
     hint: str = ""
     sound: Sound = _finite
 

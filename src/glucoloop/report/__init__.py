@@ -1,6 +1,6 @@
 """Tables, figures and pages of results. Plotting libraries are imported only when something is drawn."""
 
-from glucoloop.report._page import plots_lack
+from glucoloop.report._page import Repeat
 from glucoloop.report.figure import plot
 from glucoloop.report.identification_figure import plot_identification, plot_validation
 from glucoloop.report.page import interactive_page
@@ -12,6 +12,7 @@ from glucoloop.report.trial_report import CaseReport, Distribution, TrialReport,
 __all__ = [
     "CaseReport",
     "Distribution",
+    "Repeat",
     "TrialReport",
     "WorstPerson",
     "comparison_table",
@@ -21,6 +22,5 @@ __all__ = [
     "plot_identification",
     "plot_trial",
     "plot_validation",
-    "plots_lack",
     "trial_page",
 ]

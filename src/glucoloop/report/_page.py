@@ -1,25 +1,40 @@
-"""Common parts of all pages: their style in light and dark mode, and plots that need no network."""
+"""Common parts of all pages: one file with style and script, in light and dark mode, that needs no network."""
 
 from __future__ import annotations
 
+import functools
 import html
-from collections.abc import Sequence
+import importlib.resources
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from string import Template
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
-from glucoloop._extras import missing
-from glucoloop.report._style import OKABE_ITO
+import glucoloop
+from glucoloop.config.toml import toml_text
+from glucoloop.report.rows import NOT_AVAILABLE
+from glucoloop.units import MG_DL_PER_MMOL_L
 
 FOOTER: Final = "Research software, not a medical device."
-GREY: Final = "#808080"  # seen on white and on black
-PALE: Final = "rgba(128, 128, 128, 0.25)"
-TRANSPARENT: Final = "rgba(0, 0, 0, 0)"
+
+_GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+)?))?) mg/dl(?![/²)])")
 
 
-def page(title: str, main: str, style: str = "") -> str:
+@dataclass(frozen=True)
+class Repeat:
+    """What is needed to repeat what a page shows."""
+
+    command: str
+    """Command without the name of the program: ``run --config run.toml``."""
+    keys: Mapping[str, Any]
+    """Configuration of the command."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Files beside the page, each with what it holds."""
+
+
+def page(title: str, main: str, style: str = "", script: bool = False) -> str:
     """A self-contained HTML page.
 
     Parameters
@@ -30,129 +45,157 @@ def page(title: str, main: str, style: str = "") -> str:
         HTML below the title.
     style : str
         CSS in addition to that of all pages.
+    script : bool
+        Whether the page holds plots, which need the script.
     """
-    return _PAGE.substitute(title=html.escape(title), style=style, main=main, footer=FOOTER)
-
-
-def picture(
-    data: Sequence[dict[str, Any]],
-    layout: dict[str, Any],
-    *,
-    name: str,
-    height_px: float,
-    buttons: Sequence[str],
-    library: bool = True,
-) -> str:
-    """HTML of a plot whose text follows the reader's theme; without plotly, a sentence in its place.
-
-    Parameters
-    ----------
-    data, layout
-        Data and layout in plotly's form.
-    name : str
-        Name of the HTML element.
-    height_px : float
-    buttons : sequence of str
-        Names of plotly's buttons; its default set includes one that uploads the data. Empty for no button bar.
-    library : bool
-        Whether plotly itself is included, as it must be with the first plot of a page.
-    """
-    lacking = plots_lack()
-    if lacking:
-        return f'<p class="lacking">{html.escape(lacking, quote=False)}</p>'
-    import plotly.io
-
-    drawn: str = plotly.io.to_html(
-        {"data": list(data), "layout": layout},
-        config={
-            "responsive": True,
-            "displaylogo": False,
-            "displayModeBar": "hover" if buttons else False,
-            "modeBarButtons": [list(buttons)],
-            "toImageButtonOptions": {"format": "svg", "filename": "glucoloop"},
-        },
-        include_plotlyjs=library,
-        full_html=False,
-        default_height=f"{height_px:g}px",
-        validate=False,  # an attribute that an older plotly does not know is passed over
-        div_id=name,
-        post_script=_FOLLOW_THEME,
+    return _PAGE.substitute(
+        title=html.escape(title),
+        style=_asset("page.css") + style,
+        main=main,
+        footer=FOOTER,
+        version=glucoloop.__version__,
+        script=f"<script>\n{_asset('page.js')}</script>\n" if script else "",
     )
-    return drawn
 
 
-def plots_lack() -> str | None:
-    """Reason why plots of pages cannot be drawn and how to mend it; None if they can."""
-    return missing("A plot to zoom into", "plotly")
+@functools.cache
+def _asset(name: str) -> str:
+    return importlib.resources.files("glucoloop.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def plain_layout(**layout: Any) -> dict[str, Any]:
-    """Plotly layout with the page's font and background."""
-    return {
-        "autosize": True,
-        "paper_bgcolor": TRANSPARENT,
-        "plot_bgcolor": TRANSPARENT,
-        "font": {"family": "system-ui, sans-serif", "size": 13, "color": GREY},
-        "modebar": {"orientation": "v", "bgcolor": TRANSPARENT, "color": GREY, "activecolor": OKABE_ITO[0]},
-    } | layout
+def section(title: str, caption: str, body: str, kind: str = "") -> str:
+    """A part of a page with its heading; title and caption are HTML."""
+    told = f'<p class="caption">{caption}</p>\n' if caption else ""
+    of_kind = f' class="{kind}"' if kind else ""
+    return f"<section{of_kind}>\n<h2>{title}</h2>\n{told}{body}\n</section>"
 
 
-def numbers(values: npt.ArrayLike, digits: int = 3) -> list[float | None]:
-    """Rounded numbers for JSON, with None for NaN."""
-    return [round(value, digits) if np.isfinite(value) else None for value in np.asarray(values, float).tolist()]
+def facts(told: Mapping[str, str]) -> str:
+    """Settings by name, in columns."""
+    entries = "".join(
+        f"<div><dt>{html.escape(name)}</dt><dd>{in_both_units(html.escape(text))}</dd></div>"
+        for name, text in told.items()
+    )
+    return f'<dl class="facts">{entries}</dl>'
 
 
-def tinted(colour: str, opacity: float) -> str:
-    """A colour of six hexadecimal digits, made transparent."""
-    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
-    return f"rgba({red}, {green}, {blue}, {opacity:g})"
+def situation(told: Mapping[str, str], repeat: Repeat | None) -> str:
+    """Section with everything that the results depend on, the command that repeats them, and the files beside."""
+    parts = [facts({**told, "Version": f"glucoloop {glucoloop.__version__}"})]
+    if repeat is not None:
+        name = repeat.command.split()[-1]
+        command = f"glucoloop {repeat.command} --out again"
+        parts += [
+            "<p>In the folder of this page, this command repeats it:</p>\n"
+            f"<pre><code>{html.escape(command)}</code></pre>",
+            f"<details><summary>The whole configuration, <code>{html.escape(name)}</code></summary>"
+            f"<pre><code>{html.escape(toml_text(repeat.keys, repeat.command))}</code></pre></details>",
+        ]
+        if repeat.files:
+            links = ", ".join(
+                f'<a href="{html.escape(file)}">{html.escape(file)}</a> ({html.escape(what)})'
+                for file, what in repeat.files.items()
+            )
+            parts.append(f"<p>Exact data, in the same folder: {links}.</p>")
+    return section("Situation", "", "\n".join(parts))
 
 
-# Plotly draws in fixed colours; these follow the page's, which follow the reader's.
-_FOLLOW_THEME: Final = """
-const dark = window.matchMedia("(prefers-color-scheme: dark)");
-const follow = () => {
-  const style = getComputedStyle(document.body);
-  Plotly.relayout("{plot_id}", {
-    "font.color": style.color,
-    "hoverlabel.bgcolor": style.backgroundColor,
-    "hoverlabel.font.color": style.color
-  });
-};
-follow();
-dark.addEventListener("change", follow);
-"""
+def scrolling(table: str, name: str) -> str:
+    """A table that scrolls sideways where it does not fit, by keyboard too; `name` is escaped."""
+    return f'<div class="scroll" tabindex="0" role="region" aria-label="{html.escape(name)}">{table}</div>'
+
+
+def units() -> str:
+    """Choice of the unit of glucose."""
+    choices = "".join(
+        f'<label><input type="radio" name="unit" id="unit-{key}"{checked}> {unit}</label>'
+        for key, unit, checked in (("mg", "mg/dl", " checked"), ("mmol", "mmol/l", ""))
+    )
+    return f'<fieldset class="units"><legend>Glucose in words and tables</legend>{choices}</fieldset>'
+
+
+def either(mg_dl: str, mmol_l: str) -> str:
+    """HTML of a text in the unit of glucose that the reader chose."""
+    return f'<span class="mg">{mg_dl}</span><span class="mmol">{mmol_l}</span>'
+
+
+def glucose(mg_dl: float, digits: int = 1) -> str:
+    """HTML of a glucose, with its unit."""
+    if not math.isfinite(mg_dl):
+        return NOT_AVAILABLE
+    return either(f"{mg_dl:.{digits}f} mg/dl", f"{mg_dl / MG_DL_PER_MMOL_L:.2f} mmol/l")
+
+
+def in_both_units(told: str) -> str:
+    """HTML in which every glucose in mg/dl can be shown in mmol/l."""
+
+    def both(match: re.Match[str]) -> str:
+        def mmol(text: str) -> str:
+            return f"{float(text) / MG_DL_PER_MMOL_L:.1f}"
+
+        second = f"{match[3]}{mmol(match[4])}" if match[4] else ""
+        return either(match[0], f"{mmol(match[1])}{second} mmol/l")
+
+    return _GLUCOSE.sub(both, told)
+
+
+def cards(bodies: Mapping[str, str], columns: int, kind: str = "") -> str:
+    """Parts beside each other, as many as fit; headings are HTML."""
+    each = "\n".join(f'<div class="card"><h3>{head}</h3>\n{body}</div>' for head, body in bodies.items())
+    return f'<div class="cards {kind}" style="--columns: {columns}">\n{each}\n</div>'
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, kind: str = "", values_from: int = 1) -> str:
+    """HTML of a table whose cells are HTML; from a column on, cells are numbers."""
+
+    def cell(place: int, text: str, tag: str) -> str:
+        scope = ' scope="col"' if tag == "th" else ""
+        kind = ' class="value"' if place >= values_from else ""
+        return f"<{tag}{scope}{kind}>{text}</{tag}>"
+
+    head = "".join(cell(place, text, "th") for place, text in enumerate(heads))
+    lines = [
+        f'<tr><th scope="row">{row[0]}</th>'
+        + "".join(cell(place, text, "td") for place, text in enumerate(row[1:], start=1))
+        + "</tr>"
+        for row in rows
+    ]
+    return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table>'
+
+
+def count(people: int) -> str:
+    """Text of a number of people, with its thousands separated."""
+    return f"{people:,}".replace(",", "\u202f")
+
+
+def percent(share: float) -> str:
+    """Shortest text of a percentage that does not round a few to none."""
+    if not math.isfinite(share):
+        return NOT_AVAILABLE
+    if 0.0 < share < 0.01:
+        return "< 0.01 %"
+    if 99.99 < share < 100.0:
+        return "> 99.99 %"
+    digits = 2 if 0.0 < share < 1.0 or 99.0 < share < 100.0 else 1
+    return f"{share:.{digits}f} %" if share not in (0.0, 100.0) else f"{share:.0f} %"
+
 
 _PAGE: Final = Template("""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="glucoloop $version">
 <title>$title</title>
 <style>
-:root { color-scheme: light dark; --ink: #222; --paper: #fff; --rule: rgba(128, 128, 128, 0.35); }
-@media (prefers-color-scheme: dark) { :root { --ink: #ddd; --paper: #181818; } }
-body { margin: 0 auto; padding: 1rem; max-width: 70rem; color: var(--ink); background: var(--paper);
-       font: 1rem/1.45 system-ui, sans-serif; }
-h1 { font-size: 1.4rem; font-weight: 600; margin: 0.5rem 0 1rem; overflow-wrap: anywhere; }
-.scroll { overflow-x: auto; margin-top: 1.5rem; }
-table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
-th, td { padding: 0.2rem 0.9rem 0.2rem 0; text-align: left; font-weight: normal; vertical-align: bottom; }
-thead th, th[scope=rowgroup] { font-weight: 600; }
-thead th { border-bottom: 1px solid var(--rule); }
-th[scope=rowgroup] { padding-top: 0.9rem; }
-th[scope=row] { padding-left: 0.9rem; white-space: pre; }
-.value { text-align: right; }
-td.value { white-space: nowrap; }
-footer { margin: 2rem 0 1rem; padding-top: 0.6rem; border-top: 1px solid var(--rule); font-size: 0.85rem; }
 $style</style>
 </head>
 <body>
-<h1>$title</h1>
 <main>
+<h1>$title</h1>
 $main
 </main>
 <footer>$footer</footer>
-</body>
+$script</body>
 </html>
 """)

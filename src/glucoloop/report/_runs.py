@@ -4,15 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.control import Status
 from glucoloop.report.validity import validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
 Floats = npt.NDArray[np.float64]
+Period = tuple[float, float]
+"""First and last moment, in min."""
+
+STATUS_WORDS: Final = {
+    Status.SATURATED: "Dose at the pump's limits",
+    Status.READING_MISSING: "Reading missing",
+    Status.NOT_CONVERGED: "Optimisation not converged",
+    Status.NON_FINITE: "Computation without a finite number",
+    Status.READING_REJECTED: "Guard: reading not believed",
+    Status.FALLBACK_BASAL: "Guard: basal rate, no reading believed",
+    Status.FALLBACK_REDUCED: "Guard: part of the basal rate, no reading believed",
+    Status.SUSPENDED: "Guard: insulin suspended",
+    Status.DOSE_LIMITED: "Guard: dose cut",
+    Status.RESTARTED: "Guard: controller started anew",
+    Status.NO_FINITE_DOSE: "No finite dose",
+}
+"""Statuses of decisions in words, in the order shown."""
 
 _SAME_MG_DL = 1e-9
 
@@ -39,6 +58,12 @@ class Run:
     """Sentence on the times at which glucose was below that limit; None if it never was."""
     boluses: tuple[tuple[float, float], ...]
     """Time and size of each bolus that was delivered, (min, U)."""
+    command_mU_min: Floats
+    """(samples + 1,) rates that the controller commanded, as `insulin_mU_min`; NaN where it gave no number."""
+    command_boluses: tuple[tuple[float, float], ...]
+    """Time and size of each bolus that was commanded, (min, U)."""
+    periods: Mapping[str, tuple[Period, ...]]
+    """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
     meals: tuple[tuple[float, float], ...]
     """Time in min and carbohydrate in g of each meal."""
 
@@ -81,7 +106,7 @@ def _run(label: str, trace: Trace) -> Run:
         raise ValueError(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
     t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
     insulin, reading = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.reading_mg_dl, float)
-    carbs_g = np.asarray(trace.carbs_g, float)
+    carbs_g, command = np.asarray(trace.carbs_g, float), np.asarray(trace.command_mU_min, float)
     valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
     differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
     shown = valid if (valid & differs).any() else np.zeros_like(valid)
@@ -98,8 +123,30 @@ def _run(label: str, trace: Trace) -> Run:
         lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
         validity_note=validity_note(trace),
         meals=_above_zero(t_min, carbs_g),
-        boluses=() if trace.bolus_mU is None else _above_zero(t_min, np.asarray(trace.bolus_mU, float) / MU_PER_U),
+        boluses=_boluses(t_min, trace.bolus_mU),
+        command_mU_min=np.append(command, command[-1]),
+        command_boluses=_boluses(t_min, trace.command_bolus_mU),
+        periods=_periods(np.append(t_min, fine_t_min[-1]), np.asarray(trace.status), valid),
     )
+
+
+def _periods(
+    t_min: Floats, status: npt.NDArray[np.int64], valid: npt.NDArray[np.bool_]
+) -> dict[str, tuple[Period, ...]]:
+    """Periods of each status that occurs, from its first sample to the one after its last."""
+    of_all = {STATUS_WORDS[kind]: status == kind for kind in STATUS_WORDS}
+    of_all[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
+    return {name: periods(t_min, there) for name, there in of_all.items() if there.any()}
+
+
+def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> tuple[Period, ...]:
+    """Periods in which something is there at samples ``(n,)`` that begin at the times ``(n + 1,)``."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
+    return tuple((float(t_min[first]), float(t_min[after])) for first, after in edges.reshape(-1, 2))
+
+
+def _boluses(t_min: Floats, bolus_mU: npt.ArrayLike | None) -> tuple[tuple[float, float], ...]:
+    return () if bolus_mU is None else _above_zero(t_min, np.asarray(bolus_mU, float) / MU_PER_U)
 
 
 def _above_zero(t_min: Floats, amounts: Floats) -> tuple[tuple[float, float], ...]:

@@ -25,6 +25,16 @@ GREY: Final = "0.4"
 
 # M. Okabe, K. Ito, "Color universal design", 2008; black is left for bounds, and yellow is too pale for a line.
 OKABE_ITO: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+RANGE_COLOURS: Final = {
+    "below 54": "#8C1D18",
+    "54 to 70": "#DB5A4B",
+    "70 to 180": "#7DBE93",
+    "180 to 250": "#F0CE62",
+    "above 250": "#D8923A",
+}
+"""Colours of the ranges of glucose."""
+ZONE_COLOURS: Final = {"A": "#009E73", "B": "#56B4E9", "C": "#F0E442", "D": "#E69F00", "E": "#D55E00"}
+"""Colours of the zones of the control-variability grid."""
 # Dashes tell the lines apart in grey print. With one dash fewer than colours, 30 runs look different.
 DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 

@@ -4,28 +4,46 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import _page
 from glucoloop.report._page import FOOTER as FOOTER
-from glucoloop.report._page import GREY, PALE, numbers
-from glucoloop.report._runs import Run, labelled_runs, limits_passed, values_in_words
-from glucoloop.report._style import OKABE_ITO, time_axis
+from glucoloop.report._page import Repeat, either, in_both_units
+from glucoloop.report._plot import (
+    BOLUS,
+    GLUCOSE,
+    INSULIN,
+    Panel,
+    colour,
+    extent,
+    lane,
+    linked,
+    plot,
+    run_class,
+    swatch,
+    thinned,
+)
+from glucoloop.report._runs import STATUS_WORDS, Run, labelled_runs, limits_passed, values_in_words
+from glucoloop.report.facts import fault_in_words
+from glucoloop.report.fault_words import window_of
 from glucoloop.report.rows import metric_rows
+from glucoloop.report.validity import in_words, periods_below
 from glucoloop.simulation import Trace
-from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U
 
-_DASHES: Final = ("solid", "dash", "dot", "dashdot", "longdash")
-_PX: Final = 620
-_PX_PER_RUN: Final = 24  # for the legend, on a narrow screen
-_MOST_LEVEL_TEXTS: Final = 6
-_MOST_TEXTS: Final = 40
-_GLUCOSE_HOVER: Final = "%{y:.1f} mg/dl, %{customdata:.2f} mmol/l"
-_INSULIN_HOVER: Final = "%{y:.2f} mU/min, %{customdata:.2f} U/h"
+TARGET_MG_DL: Final = (70.0, 180.0)
+"""Range of glucose that plots mark."""
+_LOW_MG_DL: Final = (54.0, 70.0)
+_MOST_POINTS: Final = 40_000
+"""Largest number of points of all curves of a page, but for `_LEAST_POINTS` of each."""
+_LEAST_POINTS: Final = 200
+_MOST_ROWS: Final = 61
+_MOST_BOLUSES: Final = 12
+_MOST_LANES: Final = 8
 
 
 def interactive_page(
@@ -35,11 +53,15 @@ def interactive_page(
     title: str = "Closed loop",
     limits: DoseLimits = PARKER_1999_LIMITS,
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
+    faults: Sequence[str] = (),
+    facts: Mapping[str, str] | None = None,
+    repeat: Repeat | None = None,
 ) -> str:
     """One run, or several of the same scenario, as a self-contained HTML page.
 
-    Glucose and insulin share their time axis, which zooms by dragging and by the slider below; pointing at a moment
-    tells glucose in mg/dl and mmol/l and insulin in mU/min and U/h. The metrics stand below.
+    Glucose and insulin share their time axis. A moment, chosen by pointing or by a slider, tells glucose in mg/dl and
+    mmol/l and insulin in mU/min and U/h; time can be zoomed. Below stand the events in words, the metrics, numbers of
+    the picture, and the situation.
 
     Parameters
     ----------
@@ -52,6 +74,12 @@ def interactive_page(
         Limits of the pump.
     lowest_glucose_mg_dl : float
         The bound on glucose.
+    faults : sequence of str
+        Faults of sensor and pump in all runs, as `registry.fault_text` writes them, whose times are marked.
+    facts : mapping, optional
+        Settings of the runs by name.
+    repeat : Repeat, optional
+        Command and configuration that repeat the runs.
 
     Returns
     -------
@@ -73,159 +101,217 @@ def interactive_page(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )
-    plot = _plot(runs, limits, lowest_glucose_mg_dl)
-    table = _table(by_label, ["Value"] if single else labels)
-    notes = "".join(f"<p>{html.escape(note)}</p>\n" for note in _notes(runs, single=single))
-    return _page.page(title, f'{plot}\n{notes}<div class="scroll">\n{table}\n</div>')
+    parts = [
+        _page.units(),
+        _picture(runs, limits, lowest_glucose_mg_dl, faults),
+        _page.section("What happened", "", _events(runs, faults)),
+        _page.section("Metrics", "", _metrics_table(by_label, ["Value"] if single else labels)),
+        _page.section("Numbers of the picture", "", _numbers(runs)),
+    ]
+    if facts or repeat:
+        parts.append(_page.situation(facts or {}, repeat))
+    return _page.page(title, "\n".join(parts), script=True)
 
 
-def _notes(runs: Sequence[Run], *, single: bool) -> Iterator[str]:
-    for run in runs:
-        if run.validity_note is not None:
-            yield run.validity_note if single else f"{run.label}: {run.validity_note}"
+def _picture(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
+    end_min = max(run.horizon_min for run in runs)
+    most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
+    panels = [_glucose_panel(runs, lowest_mg_dl, end_min, most), _insulin_panel(runs, limits, end_min)]
+    if any(run.boluses or run.command_boluses for run in runs):
+        panels.append(_bolus_panel(runs))
+    for fault, window in _windows(faults, end_min):
+        panel = panels[0] if parse_fault(fault).entry.part == "sensor" else panels[1]
+        panel.area("fault", window, (panel.low, panel.high))
+        panel.shapes.insert(0, panel.shapes.pop())
+    drawn = plot(panels, end_min, name="Glucose and insulin", lanes=_lanes(runs, faults, end_min))
+    return _legend(runs, limits, lowest_mg_dl, faults) + linked(drawn, end_min, "runs")
 
 
-def _plot(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float) -> str:
-    horizon_min = max(run.horizon_min for run in runs)
-    divisor, unit, _ = time_axis(horizon_min, "double")
-    return _page.picture(
-        [*_levels(runs, limits, lowest_mg_dl, horizon_min / divisor), *_curves(runs, divisor)],
-        _layout(runs[0].meals, divisor, unit, horizon_min / divisor),
-        name="runs",
-        height_px=_PX + _PX_PER_RUN * len(runs),
-        buttons=["toImage", "zoom2d", "pan2d", "resetScale2d"],
+def _style(index: int) -> str:
+    return f'class="{run_class(index)}" style="stroke: {colour(index)}"'
+
+
+def _named(runs: Sequence[Run], run: Run, what: str) -> str:
+    name = f"{run.label}, {what}" if len(runs) > 1 else what
+    return f'data-name="{html.escape(name)}"'
+
+
+def _glucose_panel(runs: Sequence[Run], lowest_mg_dl: float, end_min: float, most: int) -> Panel:
+    setpoints = [run.setpoint_mg_dl for run in runs]
+    low, high = extent(
+        [*setpoints, lowest_mg_dl], *(part for run in runs for part in (run.fine_glucose_mg_dl, run.reading_mg_dl))
+    )
+    alt = "; ".join(f"{run.label}: {_course(run)}" if len(runs) > 1 else _course(run) for run in runs)
+    panel = Panel(
+        GLUCOSE,
+        low - 0.05 * (high - low),
+        high + 0.05 * (high - low),
+        18.0,
+        f"Glucose over {end_min:g} min. {alt}",
+        marks=[(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals],
+    )
+    panel.area("target", (0.0, end_min), TARGET_MG_DL)
+    panel.level(lowest_mg_dl, end_min, "level dash-1")
+    for limit in limits_passed(runs):
+        panel.level(limit, end_min, "level dash-4")
+    for setpoint in dict.fromkeys(setpoints):
+        panel.level(setpoint, end_min)
+    for index, run in enumerate(runs):
+        if run.reading_t_min.size:
+            x, y = (
+                np.ravel(np.column_stack([part, np.full(part.size, np.nan)]))
+                for part in (run.reading_t_min, run.reading_mg_dl)
+            )
+            panel.line(x, y, f'class="run-{index} dots" style="stroke: {colour(index)}"')
+        panel.line(
+            *thinned(run.fine_t_min, run.fine_glucose_mg_dl, most),
+            f"{_style(index)} {_named(runs, run, 'glucose')}",
+        )
+    return panel
+
+
+def _course(run: Run) -> str:
+    glucose = run.fine_glucose_mg_dl
+    if not np.isfinite(glucose).any():
+        return "no finite glucose"
+    least, most = int(np.nanargmin(glucose)), int(np.nanargmax(glucose))
+    return (
+        f"from {glucose[0]:.1f} mg/dl at the start to {glucose[-1]:.1f} at the end, "
+        f"least {glucose[least]:.1f} at {run.fine_t_min[least]:g} min, "
+        f"greatest {glucose[most]:.1f} at {run.fine_t_min[most]:g} min"
     )
 
 
-def _curves(runs: Sequence[Run], divisor: float) -> list[dict[str, Any]]:
-    """Readings, glucose and insulin of each run; a click in the legend hides all three."""
-    curves: list[dict[str, Any]] = []
-    for index, run in enumerate(runs):
-        line = {"color": OKABE_ITO[index % len(OKABE_ITO)], "dash": _DASHES[index % len(_DASHES)], "width": 2}
-        # escaped, since plotly takes a label for a kind of HTML
-        name = html.escape(run.label)
-        prefix = f"{name}, " if len(runs) > 1 else ""
-        fine_t = numbers(run.fine_t_min / divisor)
-        # On the fine grid: pointing anywhere then tells the rate of that moment, not of the nearest sample.
-        held_since = np.searchsorted(run.t_min, run.fine_t_min + 1e-9, side="right") - 1
-        insulin = run.insulin_mU_min[held_since]
-        of_run: list[dict[str, Any]] = [
-            {
-                "name": name,
-                "x": fine_t,
-                "y": numbers(run.fine_glucose_mg_dl),
-                "mode": "lines",
-                "line": line,
-                "customdata": numbers(run.fine_glucose_mg_dl / MG_DL_PER_MMOL_L),
-                "hovertemplate": _GLUCOSE_HOVER,
-            },
-            {
-                "name": f"{prefix}insulin",
-                "x": fine_t,
-                "y": numbers(insulin),
-                "yaxis": "y2",
-                "mode": "lines",
-                "line": line | {"shape": "hv"},
-                "showlegend": False,
-                "customdata": numbers(insulin * MIN_PER_H / MU_PER_U),
-                "hovertemplate": _INSULIN_HOVER,
-            },
-        ]
-        if run.reading_t_min.size:
-            of_run.append(
-                {
-                    "name": f"{prefix}reading",
-                    "x": numbers(run.reading_t_min / divisor),
-                    "y": numbers(run.reading_mg_dl),
-                    "mode": "markers",
-                    "marker": {"color": line["color"], "size": 4, "opacity": 0.5},
-                    "showlegend": False,
-                    "customdata": numbers(run.reading_mg_dl / MG_DL_PER_MMOL_L),
-                    "hovertemplate": _GLUCOSE_HOVER,
-                }
-            )
-        curves += [curve | {"type": "scatter", "legendgroup": f"run {index}"} for curve in of_run]
-    return curves
-
-
-def _levels(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, end: float) -> list[dict[str, Any]]:
-    """Setpoint, bound, basal rate and pump limits, drawn below the curves."""
-    setpoints = list(dict.fromkeys(run.setpoint_mg_dl for run in runs))
-    basal = list(dict.fromkeys(run.basal_insulin_mU_min for run in runs))
+def _insulin_panel(runs: Sequence[Run], limits: DoseLimits, end_min: float) -> Panel:
+    basal = [run.basal_insulin_mU_min for run in runs]
     bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
+    commanded = [np.clip(run.command_mU_min, bounds[0], bounds[1]) for run in runs]
+    _, high = extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)
+    told = "; ".join(
+        f"{run.label}: from {np.nanmin(run.insulin_mU_min):.2f} to {np.nanmax(run.insulin_mU_min):.2f} mU/min, "
+        f"basal rate {run.basal_insulin_mU_min:.2f}"
+        for run in runs
+        if np.isfinite(run.insulin_mU_min).any()
+    )
+    panel = Panel(INSULIN, 0.0, 1.08 * high, 10.0, f"Rate of insulin. {told}")
+    for rate in dict.fromkeys(basal):
+        panel.level(rate, end_min, "level dash-2")
+    for bound in bounds:
+        if 0.0 < bound <= panel.high:
+            panel.level(bound, end_min, "level dash-3")
+    for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
+        if not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True):
+            panel.steps(
+                run.t_min,
+                asked,
+                f'class="run-{index} asked dash-2" style="stroke: {colour(index)}" {_named(runs, run, "commanded")}',
+            )
+        panel.steps(run.t_min, run.insulin_mU_min, f"{_style(index)} {_named(runs, run, 'delivered')}")
+    return panel
+
+
+def _bolus_panel(runs: Sequence[Run]) -> Panel:
+    sizes = [size for run in runs for _, size in (*run.boluses, *run.command_boluses)]
+    delivered = [f"{run.label}: {_boluses_told(run.boluses)}" for run in runs]
+    few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
+    panel = Panel(
+        BOLUS,
+        0.0,
+        1.1 * max(sizes),
+        5.0,
+        f"Boluses delivered. {'; '.join(delivered)}",
+        marks=[(t_min, f"{size:.3g} U") for t_min, size in runs[0].boluses] if few else (),
+    )
+    for index, run in enumerate(runs):
+        for stems, kind in ((run.command_boluses, "asked"), (run.boluses, "stems")):
+            t = np.repeat([t_min for t_min, _ in stems], 3)
+            y = np.ravel([(0.0, size, np.nan) for _, size in stems])
+            panel.line(t, y, f'class="run-{index} {kind}" style="stroke: {colour(index)}"')
+    return panel
+
+
+def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple[float, float]]]:
+    for fault in faults:
+        window = window_of(parse_fault(fault), end_min)
+        if window is not None:
+            yield fault, window
+
+
+def _lanes(runs: Sequence[Run], faults: Sequence[str], end_min: float) -> list[str]:
+    """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
+    lanes = [
+        lane(f"Fault: {fault_in_words(fault)}", [([window], "var(--run-1)")], end_min)
+        for fault, window in _windows(faults, end_min)
+    ]
+    for name in STATUS_WORDS.values():
+        rows = [(run.periods.get(name, ()), colour(index)) for index, run in enumerate(runs)]
+        if any(periods for periods, _ in rows):
+            lanes.append(lane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]], end_min))
+    return lanes
+
+
+def _legend(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
+    entries = []
+    for index, run in enumerate(runs):
+        sample = f"{swatch(_style(index).replace(f'run-{index} ', ''))}{html.escape(run.label)}"
+        box = f'<label><input type="checkbox" data-run="run-{index}" checked> {sample}</label>'
+        entries.append(box if len(runs) > 1 else sample)
+    grey = [
+        ("level", f"setpoint {values_in_words([run.setpoint_mg_dl for run in runs], 'mg/dl')}"),
+        ("level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl"),
+        ("level dash-2", f"basal {values_in_words([run.basal_insulin_mU_min for run in runs], 'mU/min')}"),
+        (
+            "level dash-3",
+            f"pump limits {values_in_words([float(limits.min_mU_min), float(limits.max_mU_min)], 'mU/min')}",
+        ),
+    ]
     passed = limits_passed(runs)
-    kinds: list[tuple[str, list[float], str, str, str, bool | str]] = [
-        ("setpoint", setpoints, "mg/dl", "y", "solid", True),
-        ("lowest allowed", [lowest_mg_dl], "mg/dl", "y", "dash", True),
-        *([("model not valid below", passed, "mg/dl", "y", "longdash", True)] if passed else []),
-        ("basal", basal, "mU/min", "y2", "dot", True),
-        # out of view unless asked for: seldom reached, they would squeeze the insulin
-        ("pump limits", bounds, "mU/min", "y2", "dashdot", "legendonly"),
+    if passed:
+        grey.append(("level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}"))
+    entries += [f'{swatch(f"""class="{kind}" """)}{in_both_units(html.escape(text))}' for kind, text in grey]
+    areas = [("--target", "70 to 180 mg/dl"), *([("--fault", "time of a fault")] if faults else [])]
+    entries += [
+        f'<span class="swatch" style="background: var({shade})"></span>{in_both_units(text)}' for shade, text in areas
     ]
-    return [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": f"{name} {values_in_words(values, unit)}",
-            # a gap between one level and the next
-            "x": [x for _ in values for x in (0.0, end, None)],
-            "y": [y for value in values for y in (value, value, None)],
-            "yaxis": axis,
-            "line": {"color": GREY, "width": 1.5, "dash": dash},
-            "visible": visible,
-            "legendrank": 2000,
-            "hoverinfo": "skip",
-        }
-        for name, values, unit, axis, dash, visible in kinds
-    ]
+    if any(run.reading_t_min.size for run in runs):
+        entries.append("dots: readings of the sensor")
+    entries.append("thin dotted: insulin commanded, where another amount was delivered")
+    return f'<ul class="legend">{"".join(f"<li>{entry}</li>" for entry in entries)}</ul>\n'
 
 
-def _layout(meals: Sequence[tuple[float, float]], divisor: float, unit: str, end: float) -> dict[str, Any]:
-    grid = {"gridcolor": PALE, "zeroline": False, "linecolor": GREY}
-    return _page.plain_layout() | {
-        # the buttons stand in the right margin, where they cover neither legend nor curves
-        "margin": {"l": 60, "r": 40, "t": 40, "b": 40},
-        "hovermode": "x unified",
-        "hoversubplots": "axis",
-        "legend": {"orientation": "h", "x": 0.0, "y": 1.09, "yanchor": "bottom"},
-        "xaxis": grid
-        | {
-            "title": {"text": f"Time ({unit})"},
-            "anchor": "y2",
-            "range": [0.0, end],
-            "unifiedhovertitle": {"text": "%{x:.0f} min" if unit == "min" else "%{x:.2f} h"},
-            "rangeslider": {
-                "visible": True,
-                "range": [0.0, end],
-                "thickness": 0.08,
-                "bordercolor": PALE,
-                "borderwidth": 1,
-            },
-        },
-        "yaxis": grid | {"title": {"text": "Glucose (mg/dl)"}, "domain": [0.4, 1.0]},
-        "yaxis2": grid | {"title": {"text": "Insulin (mU/min)"}, "domain": [0.0, 0.34], "rangemode": "tozero"},
-        "annotations": _meal_marks(meals, divisor),
-    }
+def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
+    if not boluses:
+        return "none"
+    total = sum(size for _, size in boluses)
+    if len(boluses) > _MOST_BOLUSES:
+        return f"{len(boluses)} boluses, {total:.4g} U in all"
+    return ", ".join(f"{size:.4g} U at {t_min:g} min" for t_min, size in boluses)
 
 
-def _meal_marks(meals: Sequence[tuple[float, float]], divisor: float) -> list[dict[str, Any]]:
-    """Carbohydrate of each meal above the panel, rotated for many meals; only the times for very many."""
-    upright = len(meals) > _MOST_LEVEL_TEXTS
-    return [
-        {
-            "x": t_min / divisor,
-            "y": 1.0,
-            "yref": "paper",
-            "yanchor": "bottom",
-            "text": "▼" if len(meals) > _MOST_TEXTS else f"◀ {carbs_g:.4g} g" if upright else f"{carbs_g:.4g} g<br>▼",
-            "textangle": -90 if upright else 0,
-            "showarrow": False,
-        }
-        for t_min, carbs_g in meals
-    ]
+def _events(runs: Sequence[Run], faults: Sequence[str]) -> str:
+    """Meals, faults, boluses, low glucose and what the guard did, in words."""
+    meals = runs[0].meals
+    told = [f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in meals) or 'none'}."]
+    told += [f"Fault: {fault_in_words(fault)}." for fault in faults]
+    for run in runs:
+        before = f"{run.label}: " if len(runs) > 1 else ""
+        for limit in _LOW_MG_DL:
+            low = periods_below(run.fine_t_min, run.fine_glucose_mg_dl, limit)
+            if low:
+                told.append(f"{before}Glucose below {limit:g} mg/dl {in_words(low)}.")
+        if run.boluses or run.command_boluses:
+            told.append(f"{before}Boluses delivered: {_boluses_told(run.boluses)}.")
+        told += [f"{before}{name} {in_words(periods)}." for name, periods in run.periods.items()]
+        if run.validity_note is not None:
+            told.append(f"{before}{run.validity_note}")
+    if not any(
+        np.nanmin(run.fine_glucose_mg_dl) < max(_LOW_MG_DL) for run in runs if np.isfinite(run.fine_glucose_mg_dl).any()
+    ):
+        told.append(f"Glucose was never below {max(_LOW_MG_DL):g} mg/dl.")
+    return f"<ul>{''.join(f'<li>{in_both_units(html.escape(text))}</li>' for text in told)}</ul>"
 
 
-def _table(metrics: Mapping[str, Metrics], heads: Sequence[str]) -> str:
+def _metrics_table(metrics: Mapping[str, Metrics], heads: Sequence[str]) -> str:
     lines = ["<table>", "<thead><tr><th scope='col'>Metric</th>"]
     lines += [f"<th scope='col' class='value'>{html.escape(head)}</th>" for head in heads]
     lines.append("<th scope='col'>Unit</th></tr></thead>")
@@ -235,7 +321,31 @@ def _table(metrics: Mapping[str, Metrics], heads: Sequence[str]) -> str:
             body = "" if section is None else "</tbody>"
             lines.append(f"{body}<tbody><tr><th scope='rowgroup' colspan='{len(heads) + 2}'>{row.section}</th></tr>")
             section = row.section
-        cells = "".join(f"<td class='value'>{html.escape(value)}</td>" for value in row.values)
-        lines.append(f"<tr><th scope='row'>{html.escape(row.name)}</th>{cells}<td>{html.escape(row.unit)}</td></tr>")
+        values = row.values if row.mmol_l is None else map(either, row.values, row.mmol_l)
+        cells = "".join(f"<td class='value'>{value}</td>" for value in values)
+        unit = html.escape(row.unit) if row.mmol_l is None else either(row.unit, "mmol/l")
+        lines.append(f"<tr><th scope='row'>{in_both_units(html.escape(row.name))}</th>{cells}<td>{unit}</td></tr>")
     lines.append("</tbody></table>")
-    return "\n".join(lines)
+    return _page.scrolling("\n".join(lines), "Metrics")
+
+
+def _numbers(runs: Sequence[Run]) -> str:
+    """Some of the samples as a table, in place of the picture."""
+    t_min = runs[0].t_min
+    every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))
+    heads = ["Time (min)"]
+    for run in runs:
+        before = f"{run.label}: " if len(runs) > 1 else ""
+        heads += [html.escape(f"{before}{what}") for what in ("glucose (mg/dl)", "insulin (mU/min)")]
+    rows = []
+    for place in range(0, t_min.size, every):
+        row = [f"{t_min[place]:g}"]
+        for run in runs:
+            if place < run.t_min.size:
+                glucose = np.interp(run.t_min[place], run.fine_t_min, run.fine_glucose_mg_dl)
+                row += [f"{glucose:.1f}", f"{run.insulin_mU_min[place]:.2f}"]
+        rows.append(row)
+    body = _page.scrolling(_page.table(heads, rows), "Numbers of the picture")
+    return (
+        f"<details><summary>Glucose and insulin every {every * (t_min[1] - t_min[0]):g} min</summary>{body}</details>"
+    )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from glucoloop.metrics import Metrics
-from glucoloop.units import MU_PER_U
+from glucoloop.units import MG_DL_PER_MMOL_L, MU_PER_U
 
 NOT_AVAILABLE: Final = "n/a"
 
@@ -21,6 +22,8 @@ class Row:
     name: str
     unit: str
     values: tuple[str, ...]
+    mmol_l: tuple[str, ...] | None = None
+    """The values in mmol/l, of a metric in mg/dl."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,13 @@ class _Entry:
     """Field that says whether the value is more than a lower bound."""
     seldom: bool = False
     """Whether the metric is left out if it is 0 in all runs."""
+
+    def row(self, section: str, metrics: Sequence[Mapping[str, float | int | bool | None]]) -> Row:
+        values = tuple(map(self.value, metrics))
+        if self.unit != "mg/dl":
+            return Row(section, self.name, self.unit, values)
+        other = dataclasses.replace(self, digits=2, divisor=MG_DL_PER_MMOL_L)
+        return Row(section, self.name, self.unit, values, tuple(map(other.value, metrics)))
 
     def value(self, metrics: Mapping[str, float | int | bool | None]) -> str:
         value = metrics[self.field]
@@ -129,7 +139,7 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
         raise ValueError("there are no metrics to show; give those of at least one run")
     plain = [of_run.as_dict() for of_run in metrics.values()]
     return [
-        Row(section, entry.name, entry.unit, tuple(entry.value(values) for values in plain))
+        entry.row(section, plain)
         for section, entries in _SECTIONS.items()
         for entry in entries
         if not entry.seldom or any(values[entry.field] for values in plain)

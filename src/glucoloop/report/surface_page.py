@@ -10,6 +10,7 @@ import numpy as np
 
 from glucoloop.control.settings import MPCTuning
 from glucoloop.report import _page
+from glucoloop.report._page import Repeat
 from glucoloop.report._surface_layout import Cell, Layout, layout, texts
 from glucoloop.report.tuning_rows import heads, remarks, tuning_rows
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
@@ -46,6 +47,8 @@ def surface_page(
     title: str,
     grid: Collection[MPCTuning] | None = None,
     notes: Sequence[str] = (),
+    facts: Mapping[str, str] | None = None,
+    repeat: Repeat | None = None,
 ) -> str:
     """Write a search over tunings as one self-contained HTML page.
 
@@ -59,6 +62,10 @@ def surface_page(
         Tunings in the coloured surface; all by default. The list shows all of them.
     notes : sequence of str
         Sentences below the title.
+    facts : mapping, optional
+        Settings of the search by name.
+    repeat : Repeat, optional
+        Command and configuration that repeat it.
 
     Returns
     -------
@@ -75,6 +82,8 @@ def surface_page(
     else:
         parts += _surface(shown, printed, places)
     parts.append(_list(surface, printed))
+    if facts or repeat:
+        parts.append(_page.situation(facts or {}, repeat))
     return _page.page(title, "\n".join(parts), _STYLE)
 
 
@@ -166,7 +175,7 @@ def _legend() -> str:
     }
     items = [f"<span><i class='{kind}'></i>{html.escape(text)}</span>" for kind, text in swatches.items()]
     items += [f"<span><b>{mark}</b> {name}</span>" for name, mark in _MARKS.items()]
-    return f"<p class='legend'>{''.join(items)}</p>"
+    return f"<p class='marks'>{''.join(items)}</p>"
 
 
 def _list(surface: TuningSurface, printed: TuningRank) -> str:
@@ -185,21 +194,22 @@ def _list(surface: TuningSurface, printed: TuningRank) -> str:
     return (
         f"<h2>Tunings</h2><p>{shown}, acceptable ones first, from the least sum of squared errors on. "
         "Settling with a plus: not settled at the end.</p>"
-        f'<div class="scroll"><table class="list"><thead><tr>{columns}</tr></thead><tbody>{"".join(lines)}'
-        "</tbody></table></div>"
+        + _page.scrolling(
+            f'<table class="list"><thead><tr>{columns}</tr></thead><tbody>{"".join(lines)}</tbody></table>', "Tunings"
+        )
     )
 
 
 _STYLE: Final = """
-h2 { font-size: 1.1rem; font-weight: 600; margin: 1.8rem 0 0.3rem; }
-.legend span { display: inline-block; margin-right: 1.2rem; }
-.legend i { display: inline-block; width: 1.1em; height: 1.1em; margin-right: 0.4em; vertical-align: -0.2em; }
+h2 { margin-top: 1.8rem; }
+.marks span { display: inline-block; margin-right: 1.2rem; }
+.marks i { display: inline-block; width: 1.1em; height: 1.1em; margin-right: 0.4em; vertical-align: -0.2em; }
 .panels { display: flex; flex-wrap: wrap; gap: 1rem 2rem; }
 .cells { border-collapse: separate; border-spacing: 1px; font-size: 0.75rem; }
 .cells caption { text-align: left; padding: 0.2rem 0; font-weight: 600; }
 .cells th { padding: 0.1rem 0.3rem; text-align: center; color: inherit; white-space: nowrap; }
 .cells td { padding: 0.25rem 0.2rem; min-width: 2.4rem; text-align: center; white-space: nowrap; }
-.cells b, .legend b { font-weight: normal; margin-left: 0.15em; }
+.cells b, .marks b { font-weight: normal; margin-left: 0.15em; }
 td.breaks, i.breaks { background-image:
   repeating-linear-gradient(45deg, transparent 0 4px, rgba(0, 0, 0, 0.45) 4px 5px),
   repeating-linear-gradient(-45deg, transparent 0 4px, rgba(0, 0, 0, 0.45) 4px 5px); }

@@ -16,10 +16,9 @@ from glucoloop.metrics.control_variability import (
     zone_pct,
 )
 from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, Width
-from glucoloop.report._trial_curves import BANDS, shared_frame
-from glucoloop.report._trial_panels import ZONE_COLOURS, colour, percent
-from glucoloop.report._trial_style import RANGE_COLOURS
+from glucoloop.report._page import percent
+from glucoloop.report._plot import extent
+from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
 
 if TYPE_CHECKING:
@@ -35,6 +34,44 @@ _PANEL_SHARE: Final = 0.8  # of a column; the rest is for ticks and gaps
 _CHARACTER_MM: Final = 1.7  # of the font's boldest
 _AROUND_MM: Final = 30.0  # title, legend and the axis of the bars
 _LEAST_SHARE_TOLD: Final = 7.0  # percent of a bar that has room for its own number
+
+
+BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
+"""Lower and upper quantile of each band, and its opacity."""
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Axes that all controllers share, so that they can be compared."""
+
+    divisor: float
+    unit: str
+    tick: float
+    end: float
+    glucose: tuple[float, float]
+    insulin: tuple[float, float]
+
+
+def _frame(report: TrialReport) -> _Frame:
+    """Axes that the bands of all controllers fit into."""
+    cases = report.cases.values()
+    divisor, unit, tick = _style.time_axis(report.horizon_min, "single")
+    low, high = extent(
+        [report.setpoint_mg_dl, report.lowest_glucose_mg_dl],
+        *(case.glucose_quantiles[quantile] for case in cases for quantile in (0.01, 0.99)),
+    )
+    return _Frame(
+        divisor=divisor,
+        unit=unit,
+        tick=tick,
+        end=report.horizon_min / divisor,
+        glucose=(low - 0.05 * (high - low), high + 0.05 * (high - low)),
+        insulin=(0.0, 1.05 * extent([0.0], *(case.insulin_quantiles[0.99] for case in cases))[1]),
+    )
+
+
+def _colour(index: int) -> str:
+    return OKABE_ITO[index % len(OKABE_ITO)]
 
 
 @dataclass(frozen=True)
@@ -76,19 +113,19 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
         For an unknown width.
     """
     sheet = _sheet(report, report.title if title is None else title, width)
-    frame = shared_frame(report)
+    frame = _frame(report)
     entries: dict[str, Artist] = {}
     for index, (label, case) in enumerate(report.cases.items()):
         glucose, insulin, grid = sheet.glucose[index], sheet.insulin[index], sheet.grids[index]
-        _draw_bands(glucose, case.bands_t_min / frame.divisor, case.glucose_quantiles, colour(index))
+        _draw_bands(glucose, case.bands_t_min / frame.divisor, case.glucose_quantiles, _colour(index))
         held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
         held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / frame.divisor
-        _draw_bands(insulin, held_t, held, colour(index), step="post")
+        _draw_bands(insulin, held_t, held, _colour(index), step="post")
         setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
         bound = glucose.axhline(
             report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
         )
-        _draw_grid(grid, case, colour(index), sheet.characters)
+        _draw_grid(grid, case, _colour(index), sheet.characters)
         heading = _style.literal(textwrap.fill(label, sheet.characters))
         glucose.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
         grid.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.report._page import Repeat
 from glucoloop.report.rows import described
 
 Floats = npt.NDArray[np.float64]
@@ -52,7 +53,7 @@ class WorstPerson:
     insulin_mU_min: Floats
     """(samples,) delivered rates."""
     note: str = ""
-    """Distinctive parameters of the person, in a phrase."""
+    """What is different about the person, in words."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,8 @@ class CaseReport:
     """Headline numbers in the order shown; a name may end in its unit in parentheses, as in "Worst (mg/dl)"."""
     worst: Sequence[WorstPerson]
     """People with the worst outcomes, the worst first."""
+    ever_below: Mapping[int, tuple[int, float]] = field(default_factory=dict)
+    """Number of people, and their share in percent, who were ever below a glucose, by that glucose [mg/dl]."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,8 @@ class TrialReport:
     cases: Mapping[str, CaseReport]
     """Results by label, in the order shown."""
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
+    repeat: Repeat | None = None
+    """Command and configuration that repeat the trial."""
 
     def __post_init__(self) -> None:
         """Refuse a report that cannot be shown."""

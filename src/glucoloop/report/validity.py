@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -49,11 +50,15 @@ def validity_told(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_d
     periods = periods_below(t_min, glucose_mg_dl, limit_mg_dl)
     if not periods:
         return None
+    return (
+        f"Glucose was below {limit_mg_dl:.1f} mg/dl {in_words(periods)}: the patient's model is not valid "
+        "there. Read these values as severe hypoglycemia; their depth means nothing."
+    )
+
+
+def in_words(periods: Sequence[tuple[float, float]]) -> str:
+    """The first periods, and how many there are besides: ``from 10 to 20 min and at 35 min``."""
     told = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
     if len(told) > _MOST_PERIODS:
         told = [*told[: _MOST_PERIODS - 1], f"in {len(told) - _MOST_PERIODS + 1} later periods"]
-    when = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
-    return (
-        f"Glucose was below {limit_mg_dl:.1f} mg/dl {when}: the patient's model is not valid "
-        "there. Read these values as severe hypoglycemia; their depth means nothing."
-    )
+    return told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"

@@ -18,6 +18,7 @@ from glucoloop.papers.meal_aware.situations import (
     Situation,
 )
 from glucoloop.report import _page
+from glucoloop.report._page import scrolling, section
 
 TITLE: Final = "Meals that nobody announced: the claims"
 REPEAT: Final = "claims --config claims.toml --out again"
@@ -157,18 +158,13 @@ def page(study: Study, verdicts: Sequence[Verdict], figures: Mapping[str, str]) 
         *(_situation(study, situation, figures[situation.name]) for situation in study.situations),
         _step(study),
         _readings(),
-        _section(
+        section(
             "How to repeat it",
             "In the folder of this page.",
             f"<pre><code>glucoloop {REPEAT}</code></pre>",
         ),
     ]
-    return _page.page(TITLE, "\n".join(section for section in sections if section), _STYLE)
-
-
-def _section(title: str, about: str, body: str, kind: str = "") -> str:
-    told = f'<p class="caption">{about}</p>\n' if about else ""
-    return f'<section class="{kind}">\n<h2>{html.escape(title)}</h2>\n{told}{body}\n</section>'
+    return _page.page(TITLE, "\n".join(part for part in sections if part), _STYLE)
 
 
 def _name(name: str) -> str:
@@ -193,15 +189,15 @@ def _claims(study: Study, verdicts: Sequence[Verdict]) -> str:
         parts.append(f'<tr><th scope="rowgroup" colspan="{len(others) + 5}">{html.escape(title)}{runs}</th></tr>')
         parts += [_claim(verdict, others) for verdict in own]
     table = (
-        '<div class="scroll"><table class="claims">\n<thead><tr><th scope="col">Claim</th><th scope="col"></th>'
+        '<table class="claims">\n<thead><tr><th scope="col">Claim</th><th scope="col">Verdict</th>'
         f'<th scope="col" class="value">Bound</th>{heads}<th scope="col">Unit</th></tr></thead>\n'
-        f"<tbody>{''.join(parts)}</tbody></table></div>"
+        f"<tbody>{''.join(parts)}</tbody></table>"
     )
     about = (
         "Of the meal-aware controller. The other controllers met the same situations with the same sensor keys; their "
         "numbers stand beside."
     )
-    return _section("What holds and what does not", about, table)
+    return section("What holds and what does not", about, scrolling(table, "Claims"))
 
 
 def _claim(verdict: Verdict, others: Sequence[str]) -> str:
@@ -217,9 +213,11 @@ def _claim(verdict: Verdict, others: Sequence[str]) -> str:
 def _situation(study: Study, situation: Situation, svg: str) -> str:
     loops, one = study.loops[situation.name], situation.runs == "one"
     from_bound = distances(study, situation)
-    columns = [f"<th>{html.escape(measure.title)}<small>{measure.unit}</small></th>" for measure in MEASURES]
+    columns = [
+        f"<th scope='col'>{html.escape(measure.title)}<small>{measure.unit}</small></th>" for measure in MEASURES
+    ]
     if from_bound:
-        columns.append("<th>Distance to the bound<small>mg/dl</small></th>")
+        columns.append("<th scope='col'>Distance to the bound<small>mg/dl</small></th>")
     rows = []
     for name, own in loops.items():
         shares = spread(own)
@@ -229,8 +227,8 @@ def _situation(study: Study, situation: Situation, svg: str) -> str:
         told = "".join(f'<td class="value">{_wrapped(cell)}</td>' for cell in cells)
         rows.append(f'<tr><th scope="row">{_name(name)}</th>{told}</tr>')
     table = (
-        f'<div class="scroll"><table class="numbers">\n<thead><tr><th></th>{"".join(columns)}</tr></thead>\n'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
+        f'<table class="numbers">\n<thead><tr><th scope="col">Controller</th>{"".join(columns)}</tr></thead>\n'
+        f"<tbody>{''.join(rows)}</tbody></table>"
     )
     picture = base64.b64encode(svg.encode()).decode()
     alt = html.escape(f"{situation.title}: glucose and insulin of {len(loops)} controllers.")
@@ -247,7 +245,12 @@ def _situation(study: Study, situation: Situation, svg: str) -> str:
         about.append(f"Bound of the largest deviation: {bound.bound:.2f} mg/dl.")
         if not bound.converged:
             about.append("It has not converged, and so is none.")
-    return _section(situation.title, html.escape(" ".join(about)), f"{figure}\n{table}", "situation")
+    return section(
+        html.escape(situation.title),
+        html.escape(" ".join(about)),
+        f"{figure}\n{scrolling(table, situation.title)}",
+        "situation",
+    )
 
 
 def _wrapped(cell: str) -> str:
@@ -268,14 +271,14 @@ def _step(study: Study) -> str:
         "another machine or another day gives another number."
     )
     body = f'<table class="steps"><tbody>{rows}</tbody></table>'
-    return _section("One sample of one patient", about, body)
+    return section("One sample of one patient", about, body)
 
 
 def _readings() -> str:
     rows = "".join(
         f'<tr><th scope="row">{html.escape(name)}</th><td>{_code(text)}</td></tr>' for name, text in READINGS.items()
     )
-    return _section("Readings", "How the claims are read.", f'<table class="readings"><tbody>{rows}</tbody></table>')
+    return section("Readings", "How the claims are read.", f'<table class="readings"><tbody>{rows}</tbody></table>')
 
 
 def _code(text: str) -> str:
@@ -285,17 +288,6 @@ def _code(text: str) -> str:
 
 
 _STYLE: Final = """
-body { max-width: 84rem; padding: 1rem 1.25rem; --faint: color-mix(in srgb, var(--ink) 62%, var(--paper));
-       --yes: #00785a; --no: #b83a00; }
-@media (prefers-color-scheme: dark) { body { --yes: #3fc79a; --no: #ff8a5c; } }
-section { margin-top: 2.6rem; }
-h2 { font-size: 1.15rem; font-weight: 600; margin: 0 0 0.3rem; }
-p { margin: 0; }
-.lead { max-width: 52rem; }
-.caption { color: var(--faint); font-size: 0.9rem; max-width: 52rem; margin-bottom: 0.6rem; }
-.chip { display: inline-block; width: 0.65rem; height: 0.65rem; border-radius: 0.15rem; margin-right: 0.4rem;
-        print-color-adjust: exact; }
-.scroll { margin-top: 0.6rem; }
 th[scope=row] { white-space: normal; padding-left: 0; }
 .claims { width: 100%; }
 .claims th, .claims td { vertical-align: baseline; }
@@ -318,10 +310,6 @@ figure img { width: 100%; height: auto; display: block; }
 figcaption { color: #555; font-size: 0.85rem; margin-top: 0.4rem; }
 .readings td { max-width: 56rem; }
 .readings th, .readings td { vertical-align: top; padding-bottom: 0.5rem; }
-pre { margin: 0.6rem 0 0; padding: 0.7rem 0.9rem; border: 1px solid var(--rule); border-radius: 0.25rem;
-      white-space: pre-wrap; overflow-wrap: anywhere; }
-code { font-size: 0.9em; }
 @media (max-width: 44rem) { .claims tbody th[scope=row] { min-width: 9.5rem; padding-left: 0; }
                             .claims td:nth-child(2) { white-space: normal; } }
-@media print { figure, tr { break-inside: avoid; } }
 """

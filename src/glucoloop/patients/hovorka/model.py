@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, STATE_NAMES
 from glucoloop.patients.hovorka.parameters.hovorka2004 import HOVORKA_2004
 from glucoloop.patients.hovorka.patient import HovorkaPatient, at_setpoint
-from glucoloop.patients.hovorka.varying import NOMINAL, refuse_impossible, with_values
+from glucoloop.patients.hovorka.varying import MEANINGS, NOMINAL, refuse_impossible, with_values
 from glucoloop.patients.model import PatientModel, Values
 
 _ROUNDING: Final = 1e-9
@@ -56,6 +56,7 @@ HOVORKA_2004_MODEL: Final = PatientModel(
     operating_points={"fasting-120": lambda: at_setpoint(HOVORKA_2004, 120.0)},
     nominal=NOMINAL,
     populations=_populations,
+    meanings=MEANINGS,
     refuse=refuse_impossible,
     sound=sound,
 )

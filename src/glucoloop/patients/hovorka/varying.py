@@ -22,6 +22,11 @@ RENAL_THRESHOLD: Final = "renal_threshold"
 _PUBLISHED: Final = {constant.name: constant.value for constant in CONSTANTS}
 NOMINAL: Final[dict[str, float]] = {**_PUBLISHED, ABSORPTION_RATE: 1.0 / _PUBLISHED[ABSORPTION_TIME]}
 """All constants that can vary, with the value of the nominal patient."""
+MEANINGS: Final[dict[str, str]] = {
+    **{constant.name: constant.meaning.partition(";")[0] for constant in CONSTANTS},
+    ABSORPTION_RATE: "rate of insulin absorption",
+}
+"""Meaning of what can vary, in words."""
 
 
 def refuse_impossible(varied: Mapping[str, Distribution]) -> None:

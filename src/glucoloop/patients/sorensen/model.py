@@ -11,7 +11,15 @@ import jax.numpy as jnp
 from glucoloop.patients.model import PatientModel, Values
 from glucoloop.patients.sorensen.patient import OPERATING_POINTS, SorensenPatient
 from glucoloop.patients.sorensen.soundness import sound
-from glucoloop.patients.sorensen.varying import FOLLOWS, NOMINAL, STRENGTH, WEIGHT, refuse_impossible, with_values
+from glucoloop.patients.sorensen.varying import (
+    FOLLOWS,
+    MEANINGS,
+    NOMINAL,
+    STRENGTH,
+    WEIGHT,
+    refuse_impossible,
+    with_values,
+)
 
 
 def _build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> SorensenPatient:
@@ -35,6 +43,7 @@ PARKER_1999_MODEL: Final = PatientModel(
     populations=_populations,
     refuse=refuse_impossible,
     follows=FOLLOWS,
+    meanings=MEANINGS,
     hint=(
         "the known ones are the constants of the patient, such as F_LC or M_IHGP.inflection, the strength of an "
         f"effect, such as M_IHGP.{STRENGTH}, and {WEIGHT}"

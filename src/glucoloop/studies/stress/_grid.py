@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.studies.stress._faults import short_names
+from glucoloop.report.fault_words import short_names
 from glucoloop.studies.stress.stress import NO_FAULT, StressResult, StressRow, Tried
 
 NO_FAULT_TOLD: Final = "no fault"

@@ -1,14 +1,10 @@
-"""Style of the page of a stress test beyond that of the page of a trial."""
+"""Style of the page of a stress test beyond that of all pages."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from glucoloop.report import _trial_style
-
-STYLE: Final = (
-    _trial_style.STYLE
-    + """
+STYLE: Final = """
 .verdict p { max-width: 58rem; margin-top: 0.5rem; }
 .heat { border-collapse: separate; border-spacing: 2px; table-layout: fixed; width: 100%;
         min-width: calc(15rem + var(--cells) * 4.9rem); }
@@ -52,11 +48,7 @@ STYLE: Final = (
 .faults td { vertical-align: top; }
 .faults th[scope=row] { padding-left: 0; white-space: nowrap; vertical-align: top; }
 .faults code { overflow-wrap: anywhere; }
-pre { margin: 0.6rem 0 0; padding: 0.7rem 0.9rem; border: 1px solid var(--rule); border-radius: 0.25rem;
-      white-space: pre-wrap; overflow-wrap: anywhere; }
-code { font-size: 0.9em; }
 @media (max-width: 44rem) { .heat col.fault { width: 9rem; } .heat tbody th { white-space: normal; } }
 @media (max-width: 44rem) { .why { grid-template-columns: minmax(0, 1fr); } .why dd { border-top: 0; padding-top: 0; } }
 @media print { .heat td { print-color-adjust: exact; } tbody, .why dd { break-inside: avoid; } }
 """
-)

@@ -7,16 +7,16 @@ from typing import Final
 
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import _page
-from glucoloop.report.trial_page import count
+from glucoloop.report._page import Repeat, count, scrolling, section
+from glucoloop.report.fault_words import settings_in_words, when_in_words
 from glucoloop.studies.stress._cells import QUANTITIES, Shade, grouped, legend_shades, shade_of, short_pct
-from glucoloop.studies.stress._faults import settings_in_words, when_in_words
 from glucoloop.studies.stress._grid import GUARDS, Grid, grid_of, people_of
 from glucoloop.studies.stress._style import STYLE
 from glucoloop.studies.stress._words import failing, numbers_told, verdict, worse_told
 from glucoloop.studies.stress.stress import MOST_MORE_PCT, StressResult, StressRow
 
-_LONG: Final = ' class="long"'
-_LONG_FROM: Final = 28  # characters of a fact
+_FILES: Final = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
+"""Files with the data of a test, beside its page."""
 
 
 def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
@@ -44,14 +44,14 @@ def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
     grid = grid_of(result)
     sections = [
         _lead(result, grid),
-        _section("What stands and what does not", "", _paragraphs(verdict(grid)), "verdict"),
+        section("What stands and what does not", "", _paragraphs(verdict(grid)), "verdict"),
         _map(grid),
         _why(result, grid),
         _all(grid),
         _faults(grid),
-        _section("How to repeat it", "In the folder of the test.", f"<pre><code>{_text(result.repeat)}</code></pre>"),
+        _page.situation(result.facts, Repeat(result.repeat, result.keys, _FILES)),
     ]
-    return _page.page(title, "\n".join(section for section in sections if section), STYLE)
+    return _page.page(title, "\n".join(part for part in sections if part), STYLE)
 
 
 def _text(told: str) -> str:
@@ -60,11 +60,6 @@ def _text(told: str) -> str:
 
 def _paragraphs(texts: list[str]) -> str:
     return "\n".join(f"<p>{_text(told)}</p>" for told in texts)
-
-
-def _section(title: str, caption: str, body: str, kind: str = "") -> str:
-    told = f'<p class="caption">{caption}</p>\n' if caption else ""
-    return f'<section class="{kind}">\n<h2>{title}</h2>\n{told}{body}\n</section>'
 
 
 def _lead(result: StressResult, grid: Grid) -> str:
@@ -76,18 +71,14 @@ def _lead(result: StressResult, grid: Grid) -> str:
         f"{'fault' if faults == 1 else 'faults'}, each alone, on the same {count(people)} virtual "
         f"{'person' if people == 1 else 'people'}."
     )
-    facts = "".join(
-        f"<div{_LONG * (len(value) > _LONG_FROM)}><dt>{_text(name)}</dt><dd>{_text(value)}</dd></div>"
-        for name, value in result.facts.items()
-    )
-    return f'<p class="lead">{told}</p>\n<dl class="facts">{facts}</dl>'
+    return f'<p class="lead">{told}</p>'
 
 
 def _map(grid: Grid) -> str:
     caption = (
         "Percentage of the time below 60 mg/dl of the person who was longest below. A triangle and a number: so many "
         f"people spent more than {MOST_MORE_PCT:g} % of the time more below 60 mg/dl than without the fault, under the "
-        "same controller. Point at a cell for all its numbers."
+        "same controller. All numbers stand below."
     )
     across = len(grid.controllers)
     gap = '<col class="gap">'
@@ -107,12 +98,13 @@ def _map(grid: Grid) -> str:
     body = "</tbody>\n<tbody>".join(["\n".join(part) for part in (lines[:1], lines[1:]) if part])
     cells_across = across * len(grid.guards)
     table = (
-        f'<div class="scroll"><table class="heat" style="--cells: {cells_across}">\n'
+        f'<table class="heat" style="--cells: {cells_across}">\n'
         f'<colgroup><col class="fault">{columns}</colgroup>\n'
         f'<thead><tr><th scope="col" rowspan="2" class="fault">Fault</th>{guards}</tr><tr>{heads}</tr></thead>\n'
-        f"<tbody>{body}</tbody></table></div>"
+        f"<tbody>{body}</tbody></table>"
     )
-    return _section("Time below 60 mg/dl of the worst-off", caption, f"{_scale(grid)}\n{table}")
+    title = "Time below 60 mg/dl of the worst-off"
+    return section(title, caption, f"{_scale(grid)}\n{scrolling(table, title)}")
 
 
 def _scale(grid: Grid) -> str:
@@ -161,7 +153,7 @@ def _why(result: StressResult, grid: Grid) -> str:
             f"<dd>{told}<p>{worse_told(row)}: {numbers_told(row)}</p></dd>"
         )
     body = "\n".join(parts)
-    return _section("For whom, and why", caption, f'<dl class="why">\n{body}\n</dl>')
+    return section("For whom, and why", caption, f'<dl class="why">\n{body}\n</dl>')
 
 
 def _all(grid: Grid) -> str:
@@ -178,9 +170,11 @@ def _all(grid: Grid) -> str:
         f"</tr><tr>{heads}</tr></thead>"
     )
     tables = [
-        f'<h3>{_text(controller)}</h3>\n<div class="scroll"><table>\n{head}\n'
-        + "\n".join(_rows(grid, controller, fault) for fault in grid.faults)
-        + "</table></div>"
+        f"<h3>{_text(controller)}</h3>\n"
+        + scrolling(
+            f"<table>\n{head}\n" + "\n".join(_rows(grid, controller, fault) for fault in grid.faults) + "</table>",
+            f"All numbers of {controller}",
+        )
         for controller in grid.controllers
     ]
     caption = (
@@ -188,7 +182,7 @@ def _all(grid: Grid) -> str:
         "the people; events are below 70 and below 54 mg/dl for 15 min or longer, of all people; samples are of all "
         "people. Worse off: as on the map, and the largest difference of anybody."
     )
-    return _section("All numbers", caption, "\n".join(tables), "all")
+    return section("All numbers", caption, "\n".join(tables), "all")
 
 
 def _rows(grid: Grid, controller: str, fault: str) -> str:
@@ -225,7 +219,6 @@ def _faults(grid: Grid) -> str:
             f"<td>{_text(when_in_words(fault))}</td></tr>"
         )
     heads = "".join(f'<th scope="col">{head}</th>' for head in ("Fault", "Of", "What happens", "Set", "When"))
-    table = (
-        f'<div class="scroll"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>{"".join(lines)}</tbody></table></div>'
-    )
-    return _section("The faults", "Moments are drawn for each person, evenly.", table, "faults")
+    table = f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>{''.join(lines)}</tbody></table>"
+    body = scrolling(table, "The faults")
+    return section("The faults", "Moments are drawn for each person, evenly.", body, "faults")

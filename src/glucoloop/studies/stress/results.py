@@ -9,8 +9,8 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop.cohorts.engine import prepare
+from glucoloop.report.facts import controllers_facts, trial_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.trial_facts import facts
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
@@ -57,8 +57,9 @@ def _result(asked: StressTest, rows: Sequence[StressRow], reasons: Sequence[Reas
     return StressResult(
         rows=tuple(rows),
         reasons=tuple(reasons),
-        facts=facts(asked.base),
-        repeat="glucoloop stress --config stress.toml --out again",
+        facts={**controllers_facts(asked.base.cases), **trial_facts(asked.base)},
+        repeat="stress --config stress.toml",
+        keys=asked.keys(),
     )
 
 
@@ -89,7 +90,7 @@ def summary_of(result: StressResult) -> dict[str, Any]:
             }
             for reason in result.reasons
         ],
-        "repeat": result.repeat,
+        "repeat": f"glucoloop {result.repeat} --out again",
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -256,4 +256,6 @@ class StressResult:
     facts: Mapping[str, str]
     """Facts about people, meals and sensor, for the head of a page."""
     repeat: str
-    """Command that repeats the test from its folder."""
+    """Command that repeats the test from its folder, without the name of the program."""
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    """Configuration of the test."""

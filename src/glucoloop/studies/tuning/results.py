@@ -11,6 +11,8 @@ import polars as pl
 
 from glucoloop.config.toml import toml_text
 from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.report import Repeat
+from glucoloop.report.facts import run_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.surface import plot_surface
 from glucoloop.report.surface_page import surface_page
@@ -132,13 +134,19 @@ def files_of(found: Searched) -> tuple[dict[str, str | bytes], str | None]:
         files["model.json"] = found.model.text()
         if asked.run.case.model is not None:
             repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
-    files["tune.toml"] = toml_text(repeat.keys(), "tune --config tune.toml")
+    again = Repeat("tune --config tune.toml", repeat.keys(), {"surface.csv": "all tunings", "tune.json": "the same"})
+    files["tune.toml"] = toml_text(again.keys, again.command)
     files["surface.html"] = surface_page(
         found.surface,
         found.printed,
         title=f"Tunings of {found.title}",
         grid=asked.grid,
         notes=[found.verdict(), *found.notes],
+        facts={
+            **{f"Range of the {key.replace('_', ' ')}": text for key, text in asked.ranges.items()},
+            **run_facts(repeat.run),
+        },
+        repeat=again,
     )
     try:
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere

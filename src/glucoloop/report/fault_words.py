@@ -95,6 +95,17 @@ def when_in_words(fault: Fault) -> str:
     return f"{begins}, for {_number(when, DURATION)} min" if DURATION in when else f"{begins} to the end"
 
 
+def window_of(fault: Fault, end_min: float) -> tuple[float, float] | None:
+    """Time within which a fault is present, by its settings; None if it comes at random at any time."""
+    when = fault.settings
+    if not fault.entry.timed or PER_DAY in when:
+        return None
+    start = float(when.get(START, 0.0))
+    latest = float(when.get(LATEST, start))
+    stop = min(end_min, latest + float(when.get(DURATION, end_min)))
+    return (start, stop) if start < end_min else None
+
+
 def _number(when: Mapping[str, Value], key: str) -> str:
     value = float(when[key])
     return f"{value:g}" if math.isfinite(value) else str(value)

@@ -1,0 +1,133 @@
+"""Settings of a run or a trial in words, for the head of its page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import jax
+
+from glucoloop.cohorts.trial import Trial
+from glucoloop.config.comparison import Comparison
+from glucoloop.config.run import Run, SituationKeys
+from glucoloop.experiments.case import Case
+from glucoloop.experiments.situation import Situation
+from glucoloop.meals import Meal
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.fault_text import parse_fault
+from glucoloop.registry.settings import Value
+from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H
+
+
+def run_facts(run: Run) -> dict[str, str]:
+    """Settings of a run."""
+    return {"Controller": case_in_words(run.case.case()), **_of_run(run.situation)}
+
+
+def comparison_facts(asked: Comparison) -> dict[str, str]:
+    """Settings of a comparison."""
+    cases = {label: case_in_words(run.case.case()) for label, run in asked.runs().items()}
+    return {**{f"Case {label}": text for label, text in cases.items()}, **_of_run(asked.situation)}
+
+
+def trial_facts(trial: Trial) -> dict[str, str]:
+    """Settings of a trial."""
+    plan = trial.plan
+    meals = ", ".join(map(_meal, plan.meals)) or "none"
+    if plan.varies:
+        meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
+    told = {
+        "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
+        "Length": _length(plan.horizon_min),
+        **_of_situation(trial, meals),
+        "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
+        "Arithmetic": f"{trial.precision}, {trial.arithmetic}, JAX {jax.__version__}",
+    }
+    if trial.first_person:
+        told["First person"] = str(trial.first_person)
+    return told
+
+
+def controllers_facts(cases: Iterable[Case]) -> dict[str, str]:
+    """Controllers with their settings, by label."""
+    return {f"Controller {case.label}": case_in_words(case) for case in cases}
+
+
+def case_in_words(case: Case) -> str:
+    """A controller with its settings, guard and faults."""
+    told = [f"{case.controller}, {controller_entry(case.controller).summary}"]
+    if case.tuning:
+        told.append(_settings(case.tuning))
+    if case.known_dead_time:
+        told.append("knows the dead time")
+    if case.guard is not None:
+        told.append("with the guard")
+    told += map(fault_in_words, case.faults)
+    return "; ".join(told)
+
+
+def fault_in_words(text: str) -> str:
+    """A fault with its settings and times."""
+    fault = parse_fault(text)
+    return ", ".join(part for part in (fault.name, settings_in_words(fault), when_in_words(fault)) if part)
+
+
+def _of_run(keys: SituationKeys) -> dict[str, str]:
+    meals = ", ".join(map(_meal, keys.eaten())) or "none"
+    told = _of_situation(keys.situation(), meals)
+    if keys.initial_glucose_mg_dl is not None:
+        told["Glucose at the start"] = f"{keys.initial_glucose_mg_dl:g} mg/dl"
+    integrator = "exponential integrator" if keys.integrator == "fast" else "adaptive Runge-Kutta integrator"
+    return {**told, "Length": _length(keys.duration_min), "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}"}
+
+
+def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
+    entry, point = situation.whom
+    sensor = [
+        f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
+        if situation.noise_variance
+        else "no noise",
+        f"dead time {situation.dead_time_samples * situation.sample_time_min:g} min",
+        f"a reading every {situation.sample_time_min:g} min",
+        *([f"at the site {situation.site}"] if situation.site else []),
+    ]
+    limits = situation.limits
+    pump = [
+        f"{float(limits.min_mU_min):g} to {float(limits.max_mU_min):g} mU/min",
+        f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
+        *([f"steps of {situation.pump_resolution_mU_min:g} mU/min"] if situation.pump_resolution_mU_min else []),
+    ]
+    if situation.announced and meals != "none":
+        meals += ", announced"
+        if situation.miscounts:
+            meals += f" with an error of {situation.carb_error_pct:g} % and a bias of {situation.carb_bias_pct:g} %"
+    return {
+        "Patient": f"{entry.name} at {point}",
+        "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
+        "Meals": meals,
+        "Digestion": str(situation.meal_model or "the patient's own model"),
+        "Sensor": ", ".join(sensor),
+        "Pump": ", ".join(pump),
+        "Faults": "; ".join(map(fault_in_words, situation.faults)) or "none",
+        "Seed": str(situation.seed),
+    }
+
+
+def _settings(tuning: Mapping[str, Value]) -> str:
+    return ", ".join(setting_in_words(key, value) for key, value in tuning.items())
+
+
+def _length(horizon_min: float) -> str:
+    days, rest = divmod(horizon_min, MIN_PER_DAY)
+    if rest or not days:
+        return f"{horizon_min:g} min"
+    return "a day" if days == 1.0 else f"{days:g} days"
+
+
+def _clock(t_min: float) -> str:
+    return f"{t_min:g} min" if t_min % 15.0 else f"{t_min / MIN_PER_H:g} h"
+
+
+def _meal(meal: Meal) -> str:
+    eaten = f", eaten for {meal.eating_min:g} min" if meal.eating_min else ""
+    return f"{meal.carbs_g:g} g at {_clock(meal.t_min)}{eaten}"

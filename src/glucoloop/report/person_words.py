@@ -1,0 +1,35 @@
+"""What is different about one of many virtual people, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from glucoloop.patients.model import patient_model
+from glucoloop.patients.population import Population
+
+_REMARKABLE: Final = 3
+
+
+def person_in_words(population: Population, person: Mapping[str, Any]) -> str:
+    """Basal rate of a person, and the parameters that are farthest from the middle of the population.
+
+    Parameters
+    ----------
+    population : Population
+    person : mapping
+        Row of a summary: ``basal_insulin_mU_min`` and the drawn ``parameters`` by name.
+    """
+    distributions, meanings = population.distributions(), patient_model(population.patient).meanings
+    drawn: Mapping[str, float] = person["parameters"]
+
+    def apart(name: str) -> float:
+        of = distributions[name]
+        return (drawn[name] - of.centre) / (of.upper - of.lower)
+
+    told = [f"basal rate {person['basal_insulin_mU_min']:.1f} mU/min"]
+    for name in sorted(drawn, key=lambda name: -abs(apart(name)))[:_REMARKABLE]:
+        centre, way = distributions[name].centre, "above" if apart(name) > 0.0 else "below"
+        far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
+        told.append(f"{meanings.get(name, name)} {drawn[name]:.3g}, {far} the usual {centre:.3g}")
+    return "; ".join(told)
