@@ -24,7 +24,7 @@ _GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+
 
 @dataclass(frozen=True)
 class Repeat:
-    """What is needed to repeat what a page shows."""
+    """Command and configuration that repeat the results of a page."""
 
     command: str
     """Command without the name of the program: ``run --config run.toml``."""

@@ -56,7 +56,7 @@ class Panel:
     low: float
     high: float
     rem: float
-    """Height."""
+    """Height of the panel."""
     alt: str
     """Text in place of the picture."""
     shapes: list[str] = field(default_factory=list)
@@ -176,7 +176,7 @@ def extent(*shown: npt.ArrayLike) -> tuple[float, float]:
 
 
 def thinned(t_min: npt.ArrayLike, values: npt.ArrayLike, most: int) -> tuple[Floats, Floats]:
-    """At most about `most` points of a curve, among them the least and the greatest of each stretch of it."""
+    """Points of a curve, about `most` at most, among them the least and the greatest of each stretch of it."""
     t, y = np.asarray(t_min, float), np.asarray(values, float)
     if t.size <= most:
         return t, y

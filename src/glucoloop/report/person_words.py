@@ -1,4 +1,4 @@
-"""What is different about one of many virtual people, in words."""
+"""Differences of a virtual person from the others, in words."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def _cards(report: TrialReport, columns: int, kind: str, body: Callable[[str, in
 
 
 def _harm(report: TrialReport) -> str:
-    """How many people were ever below each low glucose, and who fell lowest."""
+    """Numbers of people who were ever below each low glucose, and the one who fell lowest."""
     limits = sorted({limit for case in report.cases.values() for limit in case.ever_below}, reverse=True)
     rows = [
         [

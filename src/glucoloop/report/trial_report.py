@@ -53,7 +53,7 @@ class WorstPerson:
     insulin_mU_min: Floats
     """(samples,) delivered rates."""
     note: str = ""
-    """What is different about the person, in words."""
+    """Differences of the person from the others, in words."""
 
 
 @dataclass(frozen=True)
