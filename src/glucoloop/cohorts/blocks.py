@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 T = TypeVar("T")
 
-_SIZES: Final = {"native": 2048, "xla": 64}
-"""Number of people in a block: as many as fit the caches, and few where each takes long."""
+_SIZES: Final = {"native": 512, "xla": 64}
+"""Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is."""
 
 
 def block_size(engine: str) -> int:

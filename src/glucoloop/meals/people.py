@@ -31,6 +31,7 @@ class DigestionMatrices:
     """(states, states, ...) transition to the state at the end of the step."""
 
 
+@functools.partial(jax.jit, static_argnames="step_min")
 def digestion_matrices(model: MealModel, step_min: float) -> DigestionMatrices:
     """Compute the matrices of a step of a meal model."""
     x = 2.0 * NODES - 1.0

@@ -216,10 +216,8 @@ class Flattener:
         return np.moveaxis(np.stack(sums[:: -1 if reverse else 1]), 0, axis)
 
     def _move(self, equation: Any, inputs: list[Values]) -> list[Values]:
-        """Let JAX move the numbers of the values."""
-        with jax.ensure_compile_time_eval():
-            moved = primitives.bind(equation, [jnp.asarray(a) for a in inputs])
-        return [np.asarray(result, np.int64) for result in moved]
+        """Let the operation move the numbers of the values."""
+        return [np.asarray(result, np.int64) for result in primitives.moved(equation, inputs)]
 
     def _known(self, values: Values, what: str) -> npt.NDArray[np.int64]:
         constants = self.program.constants

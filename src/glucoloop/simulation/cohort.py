@@ -285,7 +285,8 @@ class Cohort:
         digestion = chosen(self._one_digestion, self._digestion_varies)
         own = _Own(plant=self._plants.own_of_nominal(), digestion=digestion, **parts)
         insulin = self._nominal.basal_insulin_mU_min
-        carry, key = self._begin(own, self._nominal.steady_state(insulin), insulin, jnp.zeros(()), jax.random.key(0))
+        rest = self._nominal.steady_state(insulin)
+        carry, key = jax.eval_shape(self._begin, own, rest, insulin, jnp.zeros(()), jax.random.key(0))
         reaching: dict[str, Array] = {}
         if self._own_meals:
             reaching["jumps"] = np.zeros((self._substeps, self._entries))

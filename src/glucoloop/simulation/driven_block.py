@@ -47,9 +47,14 @@ _PATH: Final = _AT_NODES * np.array([1.0, 3.0, 5.0]) @ _LEGENDRE
 def doublings_for(single: SemilinearPatient, step_min: float) -> int:
     """Number of doublings for this person and for anyone whose flows are up to four times as fast."""
     z = single.split(single.steady_state(single.basal_insulin_mU_min))[1]
-    A = jax.jacfwd(lambda z: single.driven_derivative(z, jnp.zeros(())))(z)
-    norm = float(jnp.abs(A).sum(axis=0).max()) * step_min
+    norm = float(_driven_norm(single, z)) * step_min
     return max(0, math.ceil(math.log2(4.0 * norm / _SHORT)))
+
+
+@jax.jit
+def _driven_norm(single: SemilinearPatient, z: jax.Array) -> jax.Array:
+    A = jax.jacfwd(lambda z: single.driven_derivative(z, jnp.zeros(())))(z)
+    return jnp.abs(A).sum(axis=0).max()
 
 
 @functools.lru_cache(maxsize=4)

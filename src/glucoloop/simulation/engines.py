@@ -71,7 +71,7 @@ def make_engine(
     precision: str,
     products: str = FUSED,
 ) -> Engine:
-    """An engine for a loop, made from an example of one person and one sample.
+    """An engine for a loop, made from an example of one person and one sample, of which only shapes and types count.
 
     Parameters
     ----------
@@ -126,7 +126,6 @@ class NativeEngine:
         products: str = FUSED,
     ) -> None:
         self.precision = precision
-        own, carry, reaching, shared = jax.tree.map(jnp.asarray, (own, carry, reaching, shared))
         lowered = lower(step, own, carry, reaching, shared, (key, jnp.zeros((), int)), precision=precision)
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)

@@ -52,7 +52,7 @@ class PeoplePlant:
         patient_varies = varying(varied, nominal)
         y, z = nominal.split(nominal.working_state())
         if _depends(lambda p: p.transport(y), nominal, patient_varies):
-            matrices = dataclasses.replace(matrices, transport=jax.jacfwd(nominal.transport)(y))
+            matrices = dataclasses.replace(matrices, transport=_transport(nominal, y))
         if _depends(lambda p: p.glucose_mg_dl(p.join(y, z)), nominal, patient_varies):
             matrices = dataclasses.replace(matrices, probe=_probe(nominal, varied))
         self._own_driven = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
@@ -89,6 +89,11 @@ class PeoplePlant:
         """Plant of one person."""
         plant: ExponentialPlant = replaced(self.single, self._varies, own)
         return plant
+
+
+@jax.jit
+def _transport(patient: SemilinearPatient, y: jax.Array) -> jax.Array:
+    return jax.jacfwd(patient.transport)(y)
 
 
 def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:

@@ -43,7 +43,7 @@ def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.n
     def choose(*of_each: Any) -> Any:
         if not any(jnp.ndim(one) for one in of_each):
             return of_each[0]
-        return jnp.select([turn == i for i in range(len(of_each))], [jnp.asarray(one) for one in of_each])
+        return jnp.asarray(np.select([turn == i for i in range(len(of_each))], [np.asarray(one) for one in of_each]))
 
     def choose_values(*of_each: Array) -> Array:
         return np.asarray(np.select([turn == i for i in range(len(of_each))], of_each))
