@@ -93,7 +93,8 @@ class PeoplePlant:
 
 @jax.jit
 def _transport(patient: SemilinearPatient, y: jax.Array) -> jax.Array:
-    return jax.jacfwd(patient.transport)(y)
+    matrix: jax.Array = jax.jacfwd(patient.transport)(y)
+    return matrix
 
 
 def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
