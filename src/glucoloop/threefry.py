@@ -17,8 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-LARGEST_COUNTER: Final = 2**32 - 1
-"""Largest seed, number of a person, or index."""
+from glucoloop.limits import LARGEST_COUNTER
 
 Words = npt.NDArray[np.uint32]
 

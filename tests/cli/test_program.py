@@ -10,7 +10,7 @@ import pytest
 
 import glucoloop
 
-HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "glucoloop.config")
+HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "glucoloop.config.run")
 
 
 def shell(*arguments, folder, cache):

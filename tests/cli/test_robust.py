@@ -8,10 +8,11 @@ import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
-from glucoloop.config import read_run
+from glucoloop.config.run import read_run
 from glucoloop.registry.controllers import ESTIMATING, SEARCHED
-from glucoloop.studies.robust.keys import RANGES, read_robust, robust_key_names
+from glucoloop.studies.robust.keys import read_robust, robust_key_names
 from glucoloop.studies.robust.objectives import METRICS, OBJECTIVES
+from glucoloop.studies.robust.options import RANGES
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {

@@ -146,7 +146,7 @@ def test_each_person_is_a_run_of_his_own(trial, prepared, result):
         trace = simulate(
             one,
             controller.with_basal(one.basal_insulin_mU_min),
-            sensor_of(trial.noise_variance, trial.noise_bound_mg_dl, trial.dead_time_samples),
+            sensor_of(trial),
             pump_of(dose_limits(), None),
             Scenario([Meal(float(meals.carbs_g[0, i]), float(meals.t_min[0, i]))], 100.0, setpoint_mg_dl=120.0),
             keys[i],

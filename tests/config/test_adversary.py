@@ -2,7 +2,8 @@
 
 import pytest
 
-from glucoloop.studies.adversary.keys import SEARCHED, read_adversary
+from glucoloop.studies.adversary.keys import read_adversary
+from glucoloop.studies.adversary.options import USUAL
 
 
 def test_without_keys_it_is_five_guarded_controllers_under_three_sizes_of_errors():
@@ -12,7 +13,7 @@ def test_without_keys_it_is_five_guarded_controllers_under_three_sizes_of_errors
         "imc, guarded, ±20 %",
         "imc, guarded, ±30 %",
     ]
-    assert len(asked.cells()) == 3 * len(SEARCHED)
+    assert len(asked.cells()) == 3 * len(tuple(USUAL["controllers"]))
     space = asked.cells()[0].space
     assert (space.samples, space.hold_samples, space.stretches, space.stretch_samples) == (120, 3, 3, 6)
 

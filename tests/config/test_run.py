@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.config import read_comparison, read_identification, read_run, read_toml, toml_text
-from glucoloop.config.identification import identification_keys, overlay_identification
-from glucoloop.config.run import overlay
+from glucoloop.config.comparison import read_comparison
+from glucoloop.config.identification import identification_keys, overlay_identification, read_identification
+from glucoloop.config.run import overlay, read_run
+from glucoloop.config.toml import read_toml, toml_text
 from glucoloop.meals import Meal
 
 keys = st.fixed_dictionaries(

@@ -4,9 +4,11 @@ import tomllib
 
 import pytest
 
-from glucoloop.config import read_comparison, read_identification, read_run, toml_text
 from glucoloop.config.bound import bound_keys, read_bound
-from glucoloop.config.identification import identification_keys
+from glucoloop.config.comparison import read_comparison
+from glucoloop.config.identification import identification_keys, read_identification
+from glucoloop.config.run import read_run
+from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.studies.detection.keys import detection_keys, read_detection
 from glucoloop.studies.robust.keys import read_robust

@@ -7,9 +7,13 @@ import tomli_w
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.config import read_comparison, read_identification, read_population, read_run, read_toml
-from glucoloop.config.identification import IdentificationConfig
-from glucoloop.config.run import run_keys
+from glucoloop.config.comparison import read_comparison
+from glucoloop.config.identification import read_identification
+from glucoloop.config.key import declared
+from glucoloop.config.options.identification import IdentificationKeys
+from glucoloop.config.population import read_population
+from glucoloop.config.run import read_run, run_keys
+from glucoloop.config.toml import read_toml
 from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.registry.controllers import CONTROLLERS
@@ -67,7 +71,7 @@ def test_comparison(refusal, keys, cases):
     refusal(read_comparison, keys, [{"label": "one"}, *cases])
 
 
-@given(keys_among(IdentificationConfig.model_fields))
+@given(keys_among(declared(IdentificationKeys)))
 @example({"sample_time_min": 1e-320})
 @settings(max_examples=150)
 def test_identification(refusal, keys):

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.config import meal_text, parse_meal
 from glucoloop.config.case_text import parse_case
+from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.printable import is_printable, printable
 from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import FAULTS

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glucoloop.config import read_run
 from glucoloop.config.clock_text import parse_time_of_day, time_of_day_text
+from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.meals import Meal
 from glucoloop.meals.counting import counted_g, counted_meals
@@ -55,7 +55,7 @@ KEYS = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -5.0, "
 
 def test_a_run_and_a_trial_are_read_again_from_their_own_keys():
     run = read_run(KEYS)
-    assert run.situation.scenario(announced=True).start_min == 450.0
+    assert run.situation.scenario().start_min == 450.0
     assert run.situation.situation().miscounts
     assert read_run(run.keys()) == run
     trial = read_trial({**KEYS, "people": 3})

@@ -8,8 +8,8 @@ import pytest
 
 from glucoloop.registry.ranges import Tuned, parse_range
 from glucoloop.studies.robust.front import BOTH, Bound, choose, keeps, pareto
-from glucoloop.studies.robust.keys import RANGES
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores
+from glucoloop.studies.robust.options import RANGES
 from glucoloop.tuning.samplers import Told, make_sampler
 
 

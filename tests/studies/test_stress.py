@@ -158,11 +158,11 @@ def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        ({"guards": "some"}, "guards is 'some'; give both, with or without"),
+        ({"guards": "some"}, "guards is 'some'; give one of 'both', 'with' or 'without'"),
         ({"traces": "all"}, "traces is no part of a stress test"),
         ({"guard": True}, "guard is no part of a stress test"),
         ({"faults": ["stuck", "stuck"]}, "the fault 'stuck' is given twice"),
-        ({"faults": "stuck"}, "faults is 'stuck'; give a list of faults"),
+        ({"faults": "stuck"}, "faults is 'stuck'; give a list"),
         ({"faults": []}, "faults is []; give a list of faults"),
         ({"guard_fastest_mg_dl_min": "fast"}, "guard_fastest_mg_dl_min is 'fast'; give a number"),
         ({"faults": ["stuck, start_min=900"]}, "the fault stuck begins at 900 min, but the run ends at 600 min"),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import Given, Option, reworded, with_options
+from glucoloop.cli.options import MMOL, Given, options_of, reworded, with_options, without
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import carried_out, paths_of, read_request, read_with_cases, tell_results
-from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL, WORKERS
+from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS, usual_texts
+from glucoloop.studies.adversary.options import REFUSED, USUAL, AdversaryKeys
 
 if TYPE_CHECKING:
     from glucoloop.storage.rows import RowsFolder
@@ -29,88 +29,18 @@ HELP: Final = (
     "  glucoloop adversary --controller mpc --person 17 --error 20 --generations 1000 --out person-17\n\n"
     "  glucoloop adversary --config worst/adversary.toml --out again"
 )
-_ERRORS: Final = "Errors"
-_SEARCH: Final = "Search"
-_NOT_HERE: Final = (
-    *("traces", "guard", DASK.key, WORKERS.key, "mmol", "days", "design", "shard_people"),
-    *("meal_size_spread_pct", "meal_time_spread_min"),
-)
-_OWN: Final = (
-    Option(
-        "errors_pct",
-        "--error",
-        list[float],
-        "Largest error of a reading, in percent of the true glucose; repeat it for more, each has a search of its own.",
-        _ERRORS,
-        metavar="PCT",
-        default="10, 20, 30",
-    ),
-    Option(
-        "hold_min", "--hold", float, "Time for which an error stays the same.", _ERRORS, metavar="MIN", default="15"
-    ),
-    Option(
-        "stuck_times",
-        "--stuck-times",
-        int,
-        "Number of stretches with a stuck reading.",
-        _ERRORS,
-        metavar="N",
-        default="3",
-    ),
-    Option("stuck_min", "--stuck-for", float, "Length of each.", _ERRORS, metavar="MIN", default="30"),
-    Option(
-        "person",
-        "--person",
-        int,
-        "Search on this person of the population; the nominal patient by default.",
-        _SEARCH,
-        metavar="N",
-    ),
-    Option(
-        "generations",
-        "--generations",
-        int,
-        "Number of generations of each search.",
-        _SEARCH,
-        metavar="N",
-        default="300; nlqdmc-se, meal-mpc: 30",
-    ),
-    Option("starts", "--starts", int, "Searches side by side.", _SEARCH, metavar="N", default="8"),
-    Option(
-        "sequences",
-        "--sequences",
-        int,
-        "Number of sequences in a generation, for each start.",
-        _SEARCH,
-        metavar="N",
-        default="32",
-    ),
-    Option(
-        "search_seed",
-        "--search-seed",
-        int,
-        "The same seed tries the same sequences.",
-        _SEARCH,
-        metavar="N",
-        default="1",
-    ),
-    dataclasses.replace(GUARDS, default="with"),
-)
-_WORDS: Final = {
-    "people": "Number of people with random errors, for comparison.",
-    "out": "Folder for figures of the worst loops and tables; an unfinished search in it is resumed.",
-    "overwrite": "Begin again and replace the search in the folder.",
-}
-_DEFAULTS: Final = {
-    "duration_min": "600",
-    "meals": "50g@50min",
-    "controllers": "imc, mpc, mpc-se",
-}
-
-
+_NOT_HERE: Final = (*REFUSED, DASK.key, WORKERS.key, MMOL.key, "days")
 _OPTIONS: Final = (
-    *_OWN,
-    *reworded((option for option in TRIAL if option.key not in _NOT_HERE), help=_WORDS, default=_DEFAULTS),
+    *options_of(AdversaryKeys),
+    *reworded(
+        without(TRIAL, *_NOT_HERE),
+        help={
+            "people": "Number of people with random errors, for comparison.",
+            "out": "Folder for figures of the worst loops and tables; an unfinished search in it is resumed.",
+            "overwrite": "Begin again and replace the search in the folder.",
+        },
+        default=usual_texts(USUAL),
+    ),
 )
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import OUTPUT, SEED, SITUATION, Given, Option, names, with_options
+from glucoloop.cli.options import OUTPUT, Given, names, options_of, with_options, without
 from glucoloop.cli.request import file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import show, stages
 from glucoloop.cli.telling import print_json, where_written
+from glucoloop.config.options.bound import NOT_OF_A_BOUND, BoundKeys
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from glucoloop.cli.request import Output
-    from glucoloop.config.bound import BoundConfig
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.studies.bounded import Bounded
 
@@ -28,62 +27,7 @@ HELP: Final = (
     "  glucoloop bound --noise 1.45\n\n"
     "  glucoloop bound --config bound/bound.toml"
 )
-_BOUND: Final = "Bound"
-_NOT_HERE: Final = (
-    "announce_meals",
-    "carb_error_pct",
-    "carb_bias_pct",
-    "start",
-    "pump_resolution_mU_min",
-    "faults",
-    "no_fault",
-    "integrator",
-    "noise_bound_mg_dl",
-    SEED.key,
-)
-_OWN: Final = (
-    Option(
-        "known_after_min",
-        "--known-after",
-        list[str],
-        "Time from the start of a meal until it is known; a dead time is added; a negative time is in advance. "
-        "Repeat it "
-        "for more.",
-        _BOUND,
-        metavar="MIN",
-        default="0 and 10",
-    ),
-    Option("in_advance", "--in-advance", bool, "Also for all meals known from the start of the run.", _BOUND),
-    Option(
-        "objective",
-        "--objective",
-        str,
-        "Quantity that is minimised: the largest deviation to either side; the undershoot, then the peak; the peak, "
-        "then the "
-        "undershoot; the sum of squared deviations.",
-        _BOUND,
-        metavar="deviation|undershoot|peak|sse",
-        default="deviation",
-    ),
-    Option(
-        "undershoot_weight",
-        "--undershoot-weight",
-        float,
-        "Weight of squares below the setpoint, for sse.",
-        _BOUND,
-        metavar="X",
-        default="1",
-    ),
-)
-
-
-def _options() -> Iterator[Option]:
-    yield from (option for option in SITUATION if option.key not in _NOT_HERE)
-    yield from _OWN
-    yield from OUTPUT
-
-
-_OPTIONS: Final = tuple(_options())
+_OPTIONS: Final = (*without(options_of(BoundKeys), *NOT_OF_A_BOUND), *OUTPUT)
 
 
 @with_options(_OPTIONS)
@@ -106,27 +50,19 @@ def command(given: Given) -> None:
     _tell(bounded, output, files)
 
 
-def _read(keys: Given, of_file: Given) -> BoundConfig:
+def _read(keys: Given, of_file: Given) -> BoundKeys:
     from glucoloop.config.bound import read_bound
 
     called = names(_OPTIONS, keys)
-    known = keys.pop("known_after_min", None)
-    if known:
-        keys["known_after_min"] = [_minutes(text) for text in known]
+    if not keys.get("known_after_min"):
+        keys.pop("known_after_min", None)
     return read_bound({**of_file, **keys}, called)
-
-
-def _minutes(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"--known-after is {text!r}; give a number") from None
 
 
 def _write(folder: OutputFolder, bounded: Bounded) -> None:
     from glucoloop.cli.pictures import write_figure
-    from glucoloop.config import toml_text
     from glucoloop.config.bound import bound_keys
+    from glucoloop.config.toml import toml_text
     from glucoloop.report.bound_figure import plot_bound
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import OUTPUT, Given, Option, names, with_options
+from glucoloop.cli.options import OUTPUT, Given, Option, names, options_of, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, file_keys, split_off_output
 from glucoloop.cli.screen import show, stage
 from glucoloop.cli.telling import print_json, where_written
+from glucoloop.papers.meal_aware.options import EXTENT_PANEL, QUICK, ClaimsKeys
 
 if TYPE_CHECKING:
     from glucoloop.papers.meal_aware.comparison import Verdict
     from glucoloop.papers.meal_aware.experiments import Study
-    from glucoloop.papers.meal_aware.situations import Asked
 
 HELP: Final = (
     "Say of each claim about the meal-aware controller whether it holds, with the number, its bound and the seeds.\n\n"
@@ -25,22 +25,11 @@ HELP: Final = (
     "  glucoloop claims --quick --out glimpse\n\n"
     "  glucoloop claims --config claims/claims.toml --out again"
 )
-_HOW_MUCH: Final = "How much"
-_OWN: Final = (
-    Option("seeds", "--seeds", int, "Runs of each noisy situation.", _HOW_MUCH, metavar="N", default="200; quick: 16"),
-    Option("people", "--people", int, "How many people.", _HOW_MUCH, metavar="N", default="1000; quick: 64"),
-    Option(
-        "seed",
-        "--seed",
-        int,
-        "The first seed of the sensor, and that of the people; the same seed gives the same numbers.",
-        _HOW_MUCH,
-        metavar="N",
-        default="1",
-    ),
-    Option("quick", "--quick", bool, "A glimpse: few seeds and few people.", _HOW_MUCH),
+_OPTIONS: Final = (
+    *options_of(ClaimsKeys),
+    Option("quick", "--quick", bool, "A glimpse: few seeds and few people.", EXTENT_PANEL),
+    *OUTPUT,
 )
-_OPTIONS: Final = (*_OWN, *OUTPUT)
 
 
 @with_options(_OPTIONS)
@@ -64,8 +53,8 @@ def command(given: Given) -> None:
     _tell(done, judged, output, files)
 
 
-def _read(keys: Given, of_file: dict[str, Any]) -> Asked:
-    from glucoloop.papers.meal_aware.situations import QUICK, read_asked
+def _read(keys: Given, of_file: dict[str, Any]) -> ClaimsKeys:
+    from glucoloop.papers.meal_aware.situations import read_asked
 
     called = names(_OPTIONS, keys)
     quick = QUICK if keys.pop("quick", False) else {}

@@ -15,7 +15,7 @@ from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
     from glucoloop.bounds import Distance, OptimalDoses
-    from glucoloop.config import Comparison
+    from glucoloop.config.comparison import Comparison
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.studies.closed_loop import Outcome
 
@@ -97,8 +97,9 @@ def _bounded(keys: Given, of_file: Given) -> bool:
 
 
 def _read(keys: Given, of_file: Given) -> Comparison:
-    from glucoloop.config import overlay, read_comparison
     from glucoloop.config.cases import take_cases
+    from glucoloop.config.comparison import read_comparison
+    from glucoloop.config.run import overlay
 
     cases = take_cases(keys, of_file)
     called = names(_OPTIONS, keys)
@@ -113,7 +114,7 @@ def _write(
     output: Output,
 ) -> None:
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
-    from glucoloop.config import toml_text
+    from glucoloop.config.toml import toml_text
     from glucoloop.report import Repeat
     from glucoloop.report.facts import comparison_facts
     from glucoloop.storage import tables

@@ -5,12 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OF_OTHERS, OUTPUT, SETTINGS, Given, Option, names, reworded, with_options
+from glucoloop.cli.options import (
+    CASE,
+    OUTPUT,
+    SETTINGS,
+    Given,
+    Option,
+    among,
+    names,
+    options_of,
+    reworded,
+    with_options,
+    without,
+)
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage, stages
 from glucoloop.cli.study import read_request, tell_results
-from glucoloop.cli.trial_options import TRIAL
-from glucoloop.registry.controllers import CONTROLLERS, ESTIMATING, all_settings
+from glucoloop.cli.trial_options import TRIAL, usual_texts
+from glucoloop.registry.controllers import ESTIMATING, all_settings
+from glucoloop.studies.detection.options import ESTIMATORS_PANEL, TAKEN, USUAL, DetectionKeys
 
 if TYPE_CHECKING:
     from glucoloop.studies.detection.detection import Detection
@@ -26,61 +39,8 @@ HELP: Final = (
     "  glucoloop detect --population parker2000 --people 100 --meals-per-h 0.1 --out people\n\n"
     "  glucoloop detect --config detect/detect.toml"
 )
-_ESTIMATORS: Final = "Estimators"
-_OF_A_TRIAL: Final = (
-    *(
-        "people",
-        "population",
-        "first_person",
-        "meals",
-        "meal_model",
-        "no_meal",
-        "meal_size_spread_pct",
-        "meal_time_spread_min",
-    ),
-    *("patient", "operating_point", "setpoint_mg_dl", "noise_variance", "noise_bound_mg_dl", "dead_time_min", "site"),
-    *("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min", "pump_resolution_mU_min"),
-    *("faults", "no_fault", "sample_time_min", "seed", "allow_unusual", "known_dead_time"),
-)
-_DEFAULTS: Final = {
-    "people": "1",
-    "population": "nominal",
-    "meals": "55g@5h, 55g@14.5h",
-    "meal_size_spread_pct": "80",
-    "meal_time_spread_min": "90",
-    "noise_variance": "1.45",
-}
-_WORDS: Final = {"known_dead_time": "Whether controller and estimators know the dead time."}
-_OWN: Final = (
-    Option("days", "--days", int, "Days of each person.", "Meals", metavar="N", default="100; of several people 1"),
-    Option(
-        "estimators",
-        "--estimator",
-        list[str],
-        f"{', '.join(ESTIMATING.setting('estimator').choices)}; repeat it for more.",
-        _ESTIMATORS,
-        metavar="NAME",
-        default="both",
-    ),
-    Option(
-        "threshold",
-        "--threshold",
-        float,
-        "Probability of a meal above which it counts as detected.",
-        _ESTIMATORS,
-        metavar="P",
-        default="0.5",
-    ),
-    Option(
-        "controller",
-        "--controller",
-        str,
-        f"Who doses: {', '.join(CONTROLLERS)}, {OF_OTHERS}.",
-        "Controller",
-        metavar="NAME",
-        default=ESTIMATING.name,
-    ),
-)
+_NO_OPTIONS: Final = ("carb_error_pct", "carb_bias_pct", "start")
+"""Keys that concern announced meals."""
 
 
 def _controller_options() -> Iterator[Option]:
@@ -88,16 +48,20 @@ def _controller_options() -> Iterator[Option]:
     settings = {*all_settings(), SETTINGS} - {"estimator"}
     own = {name: ESTIMATING.setting(name) for name in ESTIMATING.estimator_settings}
     return reworded(
-        (option for option in CASE if option.key in settings),
+        among(CASE, settings),
         help={name: setting.summary for name, setting in own.items()},
         default={name: setting.default.text for name, setting in own.items()},
-        panel=dict.fromkeys(own, _ESTIMATORS),
+        panel=dict.fromkeys(own, ESTIMATORS_PANEL),
     )
 
 
 _OPTIONS: Final = (
-    *reworded((option for option in TRIAL if option.key in _OF_A_TRIAL), help=_WORDS, default=_DEFAULTS),
-    *_OWN,
+    *reworded(
+        without(among(TRIAL, TAKEN), *_NO_OPTIONS),
+        help={"known_dead_time": "Whether controller and estimators know the dead time."},
+        default=usual_texts(USUAL),
+    ),
+    *options_of(DetectionKeys),
     *_controller_options(),
     *OUTPUT,
 )
@@ -128,7 +92,7 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> Detection:
-    from glucoloop.config import overlay
+    from glucoloop.config.run import overlay
     from glucoloop.studies.detection.keys import read_detection
 
     called = names(_OPTIONS, keys)

@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, with_options
+from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, options_of, with_options, without
 from glucoloop.cli.request import file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import stage
+from glucoloop.config.key import declared, own_keys
+from glucoloop.config.options.export import ChipKeys
 
 if TYPE_CHECKING:
     from glucoloop.config.export import Export
@@ -21,52 +23,20 @@ HELP: Final = (
     "  glucoloop export --controller mpc-se --guard --target cortex-m4f --out pump\n\n"
     "  glucoloop export --check pump --samples 10000"
 )
-_CHIP: Final = "Chip"
-_TAKEN: Final = frozenset(
-    ("meals", "no_meal", "duration_min", "integrator", "faults", "no_fault", "initial_glucose_mg_dl")
-)
+_TAKEN: Final = ("meals", "duration_min", "integrator", "faults", "initial_glucose_mg_dl")
 """Options of a run that do not concern a controller: the recorded samples have meals and faults of their own."""
 OPTIONS: Final = (
-    Option(
-        "precision", "--precision", str, "Arithmetic on the chip.", _CHIP, metavar="float32|float64", default="float32"
-    ),
-    Option(
-        "target",
-        "--target",
-        str,
-        "Target chip, which is emulated; c for none.",
-        _CHIP,
-        metavar="c|cortex-m4f|cortex-m7|rv32",
-        default="c",
-    ),
-    Option(
-        "form",
-        "--form",
-        str,
-        "unrolled: a statement for each operation, fast; compact: loops and tables, small; auto chooses by size.",
-        _CHIP,
-        metavar="auto|unrolled|compact",
-        default="auto",
-    ),
-    Option(
-        "samples",
-        "--samples",
-        int,
-        "Number of recorded samples; with --check of those that are checked.",
-        _CHIP,
-        metavar="N",
-        default="120",
-    ),
+    *options_of(ChipKeys),
     Option(
         "check",
         "--check",
         str,
         "Check a folder that was written before, with all that is installed: NumPy, the native engine, C on this "
         "computer and in QEMU, MISRA C by cppcheck, and bounds of the dose by Frama-C.",
-        _CHIP,
+        "Chip",
         metavar="DIR",
     ),
-    *(option for option in (*SITUATION, *CASE) if option.key not in _TAKEN),
+    *without((*SITUATION, *CASE), *_TAKEN),
     *OUTPUT,
 )
 
@@ -100,12 +70,12 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> Export:
-    from glucoloop.config import overlay
-    from glucoloop.config.export import KEYS, read_export
+    from glucoloop.config.export import read_export
+    from glucoloop.config.run import overlay
 
     called = names(OPTIONS, keys)
-    chip = {key: value for key, value in (*of_file.items(), *keys.items()) if key in KEYS}
-    lower, upper = ({k: v for k, v in of.items() if k not in KEYS} for of in (of_file, keys))
+    chip = own_keys({**of_file, **keys}, ChipKeys)
+    lower, upper = ({k: v for k, v in of.items() if k not in declared(ChipKeys)} for of in (of_file, keys))
     run = overlay(lower, upper, called)
     return read_export({**run, **chip}, called)
 

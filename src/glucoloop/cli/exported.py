@@ -9,8 +9,8 @@ from typing import Any
 
 import glucoloop
 from glucoloop.cli.telling import where_written
-from glucoloop.config import toml_text
 from glucoloop.config.export import Export
+from glucoloop.config.toml import toml_text
 from glucoloop.control import Controller
 from glucoloop.experiments.situation import Situation
 from glucoloop.firmware.chips import chip_of

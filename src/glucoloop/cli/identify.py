@@ -4,31 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import (
-    ALLOW_UNUSUAL,
-    DEAD_TIME,
-    LAGUERRE_FUNCTIONS,
-    LAGUERRE_POLE,
-    MEMORY,
-    NOISE,
-    NOISE_BOUND,
-    OPERATING_POINT,
-    OUTPUT,
-    PATIENT,
-    SAMPLE_TIME,
-    SEED,
-    Given,
-    Option,
-    names,
-    with_options,
-)
+from glucoloop.cli.options import OUTPUT, Given, names, options_of, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output
 from glucoloop.cli.screen import show, stage
 from glucoloop.cli.telling import print_json, where_written
+from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
-    from glucoloop.config import IdentificationConfig
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.studies.identified import Identified
 
@@ -43,62 +26,7 @@ HELP: Final = (
     "  glucoloop identify --data record.csv --out model\n\n"
     "  glucoloop run --model model/model.json"
 )
-_EXPERIMENT: Final = "Experiment on the virtual patient"
-_RECORD: Final = "Record"
-_OPTIONS: Final = (
-    PATIENT,
-    OPERATING_POINT,
-    NOISE,
-    NOISE_BOUND,
-    DEAD_TIME,
-    Option(
-        "amplitude_mU_min",
-        "--amplitude",
-        float,
-        "Height of the pulses, at most the basal rate.",
-        _EXPERIMENT,
-        metavar="MU_MIN",
-        default="22.33",
-    ),
-    Option("samples", "--samples", int, "Length of the experiment.", _EXPERIMENT, metavar="N", default="2 M"),
-    Option("data", "--data", str, "Record to identify from.", _RECORD, metavar="FILE.csv"),
-    Option(
-        "method",
-        "--method",
-        str,
-        "csrs: cross-correlation, for balanced pulses from rest; least-squares: for any input that varies enough.",
-        _RECORD,
-        metavar="auto|csrs|least-squares",
-        default="auto",
-    ),
-    Option(
-        "max_gap_min", "--max-gap", float, "Longest gap that is interpolated.", _RECORD, metavar="MIN", default="15"
-    ),
-    Option(
-        "basal_insulin_mU_min",
-        "--basal-insulin",
-        float,
-        "Rate before the record; its median by default.",
-        _RECORD,
-        metavar="MU_MIN",
-    ),
-    Option(
-        "starts_at_rest",
-        "--from-rest/--not-from-rest",
-        bool,
-        "Whether insulin was at the basal rate for the memory before the record, and nothing was eaten for six hours.",
-        _RECORD,
-        default="from rest",
-    ),
-    SAMPLE_TIME,
-    SEED,
-    ALLOW_UNUSUAL,
-    MEMORY,
-    LAGUERRE_POLE,
-    Option("best_pole", "--best-pole", bool, "Search for the pole that fits best.", LAGUERRE_POLE.panel),
-    LAGUERRE_FUNCTIONS,
-    *OUTPUT,
-)
+_OPTIONS: Final = (*options_of(IdentificationKeys), *OUTPUT)
 
 
 @with_options(_OPTIONS)
@@ -121,17 +49,16 @@ def command(given: Given) -> None:
     _tell(identified, output, files)
 
 
-def _read(keys: Given, of_file: Given) -> IdentificationConfig:
-    from glucoloop.config import read_identification
-    from glucoloop.config.identification import overlay_identification
+def _read(keys: Given, of_file: Given) -> IdentificationKeys:
+    from glucoloop.config.identification import overlay_identification, read_identification
 
     return read_identification(overlay_identification(of_file, keys), names(_OPTIONS, keys))
 
 
 def _write(folder: OutputFolder, identified: Identified) -> None:
     from glucoloop.cli.pictures import write_figure
-    from glucoloop.config import toml_text
     from glucoloop.config.identification import identification_keys
+    from glucoloop.config.toml import toml_text
     from glucoloop.report import plot_identification, plot_validation
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text

@@ -62,7 +62,7 @@ def command(
     for point in points:
         if point not in _OPERATING_POINTS:
             raise ValueError(f"unknown operating point {point!r}; the known ones are: {', '.join(_OPERATING_POINTS)}")
-    from glucoloop.config.run import LARGEST_SEED
+    from glucoloop.limits import LARGEST_SEED
 
     first = _whole("--seed", seed, 0, LARGEST_SEED - MOST_SEEDS)
     if out == "":

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import CASE, FAULTS, MEALS, NO_FAULT, NO_MEAL, SETTINGS, SITUATION, Given
+from glucoloop.cli.options import CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
 from glucoloop.registry.controllers import setting_names
@@ -63,7 +63,7 @@ def with_lists(keys: Given) -> Given:
         For options that exclude one another, or a malformed setting.
     """
     keys = _with_settings(keys)
-    for several, none, called in ((MEALS, NO_MEAL, "meal"), (FAULTS, NO_FAULT, "fault")):
+    for several, none, called in (("meals", "no_meal", "meal"), ("faults", "no_fault", "fault")):
         without = keys.pop(none, False)
         if not keys.get(several):
             keys.pop(several, None)

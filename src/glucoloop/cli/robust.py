@@ -6,13 +6,14 @@ import dataclasses
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, MEALS, NO_FAULT, Given, Option, names, reworded, with_options
+from glucoloop.cli.options import CASE, OUTPUT, Given, Option, among, names, options_of, reworded, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
-from glucoloop.cli.trial_options import TRIAL
+from glucoloop.cli.trial_options import TRIAL, usual_texts
 from glucoloop.registry.controllers import SEARCHED
+from glucoloop.studies.robust.options import RANGES, SEARCH_PANEL, SUBJECTS_PANEL, TAKEN, USUAL, HowFar, RobustKeys
 
 if TYPE_CHECKING:
     from glucoloop.storage.rows import RowsFolder
@@ -36,108 +37,9 @@ HELP: Final = (
     "  glucoloop robust --sampler random --move-weight .1:1 --caution-weight 7.5 --out random\n\n"
     "  glucoloop run --noise 1.45 --config robust/best.toml"
 )
-_RANGED: Final = {of.name: of for of in SEARCHED.searched}
-_SHARED: Final = (
-    "population",
-    "patient",
-    "operating_point",
-    MEALS,
-    "meal_model",
-    "no_meal",
-    "duration_min",
-    "announce_meals",
-    "noise_variance",
-    "noise_bound_mg_dl",
-    "dead_time_min",
-    "max_change_mU_min",
-    "min_insulin_mU_min",
-    "max_insulin_mU_min",
-    "site",
-    "pump_resolution_mU_min",
-    "faults",
-    NO_FAULT,
-    "sample_time_min",
-    "allow_unusual",
-    "known_dead_time",
-    "config",
-    "out",
-    "overwrite",
-    "json",
-)
-_DEFAULTS: Final = {MEALS: "50g@50min", "duration_min": "600", "noise_variance": "1.45"}
-_WORDS: Final = {
-    "duration_min": "Length of the run.",
-    "out": "Folder of the search; an unfinished search in it is resumed.",
-    "overwrite": "Begin again and replace the search in the folder.",
-    "json": "Print the summary as one JSON object.",
-    MEALS: "Carbohydrate and time, like 50g@50min; repeat it for more meals.",
-}
-_SUBJECTS: Final = "People and noise"
-_SEARCH: Final = "Search"
 _TUNING: Final = "Tuning"
-_CHECK: Final = "Check on others"
-_OWN: Final = (
-    Option("people", "--people", int, "People of the population.", _SUBJECTS, metavar="N", default="40"),
-    Option("people_seed", "--people-seed", int, "Of them.", _SUBJECTS, metavar="N", default="424242"),
-    Option("seeds", "--seeds", int, "Number of noises of the nominal patient.", _SUBJECTS, metavar="N", default="40"),
-    Option("first_seed", "--first-seed", int, "The first of them.", _SUBJECTS, metavar="N", default="900000"),
-    Option("check_people", "--check-people", int, "People of the check.", _CHECK, metavar="N", default="200"),
-    Option("check_people_seed", "--check-people-seed", int, "Of them.", _CHECK, metavar="N", default="424243"),
-    Option("check_seeds", "--check-seeds", int, "Noises of the check.", _CHECK, metavar="N", default="200"),
-    Option("check_first_seed", "--check-first-seed", int, "The first of them.", _CHECK, metavar="N", default="950000"),
-    Option(
-        "objectives",
-        "--objective",
-        list[str],
-        "One of the two objectives of the front; give it twice.",
-        _SEARCH,
-        metavar="NAME",
-        default="undershoot-p95, peak-median",
-    ),
-    Option(
-        "at_most",
-        "--at-most",
-        list[str],
-        "A bound, like total-variation=500, or total-variation=mpc-se: the value of a reference controller; repeat it "
-        "for more.",
-        _SEARCH,
-        metavar="NAME=X",
-    ),
-    Option(
-        "beside",
-        "--beside",
-        list[str],
-        "A reference controller with its usual tuning; repeat it for more.",
-        _SEARCH,
-        metavar="NAME",
-        default="mpc-se",
-    ),
-    Option(
-        "sampler",
-        "--sampler",
-        str,
-        "Sampler of the candidates: tpe, Parzen estimators; nsga2, evolution; random, which needs no Optuna.",
-        _SEARCH,
-        metavar="tpe|nsga2|random",
-        default="tpe",
-    ),
-    Option("sampler_seed", "--sampler-seed", int, "Seed of the sampler.", _SEARCH, metavar="N", default="0"),
-    Option(
-        "batch", "--batch", int, "Number of candidates that are proposed at a time.", _SEARCH, metavar="N", default="64"
-    ),
-    Option("rounds", "--rounds", int, "How often, in all.", _SEARCH, metavar="N", default="4"),
-    Option(
-        "prefer",
-        "--prefer",
-        str,
-        "Choice of a tuning of the front: an objective, for its least value, or both, for the nearest to both.",
-        _SEARCH,
-        metavar="NAME|both",
-        default="both",
-    ),
-)
 _TOP: Final = Option(
-    "top", "--top", int, "Number of tunings of the front in the table.", _SEARCH, metavar="N", default="10"
+    "top", "--top", int, "Number of tunings of the front in the table.", SEARCH_PANEL, metavar="N", default="10"
 )
 
 
@@ -145,8 +47,8 @@ def _tuning_options() -> Iterator[Option]:
     """Settings of the controller: ranges of the numbers that can be searched, and the other settings."""
     settings = {setting.name: setting for setting in SEARCHED.settings}
     for option in CASE:
-        if option.key in _RANGED:
-            usual, kept = _RANGED[option.key], settings[option.key].default.text
+        if option.key in RANGES:
+            usual, kept = RANGES[option.key], settings[option.key].default.text
             default = usual.text if usual.unasked else f"kept at {kept}"
             yield dataclasses.replace(
                 option, kind=str, help=settings[option.key].summary, panel=_TUNING, metavar="RANGE", default=default
@@ -160,13 +62,19 @@ def _tuning_options() -> Iterator[Option]:
 
 _OPTIONS: Final = (
     *_tuning_options(),
-    *_OWN,
+    *options_of(RobustKeys),
+    *options_of(HowFar),
     _TOP,
     *reworded(
-        (option for option in TRIAL if option.key in _SHARED),
-        help=_WORDS,
-        default=_DEFAULTS,
-        panel={"population": _SUBJECTS},
+        among(TRIAL, (*TAKEN, "known_dead_time", *(option.key for option in OUTPUT))),
+        help={
+            "duration_min": "Length of the run.",
+            "out": "Folder of the search; an unfinished search in it is resumed.",
+            "overwrite": "Begin again and replace the search in the folder.",
+            "meals": "Carbohydrate and time, like 50g@50min; repeat it for more meals.",
+        },
+        default=usual_texts(USUAL),
+        panel={"population": SUBJECTS_PANEL},
     ),
 )
 

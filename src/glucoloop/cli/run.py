@@ -11,7 +11,7 @@ from glucoloop.cli.telling import mmol_lines, print_json, where_written
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
-    from glucoloop.config import Run
+    from glucoloop.config.run import Run
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.studies.closed_loop import Outcome
 
@@ -48,7 +48,7 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> Run:
-    from glucoloop.config import overlay, read_run
+    from glucoloop.config.run import overlay, read_run
 
     called = names(_OPTIONS, keys)
     return read_run(overlay(of_file, keys, called), called)
@@ -56,7 +56,7 @@ def _read(keys: Given, of_file: Given) -> Run:
 
 def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
-    from glucoloop.config import toml_text
+    from glucoloop.config.toml import toml_text
     from glucoloop.report import Repeat
     from glucoloop.report.facts import run_facts
     from glucoloop.storage import tables

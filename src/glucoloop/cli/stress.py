@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import FAULTS, KINDS_OF_FAULTS, NO_FAULT, Given, reworded, with_options
+from glucoloop.cli.options import MMOL, Given, options_of, reworded, with_options, without
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import (
@@ -16,7 +16,9 @@ from glucoloop.cli.study import (
     tell_results,
 )
 from glucoloop.cli.trial import compute, computing
-from glucoloop.cli.trial_options import DASK, GUARDS, TRIAL
+from glucoloop.cli.trial_options import DASK, TRIAL, usual_texts
+from glucoloop.config.key import declared
+from glucoloop.studies.stress.options import REFUSED, USUAL, StressKeys
 
 if TYPE_CHECKING:
     from glucoloop.storage.trials.folder import TrialFolder
@@ -32,24 +34,16 @@ HELP: Final = (
     "  glucoloop stress --controller mpc --people 1000 --fault 'stuck, start_min=60, duration_min=90' --out stuck\n\n"
     "  glucoloop stress --config stress/stress.toml --out again"
 )
-_NOT_HERE: Final = ("traces", "guard", NO_FAULT, DASK.key, "mmol")
-_WORDS: Final = {
-    FAULTS: f"A fault that is tried alone, in place of the usual ones; repeat it for more. {KINDS_OF_FAULTS}",
-    "out": "Folder of the test; an unfinished test in it is resumed.",
-    "overwrite": "Begin again and replace the test in the folder.",
-}
-_DEFAULTS: Final = {
-    "people": "100",
-    "duration_min": "600",
-    "meals": "50g@50min",
-    "noise_variance": "1.45",
-    "controllers": "imc, mpc, mpc-se, nlqdmc-se",
-}
-
-
 _OPTIONS: Final = (
-    *reworded((option for option in TRIAL if option.key not in _NOT_HERE), help=_WORDS, default=_DEFAULTS),
-    GUARDS,
+    *reworded(
+        without(TRIAL, *REFUSED, *declared(StressKeys), DASK.key, MMOL.key),
+        help={
+            "out": "Folder of the test; an unfinished test in it is resumed.",
+            "overwrite": "Begin again and replace the test in the folder.",
+        },
+        default=usual_texts(USUAL),
+    ),
+    *options_of(StressKeys),
 )
 
 

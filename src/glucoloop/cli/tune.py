@@ -8,21 +8,23 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import (
     CASE,
-    FAULTS,
-    NO_FAULT,
-    OF_OTHERS,
     OUTPUT,
     SITUATION,
     Given,
     Option,
     names,
+    options_of,
+    reworded,
     with_options,
+    without,
 )
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage, stages
 from glucoloop.cli.study import read_request, tell_results
+from glucoloop.config.key import declared
+from glucoloop.config.options.case import OF_OTHERS
 from glucoloop.registry.controllers import CONTROLLERS, TUNABLE, setting_names
-from glucoloop.registry.guard import GUARD
+from glucoloop.studies.tuning.options import NOT_TUNED, GridKeys, RangeKeys
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,54 +42,17 @@ HELP: Final = (
     "  glucoloop tune --controller mpc-se --reference-filter .3:.8:.1 --top 5\n\n"
     "  glucoloop tune --noise 1.45 --seeds 20 --move-horizon 2 --prediction-horizon 10 --move-weight 0,1,3"
 )
-_GRID: Final = "Grid"
-_SUMMARIES: Final = {
-    "move_horizon": ("Numbers of planned moves, m.", "1:4"),
-    "prediction_horizon": ("Numbers of predicted samples, p; those below m are left out.", "1:14"),
-    "reference_filter": (
-        "Filters of the reference, φ_r; closer to 1 is slower.",
-        "mpc-se: .3:.8:.05; nlqdmc-se: .3:.5:.1,.57,.7,.8",
-    ),
-    "output_weight": ("Weights on the error of glucose, Γ_y; only the ratio to Γ_u matters.", "the paper's"),
-    "move_weight": ("Weight on each move of insulin, Γ_u.", "the paper's"),
-}
-_RANGES: Final = tuple(
-    Option(key, f"--{key.replace('_', '-')}", str, summary, _GRID, metavar="RANGE", default=default)
-    for key, (summary, default) in _SUMMARIES.items()
-)
-_SEEDS: Final = Option(
-    "seeds",
-    "--seeds",
-    int,
-    "Number of runs of each tuning with noise, from --seed on.",
-    _GRID,
-    metavar="N",
-    default="5",
-)
-_TOP: Final = Option("top", "--top", int, "Number of tunings in the table.", _GRID, metavar="N", default="10")
-
-
-_NOT_TUNED: Final = ("guard", *GUARD)
-"""Settings of the guard, which are not tuned, since a search is for the controller in a sound loop."""
 
 
 def _fixed() -> Iterator[Option]:
     """Options of a case that are not tuned: settings of controllers that are not tuned here are left out."""
     own = {setting.name for name in TUNABLE for setting in CONTROLLERS[name].settings}
-    foreign = setting_names() - own
-    for option in CASE:
-        if option.key == "controller":
-            told = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNABLE)
-            yield dataclasses.replace(option, help=f"{told}; {OF_OTHERS}.")
-        elif option.key not in {*_SUMMARIES, *foreign, *_NOT_TUNED}:
-            yield option
+    told = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNABLE)
+    others = without(CASE, *declared(RangeKeys), *(setting_names() - own), *NOT_TUNED)
+    return reworded(others, help={"controller": f"{told}; {OF_OTHERS}."})
 
 
-def _situation() -> Iterator[Option]:
-    return (option for option in SITUATION if option.key not in (FAULTS, NO_FAULT))
-
-
-_OPTIONS: Final = (*_RANGES, _SEEDS, _TOP, *_situation(), *_fixed(), *OUTPUT)
+_OPTIONS: Final = (*options_of(RangeKeys), *options_of(GridKeys), *without(SITUATION, "faults"), *_fixed(), *OUTPUT)
 
 
 @with_options(_OPTIONS)
@@ -114,7 +79,7 @@ def command(given: Given) -> None:
 
 
 def _read(keys: Given, of_file: Given) -> GridSearch:
-    from glucoloop.config import overlay
+    from glucoloop.config.run import overlay
     from glucoloop.studies.tuning.keys import read_grid_search
 
     called = names(_OPTIONS, keys)

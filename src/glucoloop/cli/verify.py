@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import time
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.options import PATIENT, Given, Option, with_options
+from glucoloop.cli.options import OUTPUT, Given, Option, among, options_of, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import show, stage
-from glucoloop.registry.controllers import CONTROLLERS
+from glucoloop.studies.verification.options import CAMPAIGN_PANEL, CampaignKeys
 
 if TYPE_CHECKING:
     from glucoloop.studies.verification.campaign import Campaign
@@ -32,32 +31,17 @@ HELP: Final = (
     "  glucoloop verify --seed 2 --controller mpc --person 17\n\n"
     "  glucoloop verify --nonsense 100000000"
 )
-_RUN: Final = "Campaign"
-_OUTPUT: Final = "Output"
-
 OPTIONS: Final = (
-    Option("loops", "--loops", int, "Number of loops, or a few more.", _RUN, metavar="N", default="100000"),
-    Option("seed", "--seed", int, "The same seed gives the same loops.", _RUN, metavar="N", default="1"),
-    Option(
-        "controllers",
-        "--controller",
-        list[str],
-        f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more.",
-        _RUN,
-        metavar="NAME",
-        default="all",
-    ),
-    dataclasses.replace(PATIENT, panel=_RUN),
-    Option("person", "--person", int, "Only the loops of this person, with their faults.", _RUN, metavar="N"),
+    *options_of(CampaignKeys, panel={"patient": CAMPAIGN_PANEL}),
     Option(
         "nonsense",
         "--nonsense",
         int,
         "Instead, give guarded controllers nonsense in so many samples, with memory lost, and check doses and caps.",
-        _RUN,
+        CAMPAIGN_PANEL,
         metavar="SAMPLES",
     ),
-    Option("json", "--json", bool, "Print one JSON object instead of a table.", _OUTPUT),
+    *among(OUTPUT, ("json",)),
 )
 
 

@@ -14,15 +14,14 @@ import numpy.typing as npt
 
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
+from glucoloop.limits import LARGEST_COUNTER, MOST_PEOPLE
 from glucoloop.meals.plan import MealPlan
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.population import Population
-from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.units import MIN_PER_DAY
 
 FORMAT: Final = 4
 """Version of the file format of a trial; a folder with another one is not resumed."""
-MOST_PEOPLE: Final = 1_000_000_000
 SHARD_PATIENT_DAYS: Final = 16_384
 TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop.config.cases import CASES_KEY, refuse_idle, under_shared
+from glucoloop.config.key import declared, plain
+from glucoloop.config.options.case import CaseKeys, case_keys
+from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import (
-    CaseKeys,
     Run,
-    SituationKeys,
     case_key_names,
-    case_keys,
     controllers_of,
     read_case,
     read_run,
@@ -39,7 +39,7 @@ class Comparison:
         """The keys from which the same comparison is read."""
         cases = [{"label": label, **case_keys(case)} for label, case in self.cases.items()]
         return {
-            **self.situation.model_dump(mode="json"),
+            **plain(self.situation),
             CASES_KEY: [{key: value for key, value in case.items() if value is not None} for case in cases],
         }
 
@@ -61,9 +61,9 @@ def read_comparison(
             f"give from 2 to {MOST_CASES}, like --case mpc --case 'careful: mpc, move_weight=1'"
         )
     refuse_unknown(keys, cases)
-    shared_situation = read_run({key: value for key, value in keys.items() if key in SituationKeys.model_fields}, names)
+    shared_situation = read_run({key: value for key, value in keys.items() if key in declared(SituationKeys)}, names)
     situation = shared_situation.situation
-    shared = {key: value for key, value in keys.items() if key not in SituationKeys.model_fields}
+    shared = {key: value for key, value in keys.items() if key not in declared(SituationKeys)}
     read: dict[str, CaseKeys] = {}
     for case in cases:
         label = case.get("label")
@@ -87,7 +87,7 @@ def read_comparison(
 def _refuse_shared(case: Mapping[str, object]) -> None:
     known = case_key_names(*controllers_of(case))
     for key in case:
-        if key in SituationKeys.model_fields:
+        if key in declared(SituationKeys):
             raise ValueError(f"{key} belongs to the situation, which all cases share; give it outside the cases")
         if key not in known:
             raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")

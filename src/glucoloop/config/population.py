@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel
-
-from glucoloop.config.run import STRICT, checked
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, plain
 from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
@@ -20,10 +20,9 @@ VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
 
 
-class Vary(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class Vary:
     """One parameter that varies, as it stands in a file."""
-
-    model_config = STRICT
 
     parameter: str
     distribution: Literal["uniform", "normal", "lognormal"]
@@ -34,10 +33,9 @@ class Vary(BaseModel):
     upper: float | None = None
 
 
-class _Named(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class _Named:
     """Keys of a population's file apart from its tables."""
-
-    model_config = STRICT
 
     name: str | None = None
     summary: str = ""
@@ -60,7 +58,7 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
     ValueError
         For an unknown key, a value of the wrong type or out of bounds, or a table that can make a person who cannot be.
     """
-    known = (*_Named.model_fields, VARY_KEY)
+    known = (*declared(_Named), VARY_KEY)
     refuse_unknown_keys(keys, known, " of a population")
     named = checked(_Named, {key: value for key, value in keys.items() if key != VARY_KEY})
     if not is_printable(named.name or name):
@@ -78,9 +76,9 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
 def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
     try:
         for key in table:
-            if key not in Vary.model_fields:
-                raise ValueError(f"unknown key {key!r}; {known_names(key, Vary.model_fields)}")
-        return Variation(**checked(Vary, table).model_dump())
+            if key not in declared(Vary):
+                raise ValueError(f"unknown key {key!r}; {known_names(key, declared(Vary))}")
+        return Variation(**plain(checked(Vary, table)))
     except ValueError as error:
         raise ValueError(f"[[{VARY_KEY}]] number {number}: {error}") from None
 

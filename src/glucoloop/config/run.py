@@ -9,13 +9,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, Literal, Self, TypeVar
+from typing import Any, Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from glucoloop.config.clock_text import parse_time_of_day
-from glucoloop.config.meal_text import meal_text, parse_meal
-from glucoloop.config.sentences import one_sentence
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys, plain
+from glucoloop.config.meal_text import meal_text
+from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys, case_keys
+from glucoloop.config.options.situation import PAPER_SAMPLE_TIME_MIN, SituationKeys, whole_samples
 from glucoloop.config.unusual import (
     Names,
     ask_about,
@@ -24,25 +24,9 @@ from glucoloop.config.unusual import (
     ask_about_pump,
     ask_about_settings,
 )
-from glucoloop.experiments.case import Case
-from glucoloop.experiments.situation import Situation
-from glucoloop.meals import Meal, Scenario, meal_model_of
-from glucoloop.meals.counting import counted_meals
+from glucoloop.meals import Meal, meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
-from glucoloop.plausible import (
-    DEAD_TIME,
-    DURATION,
-    GLUCOSE,
-    LARGEST_RATE,
-    LEAST_RATE,
-    NOISE_BOUND,
-    NOISE_VARIANCE,
-    RATE_CHANGE,
-    RATE_STEP,
-    SAMPLE_TIME,
-    SETPOINT,
-)
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import START
@@ -50,216 +34,8 @@ from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
 from glucoloop.registry.settings import Value, refuse_unknown_keys
 
-STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-LONGEST_RUN_MIN: Final = 366 * 1440.0
-LARGEST_SEED: Final = 2**32 - 1
-SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
-"""Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
-LONGEST_SAMPLE_TIME_MIN: Final = 120.0
-PAPER_SAMPLE_TIME_MIN: Final = 5.0
 _OF_PATIENT: Final = ("operating_point", "max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
 """Keys whose usual values are the patient's."""
-IDENTIFICATION_KEYS: Final = ("model_noise_variance", "memory", "laguerre_pole", "laguerre_functions")
-"""Keys of the identification of a model for the run; `model`, which names a file, replaces them."""
-
-Record = TypeVar("Record", bound=BaseModel)
-Setpoint = Annotated[float, Field(gt=0.0, le=2000.0), SETPOINT]
-Glucose = Annotated[float, Field(gt=0.0, le=2000.0), GLUCOSE]
-LeastRate = Annotated[float, Field(ge=0.0, le=10_000.0), LEAST_RATE]
-LargestRate = Annotated[float, Field(gt=0.0, le=10_000.0), LARGEST_RATE]
-RateChange = Annotated[float, Field(gt=0.0, le=10_000.0), RATE_CHANGE]
-RateStep = Annotated[float, Field(gt=0.0, le=10_000.0), RATE_STEP]
-DeadTime = Annotated[float, Field(ge=0.0, le=1440.0), DEAD_TIME]
-Duration = Annotated[float, Field(gt=0.0, le=LONGEST_RUN_MIN), DURATION]
-SampleTime = Annotated[float, Field(ge=SHORTEST_SAMPLE_TIME_MIN, le=LONGEST_SAMPLE_TIME_MIN), SAMPLE_TIME]
-Variance = Annotated[float, Field(ge=0.0, le=10_000.0), NOISE_VARIANCE]
-NoiseBound = Annotated[float, Field(gt=0.0, le=1000.0), NOISE_BOUND]
-Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
-Memory = Annotated[int, Field(ge=2, le=2000)]
-Pole = Annotated[float, Field(gt=0.0, lt=1.0)]
-Functions = Annotated[int, Field(ge=0, le=50)]
-
-
-def place_of(patient: str, operating_point: str) -> str:
-    """Short name of the operating point, after the name of the patient unless it is the usual one."""
-    return operating_point if patient == USUAL_PATIENT.name else f"{patient}, {operating_point}"
-
-
-class SurroundingKeys(BaseModel):
-    """Patient, meals, sensor and pump, without the controller."""
-
-    model_config = STRICT
-
-    patient: str = USUAL_PATIENT.name
-    operating_point: str = USUAL_PATIENT.usual_point
-    setpoint_mg_dl: Setpoint | None = None
-    """Target of the controller, or None for the patient's own."""
-    initial_glucose_mg_dl: Glucose | None = None
-    """Glucose at which the patient rests at the start, or None for the setpoint."""
-    meals: tuple[str, ...] = ("50g@50min",)
-    meal_model: str | None = None
-    """Name of the model of digestion and absorption, or None for the patient's own."""
-    duration_min: Duration = 600.0
-    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
-    noise_variance: Variance = 0.0
-    dead_time_min: DeadTime = 0.0
-    max_change_mU_min: RateChange = USUAL_PATIENT.max_change_mU_min
-    min_insulin_mU_min: LeastRate = USUAL_PATIENT.min_insulin_mU_min
-    max_insulin_mU_min: LargestRate = USUAL_PATIENT.max_insulin_mU_min
-    allow_unusual: bool = False
-    """Whether unusual values are accepted."""
-
-    @property
-    def place(self) -> str:
-        """The operating point, with the patient's name where it is another than the usual one."""
-        return place_of(self.patient, self.operating_point)
-
-    def eaten(self) -> tuple[Meal, ...]:
-        """Meals of the run."""
-        return tuple(parse_meal(text) for text in self.meals)
-
-    def scenario(self, *, announced: bool = False) -> Scenario:
-        """Meals, length, target and start.
-
-        Raises
-        ------
-        ValueError
-            For meals or a length that are not possible.
-        """
-        return Scenario(
-            self.eaten(),
-            self.duration_min,
-            setpoint_mg_dl=self.setpoint_mg_dl,
-            initial_glucose_mg_dl=self.initial_glucose_mg_dl,
-            allow_unusual=self.allow_unusual,
-            announced=announced,
-            meal_model=self.meal_model,
-        )
-
-    def surroundings(self) -> Situation:
-        """The patient, and the limits of the pump."""
-        own = ("patient", "operating_point", "setpoint_mg_dl", "meal_model", "noise_variance", "sample_time_min")
-        limits = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
-        return Situation(**{key: getattr(self, key) for key in (*own, *limits)})
-
-
-class SituationKeys(SurroundingKeys):
-    """Keys that all controllers of a comparison share."""
-
-    announce_meals: bool = False
-    carb_error_pct: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    """Standard deviation of the announced carbohydrate of a meal, in percent of the true one."""
-    carb_bias_pct: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
-    """Mean error of the announced carbohydrate, in percent."""
-    start: str | None = None
-    """Time of day at the start, like 07:00, or None if the controller does not get it."""
-    noise_bound_mg_dl: NoiseBound = 5.0
-    site: str | None = None
-    """Site of the sensor, or None for the site at which glucose is controlled."""
-    pump_resolution_mU_min: RateStep | None = None
-    """Smallest step of the pump, or None for a pump that delivers any rate."""
-    faults: tuple[str, ...] = ()
-    """Faults of sensor and pump, the first innermost; they wrap noise and dead time."""
-    integrator: Literal["fast", "adaptive"] = "fast"
-    seed: Seed = 0
-
-    @property
-    def noisy(self) -> bool:
-        """Whether readings carry noise."""
-        return self.noise_variance > 0.0
-
-    @property
-    def dead_time_samples(self) -> int:
-        """Dead time of the readings.
-
-        Raises
-        ------
-        ValueError
-            Unless it is a whole number of samples.
-        """
-        return whole_samples(self.dead_time_min, self.sample_time_min)
-
-    def eaten(self) -> tuple[Meal, ...]:
-        """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
-        meals, errs = super().eaten(), self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0
-        if not errs:
-            return meals
-        return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
-
-    @property
-    def start_min(self) -> float | None:
-        """Time of day at the start, in minutes after midnight.
-
-        Raises
-        ------
-        ValueError
-            For a text that is not a time of day.
-        """
-        return None if self.start is None else parse_time_of_day(self.start)
-
-    def scenario(self, *, announced: bool = False) -> Scenario:
-        """Meals, length, target, start and time of day.
-
-        Raises
-        ------
-        ValueError
-            For meals, a length or a time of day that are not possible.
-        """
-        return dataclasses.replace(super().scenario(announced=announced), start_min=self.start_min)
-
-    def situation(self) -> Situation:
-        """Situation of an experiment from these keys.
-
-        Raises
-        ------
-        ValueError
-            Unless the dead time is a whole number of samples.
-        """
-        return dataclasses.replace(
-            self.surroundings(),
-            announced=self.announce_meals,
-            carb_error_pct=self.carb_error_pct,
-            carb_bias_pct=self.carb_bias_pct,
-            start_min=self.start_min,
-            noise_bound_mg_dl=self.noise_bound_mg_dl,
-            dead_time_samples=self.dead_time_samples,
-            site=self.site,
-            pump_resolution_mU_min=self.pump_resolution_mU_min,
-            faults=self.faults,
-            seed=self.seed,
-        )
-
-
-class CaseKeys(BaseModel):
-    """A controller, its tuning, and the model it is designed on."""
-
-    model_config = STRICT
-
-    controller: str = "mpc"
-    tuning: Mapping[str, Value] = Field(default_factory=dict)
-    known_dead_time: bool = False
-    guard: bool = False
-    guard_limits: Mapping[str, Value] = Field(default_factory=dict)
-    """Limits of the guard; empty without a guard."""
-    model: str | None = None
-    """Path of a model file, or None to identify a model from the patient."""
-    model_noise_variance: Variance | None = None
-    """Noise of the record that the model is identified from."""
-    memory: Memory | None = None
-    laguerre_pole: Pole | None = None
-    laguerre_functions: Functions | None = None
-    """Number of Laguerre functions; 0 leaves the impulse response as it was estimated."""
-
-    def case(self, label: str | None = None) -> Case:
-        """Case of an experiment; its controller's name is its label unless another one is given."""
-        return Case(
-            label=self.controller if label is None else label,
-            controller=self.controller,
-            tuning=dict(self.tuning),
-            known_dead_time=self.known_dead_time,
-            guard=dict(self.guard_limits) if self.guard else None,
-            **{key: getattr(self, key) for key in IDENTIFICATION_KEYS},
-        )
 
 
 @dataclass(frozen=True)
@@ -271,18 +47,11 @@ class Run:
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same run is read."""
-        return {**self.situation.model_dump(mode="json"), **case_keys(self.case)}
+        return {**plain(self.situation), **case_keys(self.case)}
 
     def with_model(self, path: str) -> Self:
         """The same run, with its model from another file."""
-        return type(self)(situation=self.situation, case=self.case.model_copy(update={"model": path}))
-
-
-def case_keys(case: CaseKeys) -> dict[str, Any]:
-    """Flat keys of a case; those of its tuning stand among the others."""
-    keys = case.model_dump(mode="json")
-    limits = keys.pop("guard_limits")
-    return {"controller": keys.pop("controller"), **keys.pop("tuning"), **keys, **limits}
+        return dataclasses.replace(self, case=dataclasses.replace(self.case, model=path))
 
 
 def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Run:
@@ -300,7 +69,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
         For an unknown key, or a value of the wrong type or out of bounds.
     """
     refuse_unknown(keys)
-    situation = checked(SituationKeys, only(of_patient(keys), SituationKeys), names)
+    situation = checked(SituationKeys, own_keys(of_patient(keys), SituationKeys), names)
     if not situation.allow_unusual:
         ask_about_surroundings(situation, situation.eaten(), names)
         ask_about_clock(situation.meals, situation.duration_min)
@@ -308,7 +77,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
-    situation = situation.model_copy(update={"meals": meals, "faults": faults})
+    situation = dataclasses.replace(situation, meals=meals, faults=faults)
     return Run(situation=situation, case=read_case(keys, situation, names))
 
 
@@ -342,8 +111,7 @@ def refuse_impossible(situation: SituationKeys) -> None:
     ValueError
         For either.
     """
-    miscounted = situation.carb_error_pct != 0.0 or situation.carb_bias_pct != 0.0
-    if miscounted and not situation.announce_meals:
+    if situation.miscounts and not situation.announce_meals:
         raise ValueError(
             "an error of counting carbohydrate concerns announced meals only; announce the meals (--announce-meals), "
             "or leave the error and the bias out"
@@ -356,7 +124,7 @@ def refuse_impossible(situation: SituationKeys) -> None:
         )
 
 
-def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], names: Names = None) -> None:
+def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], names: Names = None) -> None:
     """Ask for confirmation of unusual values.
 
     Raises
@@ -377,7 +145,7 @@ def ask_about_surroundings(situation: SurroundingKeys, meals: Iterable[Meal], na
 
 def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
     """Read a case from flat keys, completed for its situation."""
-    own = only(keys, CaseKeys)
+    own = own_keys(keys, CaseKeys)
     controller = str(own.get("controller", "mpc"))
     _refuse_reserved(catalogue.controller_entry(controller))
     known = catalogue.setting_names(controller)
@@ -396,7 +164,7 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
 
 def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
     """Refuse a controller of another package with a setting whose key means something else."""
-    reserved = {*SituationKeys.model_fields, *CaseKeys.model_fields, *GUARD, "label"}
+    reserved = {*declared(SituationKeys), *declared(CaseKeys), *GUARD, "label"}
     for setting in entry.settings:
         if setting.name in reserved:
             raise ValueError(
@@ -538,41 +306,10 @@ def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
 
 def run_keys(*controllers: str) -> list[str]:
     """All flat keys of a run, with the settings of controllers of other packages that are named."""
-    return [*SituationKeys.model_fields, *case_key_names(*controllers)]
+    return [*declared(SituationKeys), *case_key_names(*controllers)]
 
 
 def case_key_names(*controllers: str) -> list[str]:
     """All flat keys that a case of a comparison may set, with the settings of named controllers of other packages."""
-    own = [key for key in CaseKeys.model_fields if key not in ("tuning", "guard_limits")]
+    own = [key for key, of in declared(CaseKeys).items() if of.key is not None]
     return [*own, *sorted(catalogue.setting_names(*controllers)), *GUARD]
-
-
-def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead time") -> int:
-    """Minutes as a number of samples; `what` names the quantity in messages.
-
-    Raises
-    ------
-    ValueError
-        Unless they are a whole number of samples.
-    """
-    samples = round(minutes / sample_time_min)
-    if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
-        below = int(minutes / sample_time_min) * sample_time_min
-        raise ValueError(
-            f"{what} of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
-            f"give {below:g} or {below + sample_time_min:g} min"
-        )
-    return samples
-
-
-def checked(record: type[Record], keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Record:
-    """Build a record from its keys, or refuse them in one sentence."""
-    try:
-        return record.model_validate({key: tuple(v) if isinstance(v, list) else v for key, v in keys.items()})
-    except ValidationError as error:
-        raise ValueError(one_sentence(error, record, names)) from None
-
-
-def only(keys: Mapping[str, object], record: type[BaseModel]) -> dict[str, object]:
-    """Keys of a record among others."""
-    return {key: value for key, value in keys.items() if key in record.model_fields}

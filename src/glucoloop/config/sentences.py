@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from glucoloop.plausible import Quantity
+from glucoloop.registry.settings import About
 
 _KINDS: Final = {
     "int": "a whole number",
@@ -58,7 +59,7 @@ def one_sentence(error: ValidationError, record: type[BaseModel], names: Mapping
 def _meant(value: object, record: type[BaseModel], key: str) -> str:
     """The unit in which a value beyond the bounds would be plausible."""
     found = record.model_fields.get(key)
-    quantity = None if found is None else quantity_of(found)
+    quantity = None if found is None else _quantity_of(found)
     if quantity is None or isinstance(value, bool) or not isinstance(value, int | float):
         return ""
     told = quantity.looks_like(value)
@@ -91,24 +92,13 @@ def _bounds(record: type[BaseModel], key: str) -> str:
     words = {"gt": "above", "ge": "of at least", "lt": "below", "le": "at most"}
     parts = [
         f"{text} {bound:g}" if isinstance(bound, float) else f"{text} {bound}"
-        for item in metadata_of(found)
+        for item in found.metadata
         for side, text in words.items()
         if (bound := getattr(item, side, None)) is not None
     ]
     return " and ".join(parts)
 
 
-def metadata_of(field: FieldInfo) -> list[Any]:
-    """Bounds and plausible range of a field; an optional one keeps them with the branch that is not None."""
-    return [*field.metadata, *(item for branch in get_args(field.annotation) for item in _of_branch(branch))]
-
-
-def quantity_of(field: FieldInfo) -> Quantity | None:
+def _quantity_of(field: FieldInfo) -> Quantity | None:
     """Quantity of a field with its plausible range; None if it is not declared."""
-    return next((item for item in metadata_of(field) if isinstance(item, Quantity)), None)
-
-
-def _of_branch(branch: Any) -> list[Any]:
-    """Metadata of a branch of a union; the bounds of a field are grouped in one."""
-    items = getattr(branch, "__metadata__", ())
-    return [part for item in items for part in (item.metadata if isinstance(item, FieldInfo) else [item])]
+    return next((item.quantity for item in field.metadata if isinstance(item, About)), None)

@@ -4,93 +4,46 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-from pydantic import BaseModel, Field
-
-from glucoloop.cohorts.trial import MOST_PEOPLE, Trial, usual_shard_people
+from glucoloop.cohorts.trial import Trial, usual_shard_people
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, refuse_idle, under_shared
+from glucoloop.config.checked import checked
 from glucoloop.config.clock_text import time_of_day_text
 from glucoloop.config.comparison import MOST_CASES
+from glucoloop.config.key import declared, own_keys
 from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.config.options.case import IDENTIFICATION_KEYS
+from glucoloop.config.options.situation import SituationKeys
+from glucoloop.config.options.trial import SITUATION_KEYS, TrialKeys
 from glucoloop.config.population import named_population, population_keys, read_population
 from glucoloop.config.run import (
-    STRICT,
-    Duration,
-    SituationKeys,
     ask_about_surroundings,
     case_key_names,
-    checked,
     controllers_of,
     faults_told,
     of_patient,
-    only,
     overlay,
     read_case,
     refuse_impossible,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
-from glucoloop.meals.plan import MOST_DAYS, MealPlan
+from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.printable import is_printable
 from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import known_names, refuse_unknown_keys
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.threefry import LARGEST_COUNTER
 from glucoloop.units import MIN_PER_DAY
 
-USUAL_DAY: Final = ("45g@420min", "70g@720min", "60g@1080min")
-"""Breakfast at 7 h, lunch at 12 h and dinner at 18 h."""
-SITUATION_KEYS: Final = (
-    "patient",
-    "operating_point",
-    "setpoint_mg_dl",
-    "meal_model",
-    "announce_meals",
-    "carb_error_pct",
-    "carb_bias_pct",
-    "start",
-    "sample_time_min",
-    "noise_variance",
-    "noise_bound_mg_dl",
-    "dead_time_min",
-    "max_change_mU_min",
-    "min_insulin_mU_min",
-    "max_insulin_mU_min",
-    "site",
-    "pump_resolution_mU_min",
-    "faults",
-    "seed",
-    ALLOW_UNUSUAL,
-)
-"""Keys that a trial has in common with a single run."""
 _LENGTHS: Final = ("days", "duration_min")
 _DIGITS: Final = 20
 
 
-class TrialKeys(BaseModel):
-    """Keys of a trial that a single run does not have."""
-
-    model_config = STRICT
-
-    people: Annotated[int, Field(ge=1, le=MOST_PEOPLE)] = 1000
-    first_person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] = 0
-    meals: tuple[str, ...] = USUAL_DAY
-    days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
-    duration_min: Duration | None = None
-    """Length of the run, or None for the days."""
-    meal_size_spread_pct: Annotated[float, Field(ge=0.0, lt=100.0)] = 0.0
-    meal_time_spread_min: Annotated[float, Field(ge=0.0, lt=MIN_PER_DAY)] = 0.0
-    design: Literal["nominal", "individual"] = "nominal"
-    precision: Literal["float32", "float64"] = "float64"
-    arithmetic: Literal["fused", "portable"] = "fused"
-    shard_people: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-
-
 def trial_key_names() -> list[str]:
     """Flat keys of a trial, without those of its cases."""
-    return ["population", *TrialKeys.model_fields, *SITUATION_KEYS, "traces", CONTROLLERS_KEY]
+    return [*declared(TrialKeys), *SITUATION_KEYS]
 
 
 def read_trial(
@@ -118,7 +71,7 @@ def read_trial(
     called = {key: (names or {}).get(key, key) for key in keys}
     if all(key in keys for key in _LENGTHS):
         raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
-    own = checked(TrialKeys, only(keys, TrialKeys), names)
+    own = checked(TrialKeys, own_keys(keys, TrialKeys), names)
     situation = checked(SituationKeys, of_patient({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
@@ -136,12 +89,12 @@ def read_trial(
         horizon_min=own.duration_min,
     )
     sample_grid(plan.horizon_min, situation.sample_time_min)  # refuses a part of a sample
-    traces = _traces(keys.get("traces", "none"), called.get("traces", "traces"))
+    traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
     surroundings = dataclasses.replace(situation.situation(), faults=faults)
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
-        population=_population(keys.get("population"), called.get("population", "population"), situation.patient),
+        population=_population(own.population, called.get("population", "population"), situation.patient),
         people=own.people,
         first_person=own.first_person,
         plan=plan,
@@ -175,39 +128,30 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
     """The flat keys from which the same trial is read."""
     plan, preset = trial.plan, populations_of(trial.patient).get(trial.population.name)
     whole_days = plan.horizon_min == plan.days * MIN_PER_DAY
+    differing = {
+        "operating_point": trial.whom[1],
+        "announce_meals": trial.announced,
+        "start": None if trial.start_min is None else time_of_day_text(trial.start_min),
+        "dead_time_min": trial.dead_time_samples * trial.sample_time_min,
+        "faults": list(trial.faults),
+    }
+    situation = {key: differing[key] if key in differing else getattr(trial, key) for key in SITUATION_KEYS}
+    unusual = {ALLOW_UNUSUAL: True} if situation.pop(ALLOW_UNUSUAL) else {}
     return {
         "population": trial.population.name if trial.population == preset else population_keys(trial.population),
         "people": trial.people,
         "first_person": trial.first_person,
-        "seed": trial.seed,
-        "patient": trial.patient,
-        "operating_point": trial.whom[1],
-        "setpoint_mg_dl": trial.setpoint_mg_dl,
         "meals": [meal_text(meal) for meal in plan.meals],
         **({"days": plan.days} if whole_days else {"duration_min": plan.horizon_min}),
         "meal_size_spread_pct": plan.size_spread_pct,
         "meal_time_spread_min": plan.time_spread_min,
-        "meal_model": trial.meal_model,
-        "announce_meals": trial.announced,
-        "carb_error_pct": trial.carb_error_pct,
-        "carb_bias_pct": trial.carb_bias_pct,
-        "start": None if trial.start_min is None else time_of_day_text(trial.start_min),
-        "noise_variance": trial.noise_variance,
-        "noise_bound_mg_dl": trial.noise_bound_mg_dl,
-        "dead_time_min": trial.dead_time_samples * trial.sample_time_min,
-        "max_change_mU_min": trial.max_change_mU_min,
-        "min_insulin_mU_min": trial.min_insulin_mU_min,
-        "max_insulin_mU_min": trial.max_insulin_mU_min,
-        "site": trial.site,
-        "pump_resolution_mU_min": trial.pump_resolution_mU_min,
-        "faults": list(trial.faults),
-        "sample_time_min": trial.sample_time_min,
+        **situation,
         "design": trial.design,
         "precision": trial.precision,
         "arithmetic": trial.arithmetic,
         "traces": trial.traces,
         "shard_people": trial.shard_people,
-        **({ALLOW_UNUSUAL: True} if trial.allow_unusual else {}),
+        **unusual,
         CASES_KEY: [_case_keys(case) for case in trial.cases],
     }
 
@@ -218,10 +162,7 @@ def _case_keys(case: Case) -> dict[str, Any]:
         "controller": case.controller,
         **case.tuning,
         "known_dead_time": case.known_dead_time,
-        "model_noise_variance": case.model_noise_variance,
-        "memory": case.memory,
-        "laguerre_pole": case.laguerre_pole,
-        "laguerre_functions": case.laguerre_functions,
+        **{key: getattr(case, key) for key in IDENTIFICATION_KEYS},
         "guard": None if case.guard is None else True,
         **(case.guard or {}),
         "faults": list(case.faults) or None,

@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from pydantic import BaseModel
-
+from glucoloop.config.key import quantities
 from glucoloop.config.meal_text import names_unit, parse_meal
-from glucoloop.config.sentences import quantity_of
 from glucoloop.meals import Meal
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
@@ -24,7 +22,7 @@ Names = Mapping[str, str] | None
 ALLOW_UNUSUAL: Final = "allow_unusual"
 
 
-def ask_about(record: BaseModel, names: Names = None) -> None:
+def ask_about(record: object, names: Names = None) -> None:
     """Ask for confirmation of the values of a record outside their plausible ranges.
 
     Raises
@@ -32,10 +30,9 @@ def ask_about(record: BaseModel, names: Names = None) -> None:
     ValueError
         For the first such value, with the unit in which it would be plausible and the way to confirm it.
     """
-    for key, field in type(record).model_fields.items():
+    for key, quantity in quantities(type(record)):
         value = getattr(record, key)
-        quantity = quantity_of(field)
-        if quantity is not None and value is not None:
+        if value is not None:
             _ask(value, quantity, key, names)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked
+from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
 from glucoloop.meals.protocol import Eaten
-from glucoloop.meals.scenario import LARGEST_MEAL_G, LONGEST_HORIZON_MIN, Meal, eaten, in_order
+from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, eaten, in_order
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 from glucoloop.units import MIN_PER_DAY
 
-MOST_DAYS: Final = 366
 MOST_MEALS_A_DAY: Final = 100
 DAY: Final = 1 << 16  # between the random numbers of one day and of the next
 
@@ -69,10 +69,10 @@ class MealPlan:
         object.__setattr__(self, "size_spread_pct", float(size_spread_pct))
         object.__setattr__(self, "time_spread_min", float(time_spread_min))
         object.__setattr__(self, "horizon_min", whole if horizon_min is None else float(horizon_min))
-        if not 0.0 < self.horizon_min <= LONGEST_HORIZON_MIN:
+        if not 0.0 < self.horizon_min <= LONGEST_RUN_MIN:
             raise ValueError(
                 f"a horizon of {self.horizon_min:g} min is not possible; "
-                f"give more than 0 and at most {LONGEST_HORIZON_MIN:g} min"
+                f"give more than 0 and at most {LONGEST_RUN_MIN:g} min"
             )
         if days > 1 and self.horizon_min != whole:
             raise ValueError(

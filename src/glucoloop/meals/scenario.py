@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
+from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
@@ -20,7 +21,6 @@ from glucoloop.units import MIN_PER_DAY
 
 LARGEST_MEAL_G: Final = 1000.0
 LONGEST_EATING_MIN: Final = MIN_PER_DAY
-LONGEST_HORIZON_MIN: Final = 366 * 1440.0
 
 
 @checked
@@ -136,10 +136,10 @@ class Scenario:
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
             )
-        if not 0.0 < self.horizon_min <= LONGEST_HORIZON_MIN:
+        if not 0.0 < self.horizon_min <= LONGEST_RUN_MIN:
             raise ValueError(
                 f"a horizon of {self.horizon_min:g} min is not possible; "
-                f"give more than 0 and at most {LONGEST_HORIZON_MIN:g} min"
+                f"give more than 0 and at most {LONGEST_RUN_MIN:g} min"
             )
         if start_min is not None and not is_traced(start_min):
             check_time_of_day(start_min)

@@ -13,10 +13,11 @@ import numpy as np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, random_key
 from glucoloop.control.protocol import Decision, Observation, Status
+from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
-from glucoloop.meals.scenario import LONGEST_HORIZON_MIN, Meal, Scenario
+from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.protocol import gives_bolus
@@ -316,8 +317,8 @@ class Stepper:
         """
         if bolus_mU is not None and self._no_bolus is None:
             raise ValueError("the pump of this stepper cannot give a bolus; leave it out, or take another pump")
-        if self.t_min >= LONGEST_HORIZON_MIN:
-            raise ValueError(f"a run of more than {LONGEST_HORIZON_MIN:g} min is not possible; reset the stepper")
+        if self.t_min >= LONGEST_RUN_MIN:
+            raise ValueError(f"a run of more than {LONGEST_RUN_MIN:g} min is not possible; reset the stepper")
         if carbs_g != 0.0:
             self.eat(carbs_g)
         self._now, self.last = _step(

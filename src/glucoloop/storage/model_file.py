@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 import glucoloop
-from glucoloop.config.run import STRICT, SampleTime
+from glucoloop.config.checked import STRICT
+from glucoloop.config.options.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.config.sentences import one_sentence
 from glucoloop.config.toml import deeper_than
 from glucoloop.identification import Identification, Reliability, doubts
@@ -74,7 +75,7 @@ class ModelFile(BaseModel):
 
     format: Literal["glucoloop-model"] = "glucoloop-model"
     version: Literal[1] = 1
-    sample_time_min: SampleTime
+    sample_time_min: Annotated[float, Field(ge=SHORTEST_SAMPLE_TIME_MIN, le=LONGEST_SAMPLE_TIME_MIN)]
     step_response: Response
     """S_1 .. S_M, mg/dl per mU/min."""
     impulse_response: Response

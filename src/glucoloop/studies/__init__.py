@@ -1,1 +1,1 @@
-"""What the commands compute: one run, identifications and bounds, and the studies of controllers, one folder each."""
+"""Computation of the commands: one run, an identification, a bound, and the studies, each in a folder of its own."""

@@ -11,8 +11,9 @@ import numpy as np
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
-from glucoloop.config.bound import BoundConfig, bound_keys
-from glucoloop.config.run import SituationKeys
+from glucoloop.config.bound import bound_keys
+from glucoloop.config.options.bound import BoundKeys
+from glucoloop.config.options.situation import SituationKeys
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.pumps import DoseLimits
 from glucoloop.report.validity import validity_told
@@ -26,7 +27,7 @@ _ENDS = "told from noise that it ends"
 class Bounded:
     """Plans by the knowledge of the meals, and plans under sensor noise."""
 
-    config: BoundConfig
+    config: BoundKeys
     plans: dict[str, OptimalDoses]
     hedged: dict[str, HedgedDoses]
     limits: DoseLimits
@@ -63,7 +64,7 @@ class Bounded:
                     f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
                     f"{plan.optimality:.2g} more, so this is not a bound."
                 )
-        limit = float(lowest_valid_glucose_mg_dl(self.config.surroundings().nominal))
+        limit = float(lowest_valid_glucose_mg_dl(self.config.situation().nominal))
         for label, plan in self.plans.items():
             not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
             if not_valid is not None:
@@ -126,7 +127,7 @@ def information_label(known_after_min: float) -> str:
     return f"known {abs(known_after_min):g} min {'after' if known_after_min > 0.0 else 'before'} its start"
 
 
-def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
+def work_out(asked: BoundKeys, done: Callable[[str], None]) -> Bounded:
     """Compute every plan that was asked for, and those under sensor noise.
 
     Raises
@@ -134,7 +135,7 @@ def work_out(asked: BoundConfig, done: Callable[[str], None]) -> Bounded:
     ValueError
         For a situation that is not possible, in one sentence.
     """
-    made, scenario = asked.surroundings(), asked.scenario()
+    made, scenario = asked.situation(), asked.scenario()
     person, limits = made.nominal, made.limits
     plans = {}
     for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
@@ -177,7 +178,7 @@ def bound_of_run(situation: SituationKeys) -> OptimalDoses:
     made = situation.situation()
     return bound_of_situation(
         made.nominal,
-        situation.scenario(announced=situation.announce_meals),
+        situation.scenario(),
         made.limits,
         dead_time_min=situation.dead_time_min,
         sample_time_min=situation.sample_time_min,

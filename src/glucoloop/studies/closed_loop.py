@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.config.run import IDENTIFICATION_KEYS, CaseKeys, Run, SituationKeys
+from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys
+from glucoloop.config.options.situation import SituationKeys
+from glucoloop.config.run import Run
 from glucoloop.control import Controller
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.assemble import close_loop
@@ -64,7 +66,7 @@ def close_the_loop(run: Run) -> Outcome:
     trace = close_loop(
         situation,
         controller,
-        asked.scenario(announced=asked.announce_meals),
+        asked.scenario(),
         integrator=integrator_of(asked),
     )
     metrics = summarise(trace, situation.limits)

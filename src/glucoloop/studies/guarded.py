@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
@@ -11,9 +11,8 @@ from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.settings import Value
+from glucoloop.studies.options import Guards
 
-PAPER_CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se")
-Guards = Literal["both", "with", "without"]
 WITH_GUARD: Final[Mapping[Guards, tuple[bool, ...]]] = {"both": (False, True), "with": (True,), "without": (False,)}
 """Whether there is a guard, for each time that a controller is tried."""
 
@@ -25,7 +24,6 @@ def read_guarded_trial(
     *,
     what: str,
     usual: Mapping[str, object],
-    controllers: Sequence[str],
     own: Collection[str],
     refused: Collection[str],
 ) -> tuple[Trial, Mapping[str, Value]]:
@@ -38,9 +36,7 @@ def read_guarded_trial(
     what : str
         The study in messages: ``"a stress test"``.
     usual : mapping
-        Keys in place of the usual day of a trial.
-    controllers : sequence of str
-        Controllers that are tried if none is named.
+        Keys in place of those that are usual for a trial, its controllers among them.
     own : collection of str
         Keys of the study itself, which are not read here.
     refused : collection of str
@@ -57,9 +53,8 @@ def read_guarded_trial(
     given = {key: value for key, value in keys.items() if key in GUARD}
     limits = complete_guard(given)
     others = {key: value for key, value in keys.items() if key not in GUARD and key not in own}
-    plain = overlay_trial(usual, others, names)
-    if not cases and not plain.get(CONTROLLERS_KEY):
-        plain[CONTROLLERS_KEY] = list(controllers)
+    named = {} if others.get(CONTROLLERS_KEY) else {CONTROLLERS_KEY: [] if cases else usual[CONTROLLERS_KEY]}
+    plain = {**overlay_trial(usual, others, names), **named}
     base = read_trial(plain, cases, names)
     if not base.allow_unusual:
         ask_about_settings(GUARD.values(), given, names)

@@ -11,8 +11,9 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.config.identification import IdentificationConfig, identification_keys
-from glucoloop.config.run import place_of
+from glucoloop.config.identification import identification_keys
+from glucoloop.config.key import plain
+from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import (
@@ -45,7 +46,7 @@ VALIDATION_SHARE: Final = 0.1
 class Identified:
     """An identification with its results."""
 
-    config: IdentificationConfig
+    config: IdentificationKeys
     record: Record
     data: str | None
     """Text of the record's file, or None without one."""
@@ -92,7 +93,7 @@ class Identified:
             if np.ndim(value := getattr(self.validation, field.name)) == 0
         }
         return {
-            "config": self.config.model_dump(mode="json"),
+            "config": plain(self.config),
             "model": self.model.model_dump(mode="json"),
             "fit": {
                 "gain_mg_dl_per_mU_min": float(self.identification.model.gain),
@@ -107,7 +108,7 @@ class Identified:
         }
 
 
-def identify(config: IdentificationConfig) -> Identified:
+def identify(config: IdentificationKeys) -> Identified:
     """Identify from the patient or from the record.
 
     Raises
@@ -118,7 +119,7 @@ def identify(config: IdentificationConfig) -> Identified:
     return _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
 
 
-def _from_patient(config: IdentificationConfig) -> Identified:
+def _from_patient(config: IdentificationKeys) -> Identified:
     situation = config.situation()
     person = situation.nominal
     basal = float(person.basal_insulin_mU_min)
@@ -156,13 +157,13 @@ def _from_patient(config: IdentificationConfig) -> Identified:
         validation_insulin_mU_min=sequence,
         validated_on="random binary sequence",
         notes=(
-            f"Model: {source} at {place_of(config.patient, config.operating_point)}.",
+            f"Model: {source} at {config.place}.",
             f"Checked on a random binary sequence of {VALIDATION_SAMPLES} samples, free of noise.",
         ),
     )
 
 
-def _from_data(config: IdentificationConfig, path: Path) -> Identified:
+def _from_data(config: IdentificationKeys, path: Path) -> Identified:
     try:
         record, notes = record_from_samples(
             *read_record_columns(path).values(),
@@ -226,7 +227,7 @@ def _about_meals(record: Record, identification: Identification) -> Iterator[str
     )
 
 
-def _method(config: IdentificationConfig, record: Record) -> tuple[str, str]:
+def _method(config: IdentificationKeys, record: Record) -> tuple[str, str]:
     """Method for a record, and the reason in a sentence."""
     eaten = record.carbs_g is not None and bool(record.carbs_g.any())
     if config.method != "auto":
@@ -251,7 +252,7 @@ def _method(config: IdentificationConfig, record: Record) -> tuple[str, str]:
 
 
 def _fit(
-    config: IdentificationConfig,
+    config: IdentificationKeys,
     record: Record,
     method: str,
     *,
@@ -277,7 +278,7 @@ def _fit(
 
 
 def _model_file(
-    config: IdentificationConfig, identification: Identification, source: str, notes: tuple[str, ...]
+    config: IdentificationKeys, identification: Identification, source: str, notes: tuple[str, ...]
 ) -> ModelFile:
     smooth = (
         f"{config.laguerre_functions} Laguerre functions with pole {identification.laguerre_pole:.4g}"
@@ -286,7 +287,7 @@ def _model_file(
     )
     return model_file(
         identification,
-        operating_point=None if config.data is not None else place_of(config.patient, config.operating_point),
+        operating_point=None if config.data is not None else config.place,
         source=f"{source}, {smooth}",
         dead_time_min=config.dead_time_min,
         settings=identification_keys(config),

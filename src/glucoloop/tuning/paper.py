@@ -16,15 +16,12 @@ from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
+from glucoloop.tuning.ranges import REFERENCE_FILTERS
 from glucoloop.tuning.search import Progress, search
 from glucoloop.tuning.surface import TuningSurface
 
 MOVE_HORIZONS: Final = range(1, 5)
 PREDICTION_HORIZONS: Final = range(1, 15)
-REFERENCE_FILTERS: Final = {"mpc-se": ".3:.8:.05", "nlqdmc-se": ".3:.5:.1,.57,.7,.8"}
-"""Values of phi_r that are tried, the printed ones among them; about half as many for NLQDMC/SE, whose loops take a
-hundred times as long.
-"""
 
 
 def usual_tuning(situation: Situation, controller: str) -> MPCTuning:

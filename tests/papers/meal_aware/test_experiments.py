@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from glucoloop.config import read_run
+from glucoloop.config.run import read_run
 from glucoloop.papers.meal_aware.experiments import MEASURES, numbers_of, study
-from glucoloop.papers.meal_aware.situations import MOST_SEEDS, SITUATIONS, read_asked
+from glucoloop.papers.meal_aware.options import MOST_SEEDS
+from glucoloop.papers.meal_aware.situations import SITUATIONS, read_asked
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.tuning.oscillation import oscillation

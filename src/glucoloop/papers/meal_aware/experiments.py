@@ -16,7 +16,7 @@ import numpy.typing as npt
 from glucoloop.bounds import OptimalDoses, bound_of_situation
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.config import Run, read_run
+from glucoloop.config.run import Run, read_run
 from glucoloop.config.trial import read_trial
 from glucoloop.control import Controller, Observation
 from glucoloop.experiments import situation as experiments
@@ -26,7 +26,8 @@ from glucoloop.experiments.surroundings import Surroundings, pump_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked, Situation
+from glucoloop.papers.meal_aware.options import ClaimsKeys
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Situation
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
@@ -101,7 +102,7 @@ class Loops:
 class Study:
     """All runs of the comparison."""
 
-    asked: Asked
+    asked: ClaimsKeys
     loops: Mapping[str, Mapping[str, Loops]]
     """Loops by situation and controller."""
     situations: tuple[Situation, ...]
@@ -113,14 +114,14 @@ class Study:
     """The controller that the claims are about."""
 
 
-def loops_to_close(asked: Asked, situations: Sequence[Situation], controllers: Sequence[str] = CONTROLLERS) -> int:
+def loops_to_close(asked: ClaimsKeys, situations: Sequence[Situation], controllers: Sequence[str] = CONTROLLERS) -> int:
     """Number of loops in a study."""
     of_each = {"one": 1, "seeds": asked.seeds, "people": asked.people}
     return len(controllers) * sum(of_each[situation.runs] for situation in situations)
 
 
 def study(
-    asked: Asked,
+    asked: ClaimsKeys,
     situations: Sequence[Situation],
     *,
     progress: Progress,
@@ -132,7 +133,7 @@ def study(
 
     Parameters
     ----------
-    asked : Asked
+    asked : ClaimsKeys
     situations : sequence of Situation
     progress : callable
         Called with the number of loops that have just been simulated.
@@ -182,7 +183,7 @@ class _Models:
 
 
 def _scenario(run: Run) -> Scenario:
-    return run.situation.scenario(announced=run.situation.announce_meals)
+    return run.situation.scenario()
 
 
 def _around(made: experiments.Situation, variance: jax.Array) -> Surroundings:
@@ -193,7 +194,7 @@ def _around(made: experiments.Situation, variance: jax.Array) -> Surroundings:
     return Surroundings(sensor=sensor, pump=pump_of(made.limits, made.pump_resolution_mU_min))
 
 
-def _together(asked: Asked) -> int:
+def _together(asked: ClaimsKeys) -> int:
     """Number of runs that are simulated together; it is the same in every situation, since it is compiled in."""
     runs = asked.seeds + 1  # one without noise
     blocks = -(-runs // _MOST_TOGETHER)
@@ -245,7 +246,7 @@ def _loops_of_seeds(
     )
 
 
-def _loops_of_people(situation: Situation, name: str, asked: Asked, progress: Progress) -> Loops:
+def _loops_of_people(situation: Situation, name: str, asked: ClaimsKeys, progress: Progress) -> Loops:
     """One run per person, equal to that of ``glucoloop trial`` with the seed."""
     keys = {key: value for key, value in situation.of(name, asked.seed).items() if key != "controller"}
     trial = read_trial({**keys, "population": "parker2000", "people": asked.people, "controllers": [name]})

@@ -8,15 +8,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from glucoloop.config.key import plain
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, runs_told, spread
 from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, SWING_MG_DL, Study
 from glucoloop.papers.meal_aware.figures import COLOURS, caption
-from glucoloop.papers.meal_aware.situations import (
-    NAMES,
-    TUNING_PEOPLE_SEED,
-    TUNING_SEEDS,
-    Situation,
-)
+from glucoloop.papers.meal_aware.options import TUNING_PEOPLE_SEED, TUNING_SEEDS
+from glucoloop.papers.meal_aware.situations import NAMES, Situation
 from glucoloop.report import _page
 from glucoloop.report._page import scrolling, section
 
@@ -107,7 +104,7 @@ def summary_told(verdicts: Sequence[Verdict]) -> str:
 def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
     """Report as plain values for JSON, the same for the same seeds: measured times are left out."""
     return {
-        "config": study.asked.model_dump(),
+        "config": plain(study.asked),
         "tuning": {"sensor_seeds": [TUNING_SEEDS.start, TUNING_SEEDS.stop - 1], "people_seed": TUNING_PEOPLE_SEED},
         "tuned_on": list(study.asked.tuned_on),
         "claims": [

@@ -7,12 +7,14 @@ from typing import Any
 
 import polars as pl
 
-from glucoloop.config import toml_text
+from glucoloop.config.key import plain
+from glucoloop.config.toml import toml_text
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, spread, verdicts
 from glucoloop.papers.meal_aware.experiments import MEASURES, Progress, Study, loops_to_close, study
 from glucoloop.papers.meal_aware.figures import draw
+from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.pages import REPEAT, page, report
-from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Asked
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS
 from glucoloop.report.print_figure import KINDS, figure_bytes
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import csv
@@ -20,17 +22,17 @@ from glucoloop.storage.tables import csv
 WriteFile = Callable[[str, bytes | str], None]
 
 
-def loops_of(asked: Asked) -> int:
+def loops_of(asked: ClaimsKeys) -> int:
     """Number of loops that are simulated."""
     return loops_to_close(asked, SITUATIONS, CONTROLLERS)
 
 
-def carry_out(asked: Asked, *, progress: Progress) -> tuple[Study, list[Verdict]]:
+def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[Study, list[Verdict]]:
     """Simulate every loop and judge the claims.
 
     Parameters
     ----------
-    asked : Asked
+    asked : ClaimsKeys
     progress : callable
         Called with the number of loops that have just been simulated.
     """
@@ -61,7 +63,7 @@ def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None
     write_file("claims.json", json_text(_with_version(report(done, judged))) + "\n")
     if done.step_ms:
         write_file("timing.json", json_text({"step_ms": dict(done.step_ms)}) + "\n")
-    write_file("claims.toml", toml_text(done.asked.model_dump(), REPEAT))
+    write_file("claims.toml", toml_text(plain(done.asked), REPEAT))
     write_file("claims.html", page(done, judged, inline))
 
 

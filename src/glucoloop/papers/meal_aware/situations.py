@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-from pydantic import BaseModel, Field
-
-from glucoloop.config.run import LARGEST_SEED, STRICT, checked
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared
+from glucoloop.papers.meal_aware.options import ClaimsKeys
+from glucoloop.registry.settings import refuse_unknown_keys
 
 OURS: Final = "meal-mpc"
 CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se", OURS)
@@ -23,15 +24,6 @@ NOISE_VARIANCE: Final = 1.45
 MEAL: Final = "50g@50min"
 HORIZON_MIN: Final = 600.0
 OPERATING_POINT: Final = "setpoint-81"
-
-MOST_SEEDS: Final = 10_000
-MOST_PEOPLE: Final = 100_000
-QUICK: Final[dict[str, int]] = {"seeds": 16, "people": 64}
-
-TUNING_SEEDS: Final = range(900_000, 900_200)
-"""Seeds of the sensor on which the tuning of the meal-aware controller was chosen."""
-TUNING_PEOPLE_SEED: Final = 424_242
-"""Seed of the people on whom the tuning was chosen."""
 
 
 @dataclass(frozen=True)
@@ -83,33 +75,7 @@ SITUATIONS: Final = (
 )
 
 
-class Asked(BaseModel):
-    """Number of runs, and the first seed."""
-
-    model_config = STRICT
-
-    seed: Annotated[int, Field(ge=0, le=LARGEST_SEED - MOST_SEEDS)] = 1
-    seeds: Annotated[int, Field(ge=1, le=MOST_SEEDS)] = 200
-    people: Annotated[int, Field(ge=1, le=MOST_PEOPLE)] = 1000
-
-    @property
-    def sensor_seeds(self) -> range:
-        """Seeds of the sensor, as those of ``glucoloop run --seed``."""
-        return range(self.seed, self.seed + self.seeds)
-
-    @property
-    def tuned_on(self) -> tuple[str, ...]:
-        """Seeds and people of this comparison on which the tuning was chosen, in words; empty if there are none."""
-        both = range(max(TUNING_SEEDS.start, self.seed), min(TUNING_SEEDS.stop, self.seed + self.seeds))
-        found = []
-        if len(both):
-            found.append(f"seeds {both.start} to {both.stop - 1} of the sensor")
-        if self.seed == TUNING_PEOPLE_SEED:
-            found.append(f"the people of seed {self.seed}")
-        return tuple(found)
-
-
-def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Asked:
+def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> ClaimsKeys:
     """Read the extent of a comparison from flat keys.
 
     Parameters
@@ -123,7 +89,5 @@ def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     ValueError
         For an unknown key, or a value of the wrong type or out of bounds.
     """
-    for key in keys:
-        if key not in Asked.model_fields:
-            raise ValueError(f"unknown key {key!r}; the known ones are: {', '.join(Asked.model_fields)}")
-    return checked(Asked, dict(keys), names)
+    refuse_unknown_keys(keys, declared(ClaimsKeys))
+    return checked(ClaimsKeys, dict(keys), names)

@@ -5,50 +5,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
-
-from pydantic import BaseModel, Field
+from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.run import STRICT, Seed, checked, only, whole_samples
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys, plain
+from glucoloop.config.options.situation import whole_samples
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.settings import Value
+from glucoloop.studies.adversary.options import FEW_GENERATIONS, GENERATIONS, REFUSED, USUAL, AdversaryKeys
 from glucoloop.studies.adversary.outcome import ErrorSearch
 from glucoloop.studies.adversary.search import Effort
 from glucoloop.studies.adversary.space import ErrorSpace
-from glucoloop.studies.guarded import PAPER_CONTROLLERS, WITH_GUARD, Guards, guarded_trial_keys, read_guarded_trial
-from glucoloop.threefry import LARGEST_COUNTER
+from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
 
-GENERATIONS: Final = 300
-FEW_GENERATIONS: Final = 30
-SEARCHED: Final = tuple(name for name in PAPER_CONTROLLERS if not controller_entry(name).slow)
-"""Controllers of a search without options; slow ones are searched only when they are named."""
-_USUAL: Final[Mapping[str, Any]] = {"people": 1000, "duration_min": 600.0, "meals": ["50g@50min"]}
-_REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
-_NOT_WRITTEN: Final = (*_REFUSED, "days")
-
-
-class AdversaryKeys(BaseModel):
-    """Keys of a search that a trial does not have."""
-
-    model_config = STRICT
-
-    errors_pct: tuple[Annotated[float, Field(ge=0.0, lt=100.0)], ...] = (10.0, 20.0, 30.0)
-    """Largest errors of a reading, in percent of the true glucose; each has a search of its own."""
-    hold_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 15.0
-    """Time for which an error stays the same."""
-    stuck_times: Annotated[int, Field(ge=0, le=100)] = 3
-    stuck_min: Annotated[float, Field(gt=0.0, le=1440.0)] = 30.0
-    """Length of each stretch in which the reading stays the same."""
-    person: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] | None = None
-    """Person of the population, or None for the nominal patient."""
-    guards: Guards = "with"
-    generations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    """Number of generations, or None for `GENERATIONS`, or `FEW_GENERATIONS` for a slow controller."""
-    starts: Annotated[int, Field(ge=1, le=1024)] = 8
-    sequences: Annotated[int, Field(ge=4, le=4096)] = 32
-    """Number of sequences in a generation of each start."""
-    search_seed: Seed = 1
+_NOT_WRITTEN: Final = (*REFUSED, "days")
 
 
 @dataclass(frozen=True)
@@ -106,7 +77,7 @@ class Adversary:
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same search is read."""
-        return guarded_trial_keys(self.base, self.own.model_dump(mode="json"), self.limits, _NOT_WRITTEN)
+        return guarded_trial_keys(self.base, plain(self.own), self.limits, _NOT_WRITTEN)
 
 
 def read_adversary(
@@ -125,7 +96,7 @@ def read_adversary(
     ValueError
         For a key that is unknown, wrong or at odds with another.
     """
-    own = checked(AdversaryKeys, only(keys, AdversaryKeys), names)
+    own = checked(AdversaryKeys, own_keys(keys, AdversaryKeys), names)
     if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
         told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
         called = (names or {}).get("errors_pct", "errors_pct")
@@ -135,10 +106,9 @@ def read_adversary(
         cases,
         names,
         what="a search for the worst errors",
-        usual=_USUAL,
-        controllers=SEARCHED,
-        own=AdversaryKeys.model_fields,
-        refused=_REFUSED,
+        usual=USUAL,
+        own=declared(AdversaryKeys),
+        refused=REFUSED,
     )
     asked = Adversary(base=base, own=own, limits=limits)
     asked.cells()  # refuses a part of a sample

@@ -8,10 +8,9 @@ from typing import Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals.plan import MealPlan
-from glucoloop.registry.controllers import ESTIMATING
 from glucoloop.registry.settings import Value, known_names
+from glucoloop.studies.detection.options import ESTIMATORS
 
-ESTIMATORS: Final = ESTIMATING.setting("estimator").choices
 MOST_RUNS: Final = 100_000
 
 

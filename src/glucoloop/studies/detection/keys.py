@@ -3,50 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Any
 
-from pydantic import BaseModel, Field
-
-from glucoloop.config.run import STRICT, checked, controllers_of, only
-from glucoloop.config.trial import SITUATION_KEYS, overlay_trial, read_trial, trial_keys
-from glucoloop.meals.plan import MOST_DAYS
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys
+from glucoloop.config.run import controllers_of
+from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.controllers import ESTIMATING
 from glucoloop.registry.settings import refuse_unknown_keys
-from glucoloop.studies.detection.detection import ESTIMATORS, Detection, check_estimators
-
-USUAL: Final[Mapping[str, Any]] = {
-    "population": "nominal",
-    "people": 1,
-    "meals": ["55g@300min", "55g@870min"],
-    "meal_size_spread_pct": 80.0,
-    "meal_time_spread_min": 90.0,
-    "noise_variance": 1.45,
-}
-"""Default settings: two meals a day of 11 to 99 g, so far apart that the first is over when the second begins."""
-USUAL_DAYS: Final = 100
-"""Default number of days of one person; of several people, one day each."""
-PEOPLE_KEYS: Final = (
-    "population",
-    "people",
-    "first_person",
-    "meals",
-    "meal_size_spread_pct",
-    "meal_time_spread_min",
-)
-NO_SITUATION: Final = "announce_meals"
-"""Key that the test does not take, since an estimator need not find announced meals."""
-
-
-class _Own(BaseModel):
-    """Keys of such a test that a trial does not have, or that have another meaning here."""
-
-    model_config = STRICT
-
-    days: Annotated[int, Field(ge=1, le=MOST_DAYS)] | None = None
-    estimators: tuple[str, ...] = ESTIMATORS
-    threshold: float = 0.5
-    controller: str = ESTIMATING.name
+from glucoloop.studies.detection.detection import Detection, check_estimators
+from glucoloop.studies.detection.options import NO_SITUATION, TAKEN, USUAL, USUAL_DAYS, DetectionKeys
 
 
 def detection_keys(detection: Detection) -> dict[str, Any]:
@@ -55,7 +22,7 @@ def detection_keys(detection: Detection) -> dict[str, Any]:
     case = detection.trial.cases[0]
     tuning = {key: value for key, value in case.tuning.items() if key != "estimator" and key not in detection.settings}
     return {
-        **{key: of_trial[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in of_trial and key != NO_SITUATION},
+        **{key: of_trial[key] for key in TAKEN if key in of_trial},
         "known_dead_time": case.known_dead_time,
         "days": detection.days,
         "estimators": list(detection.estimators),
@@ -81,8 +48,8 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
         For a key that is unknown, wrong or at odds with another.
     """
     _refuse_unknown(keys, names)
-    own = checked(_Own, only(keys, _Own), names)
-    of_trial = {key: keys[key] for key in (*PEOPLE_KEYS, *SITUATION_KEYS) if key in keys}
+    own = checked(DetectionKeys, own_keys(keys, DetectionKeys), names)
+    of_trial = {key: keys[key] for key in TAKEN if key in keys and key != "known_dead_time"}
     check_estimators(own.estimators, (names or {}).get("estimators", "estimators"))
     settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
     trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
@@ -97,7 +64,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     )
 
 
-def _cases(own: _Own, keys: Mapping[str, object], settings: Mapping[str, object]) -> list[dict[str, object]]:
+def _cases(own: DetectionKeys, keys: Mapping[str, object], settings: Mapping[str, object]) -> list[dict[str, object]]:
     """A case for each estimator if the controller depends on it, otherwise one case."""
     known = {"known_dead_time": keys["known_dead_time"]} if "known_dead_time" in keys else {}
     if catalogue.controller_entry(own.controller).estimator_settings:
@@ -114,8 +81,7 @@ def _cases(own: _Own, keys: Mapping[str, object], settings: Mapping[str, object]
 
 
 def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None) -> None:
-    own = [*_Own.model_fields, *PEOPLE_KEYS, *(key for key in SITUATION_KEYS if key != NO_SITUATION)]
-    known = [*own, "known_dead_time", *sorted(catalogue.setting_names(*controllers_of(keys)))]
+    known = [*declared(DetectionKeys), *TAKEN, *sorted(catalogue.setting_names(*controllers_of(keys)))]
     if NO_SITUATION in keys:
         called = (names or {}).get(NO_SITUATION, NO_SITUATION)
         raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-BOTH: Final = "both"
-"""Preference for the tuning that is nearest to the best of both objectives."""
+from glucoloop.studies.robust.options import BOTH
 
 
 @dataclass(frozen=True)

@@ -4,78 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final
 
-from pydantic import BaseModel, Field
-
-from glucoloop.config.run import LARGEST_SEED, STRICT, Run, checked, only, read_run
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys, plain
+from glucoloop.config.run import Run, read_run
 from glucoloop.config.trial import read_trial, trial_keys
-from glucoloop.config.unusual import ALLOW_UNUSUAL
 from glucoloop.experiments.case import Case
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.ranges import Tuned, parse_range
 from glucoloop.registry.settings import known_names, refuse_unknown_keys
-from glucoloop.studies.robust.front import BOTH
 from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
-from glucoloop.threefry import LARGEST_COUNTER
 
-RANGES: Final = {of.name: of for of in catalogue.SEARCHED.searched}
-"""Ranges that can be searched, by the name of the setting."""
-_SITUATION: Final = (
-    "population",
-    "patient",
-    "operating_point",
-    "meals",
-    "meal_model",
-    "duration_min",
-    "announce_meals",
-    "noise_variance",
-    "noise_bound_mg_dl",
-    "dead_time_min",
-    "max_change_mU_min",
-    "min_insulin_mU_min",
-    "max_insulin_mU_min",
-    "site",
-    "pump_resolution_mU_min",
-    "faults",
-    "sample_time_min",
-    ALLOW_UNUSUAL,
-)
-"""Keys that a search has in common with a trial."""
-_USUAL: Final[Mapping[str, Any]] = {"duration_min": 600.0, "meals": ["50g@50min"], "noise_variance": 1.45}
 _CASE: Final = ("known_dead_time",)
-_MOST_SUBJECTS: Final = 100_000
-
-
-class RobustKeys(BaseModel):
-    """Keys of a search that a trial does not have."""
-
-    model_config = STRICT
-
-    people: Annotated[int, Field(ge=1, le=_MOST_SUBJECTS)] = 40
-    people_seed: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] = 424242
-    seeds: Annotated[int, Field(ge=1, le=_MOST_SUBJECTS)] = 40
-    first_seed: Annotated[int, Field(ge=0, le=LARGEST_SEED - _MOST_SUBJECTS)] = 900_000
-    check_people: Annotated[int, Field(ge=1, le=_MOST_SUBJECTS)] = 200
-    check_people_seed: Annotated[int, Field(ge=0, le=LARGEST_COUNTER)] = 424243
-    check_seeds: Annotated[int, Field(ge=1, le=_MOST_SUBJECTS)] = 200
-    check_first_seed: Annotated[int, Field(ge=0, le=LARGEST_SEED - _MOST_SUBJECTS)] = 950_000
-    objectives: tuple[str, ...] = ("undershoot-p95", "peak-median")
-    at_most: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ("mpc-se",)
-    sampler: Literal["tpe", "nsga2", "random"] = "tpe"
-    sampler_seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
-    batch: Annotated[int, Field(ge=1, le=4096)] = 64
-
-
-class HowFar(BaseModel):
-    """Keys of the extent of a search, which may differ when it is resumed."""
-
-    model_config = STRICT
-
-    rounds: Annotated[int, Field(ge=1, le=10_000)] = 4
-    prefer: str = BOTH
 
 
 @dataclass(frozen=True)
@@ -92,9 +35,9 @@ class Robust:
         """The flat keys from which the same search is read."""
         trial, tuning = trial_keys(self.search.trial), dict(self.search.case.tuning)
         return {
-            **self.own.model_dump(mode="json"),
-            **self.far.model_dump(mode="json"),
-            **{key: trial[key] for key in _SITUATION if key in trial},
+            **plain(self.own),
+            **plain(self.far),
+            **{key: trial[key] for key in TAKEN if key in trial},
             "known_dead_time": self.search.case.known_dead_time,
             **{**tuning, **self.ranges},
         }
@@ -102,7 +45,7 @@ class Robust:
     def run_of(self, case: Case) -> Run:
         """A single run of the nominal patient, in the same situation, with a case."""
         keys = trial_keys(self.search.trial)
-        shared = {key: keys[key] for key in _SITUATION if key != "population" and keys.get(key) is not None}
+        shared = {key: keys[key] for key in TAKEN if key != "population" and keys.get(key) is not None}
         return read_run(
             {**shared, "controller": case.controller, "known_dead_time": case.known_dead_time, **case.tuning}
         )
@@ -111,7 +54,7 @@ class Robust:
 def robust_key_names() -> list[str]:
     """All flat keys of a search."""
     settings = [setting.name for setting in catalogue.SEARCHED.settings]
-    return [*RobustKeys.model_fields, *HowFar.model_fields, *_SITUATION, *_CASE, *settings]
+    return [*declared(RobustKeys), *declared(HowFar), *TAKEN, *_CASE, *settings]
 
 
 def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Robust:
@@ -131,8 +74,8 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     """
     known, called = robust_key_names(), {key: (names or {}).get(key, key) for key in keys}
     refuse_unknown_keys(keys, known, " of a search")
-    own = checked(RobustKeys, only(keys, RobustKeys), names)
-    far = checked(HowFar, only(keys, HowFar), names)
+    own = checked(RobustKeys, own_keys(keys, RobustKeys), names)
+    far = checked(HowFar, own_keys(keys, HowFar), names)
     if len(own.objectives) != 2:
         raise ValueError(
             f"{called['objectives']} is {', '.join(own.objectives)}; give two objectives, and others as bounds"
@@ -149,7 +92,7 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     settings = {
         of.name: keys[of.name] for of in catalogue.SEARCHED.settings if of.name in keys and of.name not in RANGES
     }
-    plain = {**_USUAL, **{key: keys[key] for key in (*_SITUATION, *_CASE) if keys.get(key) is not None}}
+    plain = {**USUAL, **{key: keys[key] for key in (*TAKEN, *_CASE) if keys.get(key) is not None}}
     cases = [{"label": tuned, "controller": tuned, **settings, **fixed}]
     cases += [{"label": name, "controller": name} for name in own.beside]
     trial = read_trial({**plain, "people": own.people, "seed": own.people_seed}, cases, names)

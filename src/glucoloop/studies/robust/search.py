@@ -14,9 +14,10 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
 from glucoloop.registry.ranges import Tuned
 from glucoloop.registry.settings import Value
-from glucoloop.studies.robust.front import BOTH, Bound, choose, keeps, pareto
+from glucoloop.studies.robust.front import Bound, choose, keeps, pareto
 from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores
+from glucoloop.studies.robust.options import BOTH
 from glucoloop.studies.robust.subjects import Subjects, draw_subjects
 from glucoloop.tuning.samplers import Told, make_sampler
 

@@ -7,10 +7,12 @@ from typing import Any, Final
 
 import polars as pl
 
+from glucoloop.config.key import declared
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.robust.keys import HowFar, Robust
+from glucoloop.studies.robust.keys import Robust
 from glucoloop.studies.robust.objectives import OBJECTIVES
+from glucoloop.studies.robust.options import HowFar
 from glucoloop.studies.robust.search import Candidate, Search
 
 SUMMARY: Final = "robust.json"
@@ -27,7 +29,7 @@ def work_of(asked: Robust) -> Work:
         keys=asked.keys(),
         final=FINAL,
         summary=SUMMARY,
-        may_change=frozenset(HowFar.model_fields),
+        may_change=frozenset(declared(HowFar)),
     )
 
 

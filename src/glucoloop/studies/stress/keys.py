@@ -8,22 +8,16 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import faults_told
 from glucoloop.registry.settings import Value
-from glucoloop.studies.guarded import PAPER_CONTROLLERS, WITH_GUARD, Guards, guarded_trial_keys, read_guarded_trial
+from glucoloop.studies.guarded import guarded_trial_keys, read_guarded_trial
+from glucoloop.studies.options import Guards
+from glucoloop.studies.stress.options import REFUSED, USUAL, StressKeys
 from glucoloop.studies.stress.stress import STANDARD_FAULTS, Stress, stress_of
 
-GUARDS: Final = tuple(WITH_GUARD)
-STRESS_KEYS: Final = ("faults", "guards")
-"""Keys of a stress test that a trial does not have, or that have another meaning here."""
-_USUAL: Final[Mapping[str, Any]] = {
-    "people": 100,
-    "duration_min": 600.0,
-    "meals": ["50g@50min"],
-    "noise_variance": 1.45,
-}
 _SHARD_PEOPLE: Final = 128
-_REFUSED: Final = ("traces", "guard")
 
 
 @dataclass(frozen=True)
@@ -41,7 +35,7 @@ class StressTest:
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same test is read."""
         own = {"faults": list(self.faults), "guards": self.guards}
-        return guarded_trial_keys(self.base, own, self.limits, _REFUSED)
+        return guarded_trial_keys(self.base, own, self.limits, REFUSED)
 
 
 def read_stress(
@@ -59,32 +53,26 @@ def read_stress(
     ValueError
         For a key that is unknown, wrong or at odds with another.
     """
-    called = {key: (names or {}).get(key, key) for key in keys}
-    guards = keys.get("guards", "both")
-    if guards not in GUARDS:
-        raise ValueError(f"{called['guards']} is {guards!r}; give {', '.join(GUARDS[:-1])} or {GUARDS[-1]}")
+    own = checked(StressKeys, own_keys(keys, StressKeys), names)
     base, limits = read_guarded_trial(
         keys,
         cases,
         names,
         what="a stress test",
-        usual=_USUAL,
-        controllers=PAPER_CONTROLLERS,
-        own=STRESS_KEYS,
-        refused=_REFUSED,
+        usual=USUAL,
+        own=declared(StressKeys),
+        refused=REFUSED,
     )
     if "shard_people" not in keys:
         # Slow controllers under many faults: so that not much is lost when a run is cut short.
         base = dataclasses.replace(base, shard_people=min(base.people, _SHARD_PEOPLE))
-    faults = _faults(keys.get("faults"), called.get("faults", "faults"), base)
-    return StressTest(
-        stress=stress_of(base, faults, guards, limits), base=base, faults=faults, guards=guards, limits=limits
-    )
-
-
-def _faults(told: object, name: str, base: Trial) -> tuple[str, ...]:
-    if told is None:
-        return faults_told(STANDARD_FAULTS, base.plan.horizon_min)
-    if not isinstance(told, list | tuple) or not told or not all(isinstance(text, str) for text in told):
-        raise ValueError(f"{name} is {told!r}; give a list of faults, like ['missing, start_min=60, duration_min=30']")
-    return faults_told(told, base.plan.horizon_min, allow_unusual=base.allow_unusual)
+    horizon_min = base.plan.horizon_min
+    if own.faults is None:
+        faults = faults_told(STANDARD_FAULTS, horizon_min)
+    elif not own.faults:
+        called = (names or {}).get("faults", "faults")
+        raise ValueError(f"{called} is []; give a list of faults, like ['missing, start_min=60, duration_min=30']")
+    else:
+        faults = faults_told(own.faults, horizon_min, allow_unusual=base.allow_unusual)
+    tested = stress_of(base, faults, own.guards, limits)
+    return StressTest(stress=tested, base=base, faults=faults, guards=own.guards, limits=limits)

@@ -18,7 +18,8 @@ from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
 from glucoloop.registry.settings import Value
-from glucoloop.studies.guarded import WITH_GUARD, Guards
+from glucoloop.studies.guarded import WITH_GUARD
+from glucoloop.studies.options import Guards
 
 NO_FAULT: Final = ""
 MOST_MORE_PCT: Final = 1.0

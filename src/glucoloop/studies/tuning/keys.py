@@ -6,18 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import Run, read_run
 from glucoloop.control import MPCTuning
-from glucoloop.registry.controllers import TUNABLE, controller_entry
+from glucoloop.registry.controllers import controller_entry
+from glucoloop.studies.tuning.options import GridKeys, RangeKeys
+from glucoloop.tuning.designers import kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.paper import REFERENCE_FILTERS
+from glucoloop.tuning.ranges import REFERENCE_FILTERS
 
-HORIZONS: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
-"""Ranges of the horizons that are tried if none is given."""
-WEIGHTS: Final = ("output_weight", "move_weight")
-TUNED: Final = (*HORIZONS, "reference_filter", *WEIGHTS)
-"""Parameters for which a search takes a range."""
-MOST_SEEDS: Final = 1000
 _USUAL_SEEDS: Final = 5
 
 
@@ -45,7 +43,7 @@ def read_grid_search(keys: Mapping[str, object], names: Mapping[str, str] | None
     Parameters
     ----------
     keys : mapping
-        Those of a run, of which the tuned parameters are ranges, like ``"1:4"`` or ``"0,1,3"``.
+        Keys of a run, of which the tuned parameters are ranges, like ``"1:4"`` or ``"0,1,3"``.
     names : mapping, optional
         Name under which the user gave each key, for messages.
 
@@ -54,27 +52,24 @@ def read_grid_search(keys: Mapping[str, object], names: Mapping[str, str] | None
     ValueError
         For a key that is unknown, wrong or at odds with another, or a controller that cannot be tuned.
     """
-    called, plain = {key: (names or {}).get(key, key) for key in (*TUNED, "seeds", "top")}, dict(keys)
-    controller = str(plain.get("controller", "mpc"))
-    entry = controller_entry(controller)
-    if not entry.tunable:
-        raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
-    given = {key: _text(plain.pop(key), called[key]) for key in TUNED if key in plain}
+    called = {key: (names or {}).get(key, key) for key in (*declared(RangeKeys), *declared(GridKeys))}
+    controller = str(keys.get("controller", "mpc"))
+    kind_of_tuning(controller)
+    given = {key: _text(value, called[key]) for key, value in own_keys(keys, RangeKeys).items()}
     for key in given:
-        entry.setting(key)
-    top = _whole(plain.pop("top", 10), called["top"], 100_000)
-    seeds = plain.pop("seeds", None)
-    run = read_run(plain, names)
+        controller_entry(controller).setting(key)
+    own = checked(GridKeys, own_keys(keys, GridKeys), names)
+    run = read_run({key: value for key, value in keys.items() if key not in called}, names)
     noisy = run.situation.noisy
-    if seeds is not None and not noisy and seeds != 1:
-        raise ValueError(f"{called['seeds']} is {seeds}, but without noise all are alike; leave it out")
+    if own.seeds not in (None, 1) and not noisy:
+        raise ValueError(f"{called['seeds']} is {own.seeds}, but without noise all are alike; leave it out")
     ranges = {**_usual_ranges(run), **given}
     return GridSearch(
         run=run,
         ranges=ranges,
         grid=_grid(run, ranges, called),
-        seeds=(_USUAL_SEEDS if noisy else 1) if seeds is None else _whole(seeds, called["seeds"], MOST_SEEDS),
-        top=top,
+        seeds=own.seeds or (_USUAL_SEEDS if noisy else 1),
+        top=own.top,
     )
 
 
@@ -87,21 +82,16 @@ def _text(value: object, name: str) -> str:
     raise ValueError(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
 
 
-def _whole(value: object, name: str, most: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= most:
-        raise ValueError(f"{name} is {value!r}; give a whole number from 1 to {most}")
-    return value
-
-
 def _usual_ranges(run: Run) -> dict[str, str]:
-    weights = {key: f"{run.case.tuning[key]:g}" for key in WEIGHTS}
+    weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
     filters = REFERENCE_FILTERS.get(run.case.controller)
-    return {**HORIZONS, **weights, **({} if filters is None else {"reference_filter": filters})}
+    horizons = {"move_horizon": RangeKeys.move_horizon, "prediction_horizon": RangeKeys.prediction_horizon}
+    return {**horizons, **weights, **({} if filters is None else {"reference_filter": filters})}
 
 
 def _grid(run: Run, ranges: Mapping[str, str], called: Mapping[str, str]) -> list[MPCTuning]:
-    whole = {key: parse_integers(ranges[key], called[key]) for key in HORIZONS}
-    numbers = {key: parse_numbers(ranges[key], called[key]) for key in ranges if key not in HORIZONS}
+    whole = {key: parse_integers(ranges[key], called[key]) for key in ("move_horizon", "prediction_horizon")}
+    numbers = {key: parse_numbers(ranges[key], called[key]) for key in ranges if key not in whole}
     return tuning_grid(
         whole["move_horizon"],
         whole["prediction_horizon"],

@@ -93,7 +93,7 @@ def search_grid(asked: GridSearch, progress: Callable[[str], None]) -> Searched:
         design,
         grid,
         name=run.case.controller,
-        scenario=run.situation.scenario(announced=situation.announced),
+        scenario=run.situation.scenario(),
         seeds=range(situation.seed, situation.seed + asked.seeds),
         integrator=integrator_of(run.situation),
         progress=lambda done, total: progress(f"{done} of {total} runs"),

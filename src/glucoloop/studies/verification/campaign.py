@@ -24,6 +24,7 @@ from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.verification.invariants import PROMISES
 from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops
+from glucoloop.studies.verification.options import CampaignKeys
 from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people, population_of
 from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
@@ -44,23 +45,16 @@ _TOLD: Final = 10
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Campaign(CampaignKeys):
     """Definition of a campaign.
+
+    Without a person it has as many people as necessary.
 
     Raises
     ------
     ValueError
         For a number of loops out of bounds, a seed or person that does not exist, or an unknown controller.
     """
-
-    loops: int = 100_000
-    """Smallest number of loops; each controller has as many with a guard as without."""
-    seed: int = 1
-    controllers: tuple[str, ...] = tuple(CONTROLLERS)
-    person: int | None = None
-    """Number of a single person, or None for as many people as necessary."""
-    patient: str = USUAL_PATIENT.name
-    """Patient around whom people are drawn, and for whom controllers are designed."""
 
     def __post_init__(self) -> None:
         if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:

@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.threefry import LARGEST_COUNTER, uniforms
+from glucoloop.threefry import uniforms
 
 MOST_MEALS: Final = 4
 _CHUNK: Final = 1024

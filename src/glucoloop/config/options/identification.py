@@ -1,0 +1,106 @@
+"""Keys of an identification: experiment on the simulated patient or record of a real one, and the fit."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+from glucoloop.config.key import Key
+from glucoloop.config.options.case import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY, MODEL_PANEL
+from glucoloop.config.options.situation import (
+    PAPER_SAMPLE_TIME_MIN,
+    AllowUnusual,
+    DeadTime,
+    NoiseBound,
+    OperatingPoint,
+    Patient,
+    SampleTime,
+    Seed,
+    Variance,
+    place_of,
+    situation_of,
+    whole_samples,
+)
+from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
+from glucoloop.registry.patients import USUAL_PATIENT
+
+if TYPE_CHECKING:
+    from glucoloop.experiments.situation import Situation
+
+EXPERIMENT_KEYS: Final = (
+    "patient",
+    "operating_point",
+    "noise_variance",
+    "noise_bound_mg_dl",
+    "dead_time_min",
+    "amplitude_mU_min",
+    "samples",
+)
+"""Keys of the simulated experiment, which a record replaces."""
+RECORD_KEYS: Final = ("method", "max_gap_min", "basal_insulin_mU_min", "starts_at_rest")
+"""Keys that describe a record."""
+_experiment = functools.partial(Key, panel="Experiment on the virtual patient")
+_record = functools.partial(Key, panel="Record")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentificationKeys:
+    """Complete configuration of an identification."""
+
+    patient: Patient = USUAL_PATIENT.name
+    operating_point: OperatingPoint = USUAL_PATIENT.usual_point
+    noise_variance: Variance = 0.0
+    noise_bound_mg_dl: NoiseBound = 5.0
+    dead_time_min: DeadTime = 0.0
+    amplitude_mU_min: Annotated[
+        float,
+        _experiment("Height of the pulses, at most the basal rate.", above=0.0, at_most=10_000.0, quantity=RATE_CHANGE),
+    ] = USUAL_PATIENT.pulse_mU_min
+    samples: Annotated[
+        int | None, _experiment("Length of the experiment.", told="2 M", at_least=4, at_most=100_000)
+    ] = None
+    data: Annotated[str | None, _record("Record to identify from.", metavar="FILE.csv")] = None
+    method: Annotated[
+        Literal["auto", "csrs", "least-squares"],
+        _record(
+            "csrs: cross-correlation, for balanced pulses from rest; least-squares: for any input that varies enough."
+        ),
+    ] = "auto"
+    max_gap_min: Annotated[float, _record("Longest gap that is interpolated.", above=0.0, at_most=1440.0)] = 15.0
+    basal_insulin_mU_min: Annotated[
+        float | None,
+        _record(
+            "Rate before the record; its median by default.", at_least=0.0, at_most=10_000.0, quantity=INSULIN_RATE
+        ),
+    ] = None
+    starts_at_rest: Annotated[
+        bool,
+        _record(
+            "Whether insulin was at the basal rate for the memory before the record, and nothing was eaten for six "
+            "hours.",
+            flag="--from-rest/--not-from-rest",
+            told="from rest",
+        ),
+    ] = True
+    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
+    seed: Seed = 0
+    allow_unusual: AllowUnusual = False
+    memory: Annotated[int, MEMORY] = 36
+    laguerre_pole: Annotated[float, LAGUERRE_POLE] = 0.84
+    best_pole: Annotated[bool, Key("Search for the pole that fits best.", panel=MODEL_PANEL)] = False
+    laguerre_functions: Annotated[int, LAGUERRE_FUNCTIONS] = 2
+
+    @property
+    def place(self) -> str:
+        """The operating point, with the patient's name where it is another than the usual one."""
+        return place_of(self.patient, self.operating_point)
+
+    @property
+    def dead_time_samples(self) -> int:
+        """Dead time of the experiment's readings."""
+        return whole_samples(self.dead_time_min, self.sample_time_min)
+
+    def situation(self) -> Situation:
+        """The patient and the sensor of the experiment."""
+        return situation_of(self)

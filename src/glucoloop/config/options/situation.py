@@ -1,0 +1,334 @@
+"""Keys of a situation: the patient, meals, sensor, pump, faults and the run."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+from glucoloop.config.clock_text import parse_time_of_day
+from glucoloop.config.key import Key
+from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
+from glucoloop.plausible import (
+    DEAD_TIME,
+    DURATION,
+    GLUCOSE,
+    LARGEST_RATE,
+    LEAST_RATE,
+    NOISE_BOUND,
+    NOISE_VARIANCE,
+    RATE_CHANGE,
+    RATE_STEP,
+    SAMPLE_TIME,
+    SETPOINT,
+)
+from glucoloop.registry.faults import FAULTS
+from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
+
+if TYPE_CHECKING:
+    from glucoloop.experiments.situation import Situation
+    from glucoloop.meals import Meal, Scenario
+
+SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
+"""Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
+LONGEST_SAMPLE_TIME_MIN: Final = 120.0
+PAPER_SAMPLE_TIME_MIN: Final = 5.0
+
+PATIENT_PANEL: Final = "Patient and meals"
+RUN_PANEL: Final = "Run"
+_patient = functools.partial(Key, panel=PATIENT_PANEL)
+_sensor = functools.partial(Key, panel="Sensor")
+_pump = functools.partial(Key, panel="Pump")
+_run = functools.partial(Key, panel=RUN_PANEL)
+
+PATIENTS_TOLD: Final = "; ".join(f"{entry.name}: {entry.summary}" for entry in PATIENTS.values())
+_POINTS: Final = " ".join(
+    f"Of {entry.name}: {'; '.join(f'{point.name}: {point.summary}' for point in entry.operating_points)}."
+    for entry in PATIENTS.values()
+)
+
+
+def _of_part(part: str) -> str:
+    """List of faults with their settings, for help."""
+    return "; ".join(
+        " ".join([entry.name, *(f"{setting.name}={setting.default.text}" for setting in entry.settings)])
+        for entry in FAULTS.values()
+        if entry.part == part
+    )
+
+
+KINDS_OF_FAULTS: Final = (
+    f"Sensor: {_of_part('sensor')}. Pump: {_of_part('pump')}. All faults that come and go take start_min, "
+    "latest_min, duration_min and per_day."
+)
+
+# Keys that an identification has as well.
+Patient = Annotated[
+    str,
+    _patient(
+        f"{PATIENTS_TOLD}; or one of another package, or module:attribute. Pump, model and tuning are by default those "
+        "usual for it."
+    ),
+]
+OperatingPoint = Annotated[
+    str, _patient(f"Where the patient rests. {_POINTS}", metavar="NAME", told="the first of the patient's")
+]
+Variance = Annotated[
+    float,
+    _sensor(
+        "Variance of the noise on each reading, (mg/dl)²; the paper's is 1.45.",
+        flag="--noise",
+        at_least=0.0,
+        at_most=10_000.0,
+        quantity=NOISE_VARIANCE,
+    ),
+]
+NoiseBound = Annotated[
+    float, _sensor("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
+]
+DeadTime = Annotated[
+    float,
+    _sensor("Delay of the readings; a whole number of samples.", at_least=0.0, at_most=1440.0, quantity=DEAD_TIME),
+]
+SampleTime = Annotated[
+    float,
+    _run(
+        "Time between two readings, and between two doses.",
+        at_least=SHORTEST_SAMPLE_TIME_MIN,
+        at_most=LONGEST_SAMPLE_TIME_MIN,
+        quantity=SAMPLE_TIME,
+    ),
+]
+Seed = Annotated[int, _run("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)]
+AllowUnusual = Annotated[bool, _run("Accept values that look like another unit or are implausible.")]
+
+
+def place_of(patient: str, operating_point: str) -> str:
+    """Short name of the operating point, after the name of the patient unless it is the usual one."""
+    return operating_point if patient == USUAL_PATIENT.name else f"{patient}, {operating_point}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SituationKeys:
+    """Keys that all controllers of a comparison share."""
+
+    patient: Patient = USUAL_PATIENT.name
+    operating_point: OperatingPoint = USUAL_PATIENT.usual_point
+    setpoint_mg_dl: Annotated[
+        float | None,
+        _patient(
+            "Target of the controller; the patient's own by default.", above=0.0, at_most=2000.0, quantity=SETPOINT
+        ),
+    ] = None
+    initial_glucose_mg_dl: Annotated[
+        float | None,
+        _patient(
+            "Glucose at which the patient rests at the start; by default the patient's own setpoint.",
+            above=0.0,
+            at_most=2000.0,
+            quantity=GLUCOSE,
+        ),
+    ] = None
+    meals: Annotated[
+        tuple[str, ...],
+        _patient(
+            "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it "
+            "for more meals.",
+            flag="--meal",
+            metavar="G@TIME",
+            empty=("no_meal", "A run without meals."),
+        ),
+    ] = ("50g@50min",)
+    meal_model: Annotated[
+        str | None,
+        _patient(
+            "Model of digestion and absorption of the patient: lehmann-deutsch or hovorka; the meal model of the "
+            "controller does not change.",
+            told="the patient's own",
+        ),
+    ] = None
+    announce_meals: Annotated[
+        bool, _patient("Tell the controller of each meal when it begins.", flag="--announce-meals/--no-announce-meals")
+    ] = False
+    carb_error_pct: Annotated[
+        float,
+        _patient(
+            "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
+            "for each meal and person.",
+            at_least=0.0,
+            at_most=100.0,
+        ),
+    ] = 0.0
+    carb_bias_pct: Annotated[
+        float,
+        _patient(
+            "Mean of that error in percent of a meal; below 0 too little is announced.", at_least=-100.0, at_most=100.0
+        ),
+    ] = 0.0
+    start: Annotated[
+        str | None,
+        _patient("Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM"),
+    ] = None
+    noise_variance: Variance = 0.0
+    noise_bound_mg_dl: NoiseBound = 5.0
+    dead_time_min: DeadTime = 0.0
+    site: Annotated[
+        str | None,
+        _sensor(
+            "Site of the sensor: arterial or interstitial, or plasma or interstitial, depending on the patient.",
+            told="the site at which glucose is controlled",
+        ),
+    ] = None
+    max_change_mU_min: Annotated[
+        float,
+        _pump(
+            "Largest change of the rate from one sample to the next.",
+            flag="--max-rate-change",
+            above=0.0,
+            at_most=10_000.0,
+            quantity=RATE_CHANGE,
+            told=f"{USUAL_PATIENT.max_change_mU_min:g}, or the patient's",
+        ),
+    ] = USUAL_PATIENT.max_change_mU_min
+    min_insulin_mU_min: Annotated[
+        float, _pump("Least rate of the pump.", at_least=0.0, at_most=10_000.0, quantity=LEAST_RATE)
+    ] = USUAL_PATIENT.min_insulin_mU_min
+    max_insulin_mU_min: Annotated[
+        float,
+        _pump(
+            "Greatest rate of the pump.",
+            above=0.0,
+            at_most=10_000.0,
+            quantity=LARGEST_RATE,
+            told=f"{USUAL_PATIENT.max_insulin_mU_min:g}, or the patient's",
+        ),
+    ] = USUAL_PATIENT.max_insulin_mU_min
+    pump_resolution_mU_min: Annotated[
+        float | None,
+        _pump("Smallest step of the rate; any rate by default.", above=0.0, at_most=10_000.0, quantity=RATE_STEP),
+    ] = None
+    faults: Annotated[
+        tuple[str, ...],
+        Key(
+            "A fault, like 'missing, start_min=120, duration_min=30' or 'spikes, per_day=8, size_mg_dl=-40'; repeat it "
+            f"for more, each around the earlier ones. {KINDS_OF_FAULTS}",
+            panel="Faults",
+            flag="--fault",
+            metavar="FAULT",
+            empty=("no_fault", "A run without faults, also if the file has some."),
+        ),
+    ] = ()
+    duration_min: Annotated[
+        float, _run("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
+    ] = 600.0
+    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
+    seed: Seed = 0
+    integrator: Annotated[
+        Literal["fast", "adaptive"],
+        _run("fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference."),
+    ] = "fast"
+    allow_unusual: AllowUnusual = False
+
+    @property
+    def place(self) -> str:
+        """The operating point, with the patient's name where it is another than the usual one."""
+        return place_of(self.patient, self.operating_point)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether readings carry noise."""
+        return self.noise_variance > 0.0
+
+    @property
+    def miscounts(self) -> bool:
+        """Whether carbohydrate is counted with an error."""
+        return self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0
+
+    @property
+    def dead_time_samples(self) -> int:
+        """Dead time of the readings.
+
+        Raises
+        ------
+        ValueError
+            Unless it is a whole number of samples.
+        """
+        return whole_samples(self.dead_time_min, self.sample_time_min)
+
+    @property
+    def start_min(self) -> float | None:
+        """Time of day at the start, in minutes after midnight.
+
+        Raises
+        ------
+        ValueError
+            For a text that is not a time of day.
+        """
+        return None if self.start is None else parse_time_of_day(self.start)
+
+    def eaten(self) -> tuple[Meal, ...]:
+        """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
+        from glucoloop.config.meal_text import parse_meal
+        from glucoloop.meals.counting import counted_meals
+
+        meals = tuple(parse_meal(text) for text in self.meals)
+        if not self.miscounts:
+            return meals
+        return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
+
+    def scenario(self) -> Scenario:
+        """Meals, length, target, start and time of day.
+
+        Raises
+        ------
+        ValueError
+            For meals, a length or a time of day that are not possible.
+        """
+        from glucoloop.meals import Scenario
+
+        return Scenario(
+            self.eaten(),
+            self.duration_min,
+            setpoint_mg_dl=self.setpoint_mg_dl,
+            initial_glucose_mg_dl=self.initial_glucose_mg_dl,
+            allow_unusual=self.allow_unusual,
+            announced=self.announce_meals,
+            meal_model=self.meal_model,
+            start_min=self.start_min,
+        )
+
+    def situation(self) -> Situation:
+        """Situation of an experiment from these keys.
+
+        Raises
+        ------
+        ValueError
+            Unless the dead time is a whole number of samples.
+        """
+        return situation_of(self, announced=self.announce_meals)
+
+
+def situation_of(keys: Any, **other: Any) -> Situation:
+    """Situation of an experiment from a record of keys; what the record does not say is as usual."""
+    from glucoloop.experiments.situation import Situation
+
+    said = {field.name: getattr(keys, field.name) for field in fields(Situation) if hasattr(keys, field.name)}
+    return Situation(**{**said, **other})
+
+
+def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead time") -> int:
+    """Minutes as a number of samples; `what` names the quantity in messages.
+
+    Raises
+    ------
+    ValueError
+        Unless they are a whole number of samples.
+    """
+    samples = round(minutes / sample_time_min)
+    if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
+        below = int(minutes / sample_time_min) * sample_time_min
+        raise ValueError(
+            f"{what} of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
+            f"give {below:g} or {below + sample_time_min:g} min"
+        )
+    return samples

@@ -1,0 +1,58 @@
+"""Keys of a comparison of the controllers with the meal-aware one: its extent."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from glucoloop.config.key import Key
+from glucoloop.limits import LARGEST_SEED
+
+MOST_SEEDS: Final = 10_000
+MOST_PEOPLE: Final = 100_000
+QUICK: Final[dict[str, int]] = {"seeds": 16, "people": 64}
+
+TUNING_SEEDS: Final = range(900_000, 900_200)
+"""Seeds of the sensor on which the tuning of the meal-aware controller was chosen."""
+TUNING_PEOPLE_SEED: Final = 424_242
+"""Seed of the people on whom the tuning was chosen."""
+EXTENT_PANEL: Final = "How much"
+_extent = functools.partial(Key, panel=EXTENT_PANEL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClaimsKeys:
+    """Number of runs, and the first seed."""
+
+    seeds: Annotated[
+        int,
+        _extent("Runs of each noisy situation.", told=f"200; quick: {QUICK['seeds']}", at_least=1, at_most=MOST_SEEDS),
+    ] = 200
+    people: Annotated[
+        int, _extent("Number of people.", told=f"1000; quick: {QUICK['people']}", at_least=1, at_most=MOST_PEOPLE)
+    ] = 1000
+    seed: Annotated[
+        int,
+        _extent(
+            "The first seed of the sensor, and that of the people; the same seed gives the same numbers.",
+            at_least=0,
+            at_most=LARGEST_SEED - MOST_SEEDS,
+        ),
+    ] = 1
+
+    @property
+    def sensor_seeds(self) -> range:
+        """Seeds of the sensor, as those of ``glucoloop run --seed``."""
+        return range(self.seed, self.seed + self.seeds)
+
+    @property
+    def tuned_on(self) -> tuple[str, ...]:
+        """Seeds and people of this comparison on which the tuning was chosen, in words; empty if there are none."""
+        both = range(max(TUNING_SEEDS.start, self.seed), min(TUNING_SEEDS.stop, self.seed + self.seeds))
+        found = []
+        if len(both):
+            found.append(f"seeds {both.start} to {both.stop - 1} of the sensor")
+        if self.seed == TUNING_PEOPLE_SEED:
+            found.append(f"the people of seed {self.seed}")
+        return tuple(found)
