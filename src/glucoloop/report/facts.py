@@ -8,7 +8,8 @@ import jax
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.comparison import Comparison
-from glucoloop.config.run import Run, SituationKeys
+from glucoloop.config.options.situation import SituationKeys
+from glucoloop.config.run import Run
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
