@@ -49,7 +49,6 @@ class Kanderian:
     setpoint_mg_dl: object
 
     sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
-    insulin_route = "subcutaneous"
     meal_model = HovorkaGut(time_to_maximum_min=47.0, bioavailability=1.0)  # as after breakfast
 
     # at rest, from the balances
@@ -154,6 +153,7 @@ PERSON_1 = PatientEntry(
     model="kanderian:MODEL",
     operating_points=(OperatingPoint("at-120", "held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),),
     populations={"varied": "four constants, lognormal with a coefficient of variation of 25 %"},
+    insulin_route="subcutaneous",
     max_change_mU_min=100.0,
     max_insulin_mU_min=150.0,
     pulse_mU_min=20.0,

@@ -120,6 +120,7 @@ def test_impossible_settings_are_refused_with_a_sentence(given, told):
 # ------------------------------------------------------------------------------------------- guarded
 
 WIDE = GuardSettings(max_hour=20.0, max_on_board=20.0)
+UNDER_THE_SKIN = GuardSettings.for_route("subcutaneous")
 GUARD = guarded(CONTROLLER, WIDE)
 
 
@@ -128,6 +129,25 @@ def test_a_guard_with_wide_caps_lets_a_meal_bolus_pass_to_the_bit():
     _, decision = step(GUARD, state, observe(carbs=40.0))
     assert float(decision.bolus_mU) == 4000.0
     assert int(decision.status) == Status.OK
+
+
+def test_under_the_skin_a_right_bolus_passes_and_one_ten_times_larger_does_not():
+    """By the rule of 500, with a total daily dose of 48 basal hours; the cap is ten basal hours on board."""
+    guard = guarded(design_basal_bolus(BASAL), UNDER_THE_SKIN)
+    state = guard.init(observe())
+    for carbs in (50.0, 80.0, 100.0):
+        _, decision = step(guard, state, observe(carbs=carbs))
+        assert float(decision.bolus_mU) == pytest.approx(carbs * 48.0 / 500.0 * 60.0 * BASAL)
+        assert int(decision.status) == Status.OK
+    _, decision = step(guard, state, observe(carbs=500.0))
+    assert float(decision.bolus_mU) == pytest.approx(10.0 * 60.0 * BASAL, rel=0.03)
+    assert int(decision.status) == Status.DOSE_LIMITED
+
+
+def test_a_route_that_does_not_exist_has_no_limits():
+    assert GuardSettings.for_route("intravenous") == GuardSettings()
+    with pytest.raises(ValueError, match="unknown route of insulin 'nasal'; the known ones are: intravenous, subcut"):
+        GuardSettings.for_route("nasal")
 
 
 def test_a_suspended_pump_gives_no_bolus():
@@ -181,21 +201,28 @@ def follow(guard, glucose, carbs, valid):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("max_hour", "max_on_board", "change"), [(2.4, 1.3, 16.7), (20.0, 20.0, 1.0), (6.0, 0.5, 4.0)])
+@pytest.mark.parametrize(
+    ("caps", "change"),
+    [
+        (GuardSettings(), 16.7),
+        (UNDER_THE_SKIN, 16.7),
+        (GuardSettings(max_hour=20.0, max_on_board=20.0), 1.0),
+        (GuardSettings(max_hour=6.0, max_on_board=0.5), 4.0),
+    ],
+)
 @settings(max_examples=60, deadline=None)
 @given(events=EVENTS)
-def test_all_insulin_keeps_the_caps_of_the_guard(max_hour, max_on_board, change, events):
+def test_all_insulin_keeps_the_caps_of_the_guard(caps, change, events):
     """Rate and bolus together, summed up here once more, for any readings and any announcements."""
-    limits = dose_limits(max_change_mU_min=change)
-    guard = guarded(CONTROLLER, GuardSettings(max_hour=max_hour, max_on_board=max_on_board), limits)
+    guard = guarded(CONTROLLER, caps, dose_limits(max_change_mU_min=change))
     rates, boluses = follow(guard, *(jnp.asarray(column) for column in zip(*events, strict=True)))
     assert np.all(np.asarray(boluses) >= 0.0)
-    on_board, hour, left = 0.0, [BASAL] * 12, math.exp(-EVERY / 90.0)
+    on_board, hour, left = 0.0, [BASAL] * 12, math.exp(-EVERY / caps.on_board_tau_min)
     for total in np.asarray(rates) + np.asarray(boluses) / EVERY:
         on_board = max(left * on_board + (1.0 - left) * (total / BASAL - 1.0), 0.0)
         hour = [*hour[1:], max(total, BASAL)]
-        assert on_board <= max_on_board + 1e-9
-        assert sum(hour) <= max_hour * 12.0 * BASAL * (1.0 + 1e-9)
+        assert on_board <= caps.max_on_board + 1e-9
+        assert sum(hour) <= caps.max_hour * 12.0 * BASAL * (1.0 + 1e-9)
 
 
 def test_a_guard_counts_what_the_pump_says_of_a_bolus():

@@ -250,7 +250,6 @@ def test_patient_keeps_both_protocols_and_tells_its_sites(nominal):
     assert isinstance(nominal, Patient)
     assert isinstance(nominal, SemilinearPatient)
     assert nominal.sites == ("plasma", "interstitial")
-    assert nominal.insulin_route == "subcutaneous"
     x = nominal.steady_state(3.0).at[STATE_NAMES.index("IG")].set(5.0)
     assert float(nominal.seen_mg_dl(x, "interstitial")) == pytest.approx(5.0 * 18.016)
     assert float(nominal.seen_mg_dl(x, "plasma")) == float(nominal.glucose_mg_dl(x))

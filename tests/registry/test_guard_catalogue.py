@@ -7,12 +7,24 @@ import pytest
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.experiments.designs import with_guard
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.guard import GUARD, OF_ROUTE, complete_guard
+from glucoloop.registry.patients import SUBCUTANEOUS, patient_entry
 
 
 def test_every_limit_can_be_set_and_has_the_guards_default():
     defaults = {f"guard_{field.name}": field.default for field in dataclasses.fields(GuardSettings)}
     assert {name: setting.default.noise_free for name, setting in GUARD.items()} == defaults
+
+
+def test_usual_limits_are_those_of_the_route_and_of_the_patient():
+    assert complete_guard({}) == {name: setting.default.noise_free for name, setting in GUARD.items()}
+    entry = patient_entry("hovorka-2004")
+    assert complete_guard({}, entry) == {**complete_guard({}), **OF_ROUTE[SUBCUTANEOUS]}
+    own = dataclasses.replace(entry, guard={"guard_max_hour": 7.0})
+    assert complete_guard({}, own)["guard_max_hour"] == 7.0
+    assert complete_guard({"guard_max_hour": 3}, own)["guard_max_hour"] == 3.0
+    with pytest.raises(ValueError, match="by the route 'nasal'; the known ones are: intravenous, subcutaneous"):
+        dataclasses.replace(entry, insulin_route="nasal")
 
 
 def test_a_limit_reaches_the_guard():

@@ -18,7 +18,7 @@ from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.registry.controllers import all_settings
-from glucoloop.registry.guard import GUARD
+from glucoloop.registry.guard import GUARD, usual_text
 
 Given = dict[str, Any]
 """Value of each option that was given, by its key."""
@@ -166,7 +166,7 @@ def _guard_options() -> Iterator[Option]:
     for setting in GUARD.values():
         flag = f"--{setting.name.replace('_', '-')}"
         yield Option(
-            setting.name, flag, setting.type, setting.summary, GUARD_PANEL, metavar="X", default=setting.default.text
+            setting.name, flag, setting.type, setting.summary, GUARD_PANEL, metavar="X", default=usual_text(setting.name)
         )
 
 

@@ -154,7 +154,7 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
     tuning = catalogue.complete(controller, settings, entry, situation.operating_point, noisy=situation.noisy)
     if catalogue.controller_entry(controller).uses_model and own.get("model") is None:
         own = {**_identification(situation), **own}
-    guard = _guard_limits(keys, bool(own.get("guard", False)), names)
+    guard = _guard_limits(keys, entry, bool(own.get("guard", False)), names)
     case = checked(CaseKeys, {**own, "tuning": tuning, "guard_limits": guard}, names)
     if not situation.allow_unusual:
         ask_about(case, names)
@@ -173,9 +173,9 @@ def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
             )
 
 
-def _guard_limits(keys: Mapping[str, object], guarded: bool, names: Mapping[str, str] | None) -> dict[str, Value]:
+def _guard_limits(keys: Mapping[str, object], entry: PatientEntry, guarded: bool, names: Names) -> dict[str, Value]:
     refuse_limits_without_guard(keys, guarded=guarded, names=names)
-    return complete_guard({key: value for key, value in keys.items() if key in GUARD}) if guarded else {}
+    return complete_guard({key: value for key, value in keys.items() if key in GUARD}, entry) if guarded else {}
 
 
 def refuse_limits_without_guard(keys: Mapping[str, object], *, guarded: bool, names: Names = None) -> None:
@@ -270,6 +270,7 @@ def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
     point, controller = lower.get("operating_point", entry.usual_point), lower.get("controller", "mpc")
     noisy = bool(lower.get("noise_variance"))
     usual |= catalogue.complete(str(controller), {}, entry, str(point), noisy=noisy)
+    usual |= complete_guard({}, entry)
     return {
         key: value
         for key, value in lower.items()

@@ -7,12 +7,15 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
+from glucoloop.registry.guard import OF_ROUTE, PREFIX
 
 
 @checked
 @dataclass(frozen=True)
 class GuardSettings:
     """Limits of a guard; see `guarded`. Values without a source were chosen by the experiments of the guide's page.
+
+    The defaults are for insulin into a vein; `for_route` gives those for insulin under the skin.
 
     Raises
     ------
@@ -68,6 +71,19 @@ class GuardSettings:
     """Multiple of the basal rate that is allowed at any reading, except at a predicted low."""
     doubt_tau_min: float = 480.0
     """Time constant with which the doubt about a jump of the reading, which is attributed to the sensor, decays."""
+
+    @classmethod
+    def for_route(cls, insulin_route: str) -> GuardSettings:
+        """Usual limits for a route of insulin, ``"intravenous"`` or ``"subcutaneous"``; `registry.guard` has sources.
+
+        Raises
+        ------
+        ValueError
+            For an unknown route.
+        """
+        if insulin_route not in OF_ROUTE:
+            raise ValueError(f"unknown route of insulin {insulin_route!r}; the known ones are: {', '.join(OF_ROUTE)}")
+        return cls(**{key.removeprefix(PREFIX): value for key, value in OF_ROUTE[insulin_route].items()})
 
     def __post_init__(self) -> None:
         for field in fields(self):

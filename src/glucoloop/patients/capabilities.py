@@ -15,8 +15,6 @@ import numpy.typing as npt
 from glucoloop.patients.protocol import Patient
 
 USUAL_SITE: Final = "plasma"
-INTRAVENOUS: Final = "intravenous"
-SUBCUTANEOUS: Final = "subcutaneous"
 
 
 def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
@@ -32,12 +30,6 @@ def sites(patient: Patient) -> tuple[str, ...]:
     """Sites at which glucose can be read, that of the controlled glucose first; by default only that one."""
     told: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
     return told
-
-
-def insulin_route(patient: Patient) -> str:
-    """Route of insulin: ``"intravenous"``, which is the default, or ``"subcutaneous"``."""
-    route: str = getattr(patient, "insulin_route", INTRAVENOUS)
-    return route
 
 
 def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from glucoloop.plausible import GLUCOSE_BOUND, Quantity
+from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS, USUAL_PATIENT, PatientEntry
 from glucoloop.registry.settings import Default, Setting, Value, known_names
 
 PREFIX: Final = "guard_"
@@ -54,8 +55,38 @@ GUARD: Final[dict[str, Setting]] = {
 """Settings by key; the keys are the fields of `control.GuardSettings`."""
 
 
-def complete_guard(given: Mapping[str, object]) -> dict[str, Value]:
-    """All limits of a guard: the given ones, and defaults for the others.
+OF_ROUTE: Final[dict[str, dict[str, float]]] = {
+    INTRAVENOUS: {},
+    # A total daily dose is taken for 48 basal hours, since half of it is basal. By the rules of 500 and 1800 a gram of
+    # carbohydrate then needs 0.096 basal hours, and a basal hour lowers glucose by 37.5 mg/dl.
+    SUBCUTANEOUS: {
+        # 5 % of a dose are left after 6 h, the duration of action that Loop and the pumps' calculators use (5 to 7 h).
+        "guard_on_board_tau_min": 120.0,
+        # Ten basal hours: the bolus for 70 g and three basal hours more, a bound like max_iob of open-source systems.
+        "guard_max_on_board": 5.0,
+        # All of it at once, beside the basal rate.
+        "guard_max_hour": 11.0,
+        # One basal rate on board is 2 basal hours.
+        "guard_fall_mg_dl": 75.0,
+    },
+}
+"""Usual limits by route of insulin, where they differ from the setting's own default, which is for a vein."""
+
+
+def usual_limit(key: str, entry: PatientEntry) -> float:
+    """A limit of a guard that is usual for a patient: the patient's own, that of the route, or the general one."""
+    general = float(GUARD[key].default.noise_free)
+    return float(entry.guard.get(key, OF_ROUTE[entry.insulin_route].get(key, general)))
+
+
+def usual_text(key: str) -> str:
+    """Usual values of a limit for help: the general one, and that of insulin under the skin where it differs."""
+    setting, other = GUARD[key], OF_ROUTE[SUBCUTANEOUS].get(key)
+    return setting.default.text if other is None else f"{setting.default.text}; {other:g} under the skin"
+
+
+def complete_guard(given: Mapping[str, object], entry: PatientEntry = USUAL_PATIENT) -> dict[str, Value]:
+    """All limits of a guard: the given ones, and those usual for the patient for the others.
 
     Raises
     ------
@@ -66,4 +97,4 @@ def complete_guard(given: Mapping[str, object]) -> dict[str, Value]:
         if key not in GUARD:
             raise ValueError(f"a guard has no limit {key!r}; {known_names(key, GUARD)}")
     checked = {key: GUARD[key].check(value) for key, value in given.items()}
-    return {key: checked.get(key, setting.default.noise_free) for key, setting in GUARD.items()}
+    return {key: checked.get(key, usual_limit(key, entry)) for key in GUARD}

@@ -14,6 +14,10 @@ from glucoloop.registry.plugins import Catalogue, loaded
 from glucoloop.registry.settings import Default, Tunings, known_names
 
 _PRINTED_SAMPLE_TIME_MIN: Final = 5.0
+INTRAVENOUS: Final = "intravenous"
+SUBCUTANEOUS: Final = "subcutaneous"
+ROUTES: Final = (INTRAVENOUS, SUBCUTANEOUS)
+"""Routes of insulin."""
 NOMINAL: Final = "nominal"
 """Name of the population of nominal patients, which every patient model has."""
 
@@ -41,6 +45,8 @@ class PatientEntry:
     """Operating points, the usual one first."""
     populations: Mapping[str, str] = field(default_factory=dict)
     """Summary of each population by name besides the nominal one; the first is the usual one."""
+    insulin_route: str = INTRAVENOUS
+    """Way of insulin into the body, one of `ROUTES`: it decides on the usual limits of a guard, and on units."""
     max_change_mU_min: float = 16.7
     """Largest change of the rate of a usual pump, from one sample to the next."""
     min_insulin_mU_min: float = 0.0
@@ -54,6 +60,20 @@ class PatientEntry:
     laguerre_functions: int = 2
     tunings: Tunings = field(default_factory=dict)
     """Settings of controllers that are usual for this patient."""
+    guard: Mapping[str, float] = field(default_factory=dict)
+    """Limits of a guard that are usual for this patient, where they differ from those of the route."""
+
+    def __post_init__(self) -> None:
+        if self.insulin_route not in ROUTES:
+            raise ValueError(
+                f"the patient {self.name} has insulin by the route {self.insulin_route!r}; the known ones are: "
+                f"{', '.join(ROUTES)}"
+            )
+
+    @property
+    def under_the_skin(self) -> bool:
+        """Whether insulin is given under the skin."""
+        return self.insulin_route == SUBCUTANEOUS
 
     def operating_point(self, name: str) -> OperatingPoint:
         """An operating point by name.
@@ -181,6 +201,7 @@ PATIENTS: Final = Catalogue(
             populations={
                 "boiroux2017": "sixteen constants that differ as in the virtual people of Boiroux et al. (2017)",
             },
+            insulin_route=SUBCUTANEOUS,
             # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter
             # record would hide half of the gain.
             pulse_mU_min=6.5,

@@ -17,7 +17,6 @@ from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.experiments.situation import Situation
 from glucoloop.metrics import Metrics, summarise
-from glucoloop.patients.capabilities import SUBCUTANEOUS, insulin_route
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.registry.controllers import controller_entry
@@ -175,9 +174,9 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
 
 def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
     """The basal rate in the unit of pumps, where insulin is given under the skin."""
-    person = situation.nominal
-    if insulin_route(person) == SUBCUTANEOUS:
-        basal = float(person.basal_insulin_mU_min)
+    entry, _ = situation.whom
+    if entry.under_the_skin:
+        basal = float(situation.nominal.basal_insulin_mU_min)
         yield (
             f"Insulin is given under the skin; the basal rate is {u_h_from_mu_min(basal):.4g} U/h, "
             f"which is {basal:.4g} mU/min."

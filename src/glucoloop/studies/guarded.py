@@ -10,6 +10,7 @@ from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
 from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import Value
 from glucoloop.studies.options import Guards
 
@@ -51,11 +52,11 @@ def read_guarded_trial(
         if key in keys:
             raise ValueError(f"{(names or {}).get(key, key)} is no part of {what}; leave it out")
     given = {key: value for key, value in keys.items() if key in GUARD}
-    limits = complete_guard(given)
     others = {key: value for key, value in keys.items() if key not in GUARD and key not in own}
     named = {} if others.get(CONTROLLERS_KEY) else {CONTROLLERS_KEY: [] if cases else usual[CONTROLLERS_KEY]}
     plain = {**overlay_trial(usual, others, names), **named}
     base = read_trial(plain, cases, names)
+    limits = complete_guard(given, patient_entry(base.patient))
     if not base.allow_unusual:
         ask_about_settings(GUARD.values(), given, names)
     return base, limits

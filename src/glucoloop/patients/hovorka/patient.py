@@ -34,7 +34,6 @@ class HovorkaPatient:
 
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
-    insulin_route: ClassVar[str] = "subcutaneous"
 
     parameters: HovorkaParameters
     basal_insulin_mU_min: jax.Array

@@ -32,7 +32,6 @@ class SorensenPatient:
     basal_insulin_mU_min: jax.Array
     setpoint_mg_dl: jax.Array
     sites: ClassVar[tuple[str, ...]] = ("arterial", "interstitial")
-    insulin_route: ClassVar[str] = "intravenous"
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:

@@ -20,6 +20,7 @@ from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.situation import usual_situation
 from glucoloop.registry.controllers import CONTROLLERS, controller_entry
+from glucoloop.registry.guard import complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.verification.invariants import PROMISES
@@ -187,7 +188,8 @@ def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, 
         order = _order(campaign.seed, name)
         below: list[Array] = []
         for guard in (False, True):
-            controller = with_guard(bare, {} if guard else None, situation.limits)
+            limits = complete_guard({}, patient_entry(campaign.patient)) if guard else None
+            controller = with_guard(bare, limits, situation.limits)
             loops = WatchedLoops(campaign.seed, controller, order, horizon_min(name), situation)
             closed = loops.close(person, progress)
             below.append(closed.below_60_pct)
