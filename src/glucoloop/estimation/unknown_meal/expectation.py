@@ -44,22 +44,23 @@ class Expectation:
 
 def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
     """Expectation of an estimator whose readings are, sample by sample, those that it predicts for a person at rest."""
-    rest = jnp.asarray(model.glucose_mg_dl(model.state))
+    last = _settled(estimator, model)
+    return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach)
+
+
+@jax.jit
+def _settled(estimator: MealEstimator, model: FedModel) -> MealEstimate:
+    """Last estimate of a person at rest."""
     sensed = Sensed(
-        glucose_mg_dl=rest,
+        glucose_mg_dl=jnp.asarray(model.glucose_mg_dl(model.state)),
         known=jnp.asarray(True),
         insulin_mU_min=jnp.asarray(model.insulin_mU_min, float),
         announced_carbs_g=jnp.zeros(()),
     )
 
-    @jax.jit
-    def settle(estimator: MealEstimator, model: FedModel) -> MealEstimate:
-        def one(state: object, _: None) -> tuple[object, MealEstimate]:
-            return estimator.step(model, state, sensed)
+    def one(state: object, _: None) -> tuple[object, MealEstimate]:
+        return estimator.step(model, state, sensed)
 
-        _, estimates = jax.lax.scan(one, estimator.init(model, sensed), None, length=_SAMPLES)
-        last: MealEstimate = jax.tree.map(lambda leaf: leaf[-1], estimates)
-        return last
-
-    last = settle(estimator, model)
-    return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach)
+    _, estimates = jax.lax.scan(one, estimator.init(model, sensed), None, length=_SAMPLES)
+    last: MealEstimate = jax.tree.map(lambda leaf: leaf[-1], estimates)
+    return last
