@@ -18,6 +18,8 @@ Riccati equations, Int. J. Control 77(8), 2004, 767-788 (the doubling algorithm)
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -405,30 +407,41 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
         raise ValueError(f"At least 1 doubling is needed, but {doublings} were asked for.")
     Phi, C, Q, R = jnp.asarray(Phi), jnp.asarray(C), jnp.asarray(Q), jnp.asarray(R)
     cohort = max(Phi.ndim - 2, C.ndim - 1, Q.ndim - 2, R.ndim) > 0
-    n = C.shape[0]
-    eye = jnp.eye(n, dtype=Phi.dtype)
 
     def leading(a: Array, rank: int) -> Array:
         return jnp.moveaxis(a, -1, 0) if a.ndim > rank else a
 
-    def transpose(a: Array) -> Array:
-        return jnp.swapaxes(a, -1, -2)
-
     row = leading(C, 1)
-    a = transpose(leading(Phi, 2))
+    a = jnp.swapaxes(leading(Phi, 2), -1, -2)
     g = row[..., :, None] * row[..., None, :] * (1.0 / R)[..., None, None]
     h = leading(Q, 2)
-    if cohort:
-        shape = jnp.broadcast_shapes(a.shape, g.shape, h.shape)
-        a, g, h = (jnp.broadcast_to(m, shape) for m in (a, g, h))
+    if not cohort:
+        return _doubled(a, g, h, doublings)
+    shape = jnp.broadcast_shapes(a.shape, g.shape, h.shape)
+    of_people = jax.vmap(functools.partial(_doubled, doublings=doublings))
+    return jnp.moveaxis(of_people(*(jnp.broadcast_to(m, shape) for m in (a, g, h))), 0, -1)
+
+
+def _doubled(a: Array, g: Array, h: Array, doublings: int) -> Array:
+    """Covariance after 2^doublings steps from zero, where ``a`` is ``Phi'``, ``g`` is ``C' C / R`` and ``h`` is Q."""
+    n = h.shape[0]
+    eye = jnp.eye(n, dtype=a.dtype)
 
     def double(_: int, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         a, g, h = carry
-        both = jnp.linalg.solve(eye + g @ h, jnp.concatenate([a, g], axis=-1))
-        ahead, gain = both[..., :n], both[..., n:]
-        g = g + a @ gain @ transpose(a)
-        h = h + transpose(a) @ h @ ahead
-        return a @ ahead, 0.5 * (g + transpose(g)), 0.5 * (h + transpose(h))
+        both = _solved(eye + g @ h, jnp.concatenate([a, g], axis=1))
+        ahead, gain = both[:, :n], both[:, n:]
+        g = g + a @ gain @ a.T
+        h = h + a.T @ h @ ahead
+        return a @ ahead, 0.5 * (g + g.T), 0.5 * (h + h.T)
 
-    _, _, h = jax.lax.fori_loop(0, doublings, double, (a, g, h))
-    return jnp.moveaxis(h, 0, -1) if cohort else h
+    a, g, h = jax.lax.fori_loop(0, doublings - 1, double, (a, g, h))
+    h = h + a.T @ h @ _solved(eye + g @ h, a)  # of the last doubling only the covariance is needed
+    return 0.5 * (h + h.T)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solution of linear equations, with the rows exchanged directly: `jnp.linalg.solve` transposes them twice."""
+    factors, _, order = jax.lax.linalg.lu(matrix)
+    below = jax.lax.linalg.triangular_solve(factors, right[order], left_side=True, lower=True, unit_diagonal=True)
+    return jax.lax.linalg.triangular_solve(factors, below, left_side=True)

@@ -60,6 +60,28 @@ def loops(state, seen):
     return {**after, "x": x}, decided
 
 
+def matrices(state, seen):
+    """Matrices large enough for the functions that take several columns at once, and choices in place."""
+    rng = np.random.default_rng(3)
+    known, wide = (jnp.asarray(rng.normal(size=shape), state["x"].dtype) for shape in ((11, 12), (11, 23)))
+    x = jnp.clip(jnp.concatenate([state["x"], jnp.where(seen["valid"], seen["y"], 1.0)[None] * jnp.arange(7.0)]), -9, 9)
+    A = 0.1 * jnp.outer(x, x[::-1]) + 6.0 * jnp.eye(11, dtype=x.dtype)
+    tall = A.T @ known  # its columns follow one another, those of its transpose do not
+    solved = jnp.linalg.solve(A, jnp.concatenate([wide, A @ A.T, (tall @ known.T).T], axis=1)) @ jnp.ones(45, x.dtype)
+
+    def round_(carry, entry):
+        square, past, unused = carry
+        small, low = jnp.abs(entry) < 3.0, jnp.min(square)
+        square, past = jax.lax.cond(
+            small, lambda s, p: (s, p + s[0]), lambda s, p: (1e-2 * s @ s, s[1] - p), square, past
+        )
+        return (square, past, unused * low), low
+
+    (square, past, _), lows = jax.lax.scan(round_, (A, x, x[0]), x)
+    x = jnp.clip(jnp.where(jnp.isfinite(solved + past), solved + past, 0.5), -9.0, 9.0)[:4] + 1e-3 * square[3, :4]
+    return {**state, "x": x}, {"dose": jnp.sum(solved) + jnp.sum(lows) + jnp.max(square), "status": state["count"]}
+
+
 def init(seen):
     y = seen["y"]
     return {"x": jnp.full(4, y), "count": jnp.asarray(0), "alarm": jnp.asarray(False)}
@@ -89,7 +111,7 @@ def equal(here, there):
 
 @pytest.mark.long
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("step", [scalars, loops])
+@pytest.mark.parametrize("step", [scalars, loops, matrices])
 def test_compact_is_its_arithmetic(step, precision):
     of = traced(step, precision)
     library = Library(write_source(of, ["A test"], COMPACT), precision)

@@ -8,6 +8,15 @@ from typing import Final
 
 from glucoloop.native.targets.c.numbers import Format
 
+COLUMNS: Final = 10
+"""Number of columns that functions of matrices take at once, whose sums stay in registers."""
+
+
+def _each(line: str, indent: int) -> str:
+    """A line for each of the columns."""
+    return "\n".join(f"{' ' * indent}{line.replace('#', str(i))}" for i in range(COLUMNS))
+
+
 _SOURCE: Final = {
     "gl_bits": """
 /* The bits of a number. */
@@ -198,6 +207,53 @@ static void gl_lu(int32_t n, @real@ a[], int32_t order[])
     }
   }
 }""",
+    "gl_product": f"""
+/* Product of an n by count and a count by m matrix; of the second one each row lies in one piece. The last columns may
+   be computed twice. */
+static void gl_product(int32_t n, int32_t m, int32_t count, const @real@ a[], int32_t a_row, int32_t a_column,
+                       const @real@ b[], int32_t b_row, @real@ to[], int32_t to_row, int32_t to_column)
+{{
+  for (int32_t i = 0; i < n; i++)
+  {{
+    for (int32_t next = 0; next < m; next += {COLUMNS})
+    {{
+      const int32_t j = (next > (m - {COLUMNS})) ? (m - {COLUMNS}) : next;
+{_each("@real@ c# = 0x0p+0@f@;", 6)}
+      for (int32_t k = 0; k < count; k++)
+      {{
+        const @real@ x = a[(a_row * i) + (a_column * k)];
+{_each("c# = c# + (x * b[(b_row * k) + j + #]);", 8)}
+      }}
+{_each("to[(to_row * i) + (to_column * (j + #))] = c#;", 6)}
+    }}
+  }}
+}}""",
+    "gl_solve": f"""
+/* Solution x of a x = b for a lower triangular n by n matrix and m columns, whose rows lie in one piece. The last
+   columns may be computed twice. */
+static void gl_solve(int32_t n, int32_t m, const @real@ a[], int32_t a_row, int32_t a_column, bool unit,
+                     const @real@ b[], @real@ x[], int32_t row)
+{{
+  for (int32_t i = 0; i < n; i++)
+  {{
+    for (int32_t next = 0; next < m; next += {COLUMNS})
+    {{
+      const int32_t j = (next > (m - {COLUMNS})) ? (m - {COLUMNS}) : next;
+{_each("@real@ c# = b[(row * i) + j + #];", 6)}
+      for (int32_t k = 0; k < i; k++)
+      {{
+        const @real@ y = a[(a_row * i) + (a_column * k)];
+{_each("c# = c# - (y * x[(row * k) + j + #]);", 8)}
+      }}
+      if (!unit)
+      {{
+        const @real@ pivot = a[(a_row * i) + (a_column * i)];
+{_each("c# = c# / pivot;", 8)}
+      }}
+{_each("x[(row * i) + j + #] = c#;", 6)}
+    }}
+  }}
+}}""",
     "gl_sqrt": """
 /* The square root, rounded to nearest, digit by digit. */
 static @real@ gl_sqrt(@real@ x)

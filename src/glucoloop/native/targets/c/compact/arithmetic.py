@@ -279,7 +279,7 @@ class Arithmetic:
         x, n = b.copy(), a.shape[0]
         for i in range(n) if lower else reversed(range(n)):
             total = b[i]
-            for k in range(i) if lower else range(i + 1, n):
+            for k in range(i) if lower else reversed(range(i + 1, n)):  # as they were found
                 total = total - a[i, k] * x[k]
             x[i] = total if how.unit_diagonal else total / a[i, i]
         return x if how.left else x.T

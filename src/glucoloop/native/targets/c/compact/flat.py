@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+import numpy as np
 from jax.extend import core
 
 from glucoloop.native import primitives
@@ -22,6 +23,7 @@ class Variable:
 
 
 Operand = Variable | Array
+_NOTHING: Final = np.zeros((), np.int32)
 INSIDE: Final = "inside"
 """Whether a number is at least one and at most another."""
 CLIP: Final = "clip"
@@ -175,7 +177,36 @@ def _pruned(inputs: Sequence[Variable], operations: Sequence[Operation], outputs
         use(output)
     for operation in reversed(operations):
         if any(output in uses for output in operation.outputs):
-            kept.append(operation)
-            for given in operation.inputs:
+            lean = _lean(operation, [output in uses for output in operation.outputs])
+            kept.append(lean)
+            for given in lean.inputs:
                 use(given)
     return Flat(inputs=inputs, operations=kept[::-1], outputs=outputs, uses=uses)
+
+
+def _lean(operation: Operation, used: Sequence[bool]) -> Operation:
+    """A loop or a choice without what only its unused results need; these become 0."""
+    if not operation.inner:
+        return operation
+    if operation.name == "cond":
+        inner = tuple(_with_outputs(branch, used) for branch in operation.inner)
+        return replace(operation, inner=inner)
+    loop, (body,) = primitives.scan(operation.equation), operation.inner
+    live = list(used)
+    while True:  # a number that is carried on is needed if a round needs it for another one
+        inner_body = _with_outputs(body, live)
+        carried = inner_body.inputs[loop.constants : loop.constants + loop.carried]
+        needed = [is_live or variable in inner_body.uses for variable, is_live in zip(carried, live, strict=False)]
+        if needed == live[: loop.carried]:
+            break
+        live[: loop.carried] = needed
+    inputs = [
+        _NOTHING if loop.constants <= i < loop.constants + loop.carried and not live[i - loop.constants] else given
+        for i, given in enumerate(operation.inputs)
+    ]
+    return replace(operation, inputs=inputs, inner=(inner_body,))
+
+
+def _with_outputs(flat: Flat, used: Sequence[bool]) -> Flat:
+    outputs = [output if is_used else _NOTHING for output, is_used in zip(flat.outputs, used, strict=True)]
+    return _pruned(flat.inputs, flat.operations, outputs)

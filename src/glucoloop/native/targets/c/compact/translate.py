@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,27 +17,24 @@ from glucoloop.native.targets.c.compact.arithmetic import (
     MOVES,
     REDUCTIONS,
     SMALL_POWERS,
-    banded_factor,
-    constant_band,
     gather_places,
     places_of,
-    product_axes,
     scatter_places,
 )
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operand, Operation, Variable
+from glucoloop.native.targets.c.compact.linear import LinearAlgebra
+from glucoloop.native.targets.c.compact.settle import Environment, permuted, shape_of
 from glucoloop.native.targets.c.compact.values import (
-    LARGEST_EXPRESSION,
     Maker,
     Places,
     Scalar,
     Tree,
     Value,
     View,
-    dense,
     regular_places,
     views_of,
 )
-from glucoloop.native.targets.c.compact.writer import FEW, Writer
+from glucoloop.native.targets.c.compact.writer import Writer
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE
 
 _LONGEST: Final = 160
@@ -62,8 +58,6 @@ _STEPS: Final = {
     "reduce_or": "{0} || {1}",
 }
 
-Environment = dict[Variable, Value]
-
 
 @dataclass(frozen=True)
 class Place:
@@ -80,11 +74,13 @@ class Place:
         return View(self.text, self.kind, self.shape, strides, is_plain=self.shape == (), is_field=True)
 
 
-class Translator:
+class Translator(LinearAlgebra):
     """Writes the C of a flat function."""
 
     def __init__(self, writer: Writer) -> None:
-        self._w = writer
+        super().__init__(writer)
+        self._changing: set[Variable] = set()
+        """Variables of loops whose arrays are their own, and written in every round."""
 
     def translate(self, flat: Flat, given: Sequence[Place], returned: Sequence[Place]) -> None:
         """Write the whole function; its results are stored after everything was read."""
@@ -108,61 +104,6 @@ class Translator:
         for operation in flat.operations:
             self._operation(operation, environment, flat)
         return [self._read(output, environment) for output in flat.outputs]
-
-    # values
-
-    def _read(self, operand: Operand, environment: Environment) -> Value:
-        return environment[operand] if isinstance(operand, Variable) else self._w.constant(operand)
-
-    def _materialised(self, value: Value) -> View:
-        if isinstance(value, View):
-            return value
-        to = self._w.array(value.shape, value.kind)
-        self._w.write(value, to)
-        return to
-
-    def _scalar(self, value: Value) -> Scalar:
-        """A value of one element as a number."""
-        if isinstance(value, Scalar):
-            return value
-        if isinstance(value, Maker):
-            value = self._materialised(value)
-        return Scalar(self._w.element(value, ["0"] * len(value.shape)), value.kind)
-
-    def _settled(self, operand: Operand, environment: Environment) -> Value:
-        """A value that may be read anywhere below, any number of times."""
-        value = self._read(operand, environment)
-        if math.prod(_shape(operand)) == 1:
-            value = self._w.local(self._scalar(value))
-        elif not isinstance(value, View) and not (isinstance(value, Tree) and value.is_uniform):
-            value = self._materialised(value)
-        if isinstance(operand, Variable):
-            environment[operand] = value
-        return value
-
-    def _view(self, operand: Operand, environment: Environment) -> View:
-        value = self._settled(operand, environment)
-        if isinstance(value, View):
-            return value
-        view = self._materialised(
-            Tree(_shape(operand), value.kind, "{0}", (value,)) if isinstance(value, Scalar) else value
-        )
-        if isinstance(operand, Variable) and not isinstance(value, Scalar):
-            environment[operand] = view
-        return view
-
-    def _readable(self, operand: Operand, environment: Environment, flat: Flat) -> Scalar | View | Tree:
-        """A value whose elements are each read once."""
-        value = self._read(operand, environment)
-        if math.prod(_shape(operand)) == 1:
-            return self._scalar(value)
-        once = isinstance(operand, Variable) and flat.uses[operand] == 1
-        if isinstance(value, Tree) and (value.is_uniform or (once and value.size < LARGEST_EXPRESSION)):
-            return value
-        found = self._settled(operand, environment)
-        if isinstance(found, Maker):
-            raise AssertionError("a settled array is in memory")
-        return found
 
     # operations
 
@@ -209,7 +150,7 @@ class Translator:
         return scalar
 
     def _moved(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        shapes = [_shape(given) for given in operation.inputs]
+        shapes = [shape_of(given) for given in operation.inputs]
         if len(operation.inputs) > 1:
             return [self._joined(operation, environment, flat)]
         (given,) = operation.inputs
@@ -229,7 +170,7 @@ class Translator:
 
     def _taken(self, given: Operand, places: Places, environment: Environment, flat: Flat, *, whole: bool) -> Value:
         """Elements of an array, by their places."""
-        if math.prod(_shape(given)) == 1:
+        if math.prod(shape_of(given)) == 1:
             number = self._w.local(self._scalar(self._settled(given, environment)))
             return number if places.size == 1 else Tree(places.shape, number.kind, "{0}", (number,))
         value = self._readable(given, environment, flat) if whole else self._settled(given, environment)
@@ -269,7 +210,7 @@ class Translator:
 
     def _joined(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
         (output,) = operation.outputs
-        shapes = [_shape(given) for given in operation.inputs]
+        shapes = [shape_of(given) for given in operation.inputs]
         (places,) = places_of(operation.equation, shapes)
         pieces: list[tuple[Value, tuple[int, tuple[int, ...]], tuple[int, ...]]] = []
         begin = 0
@@ -297,14 +238,6 @@ class Translator:
 
         return Maker(output.shape, output.kind, write, tuple(value for value, _, _ in pieces))
 
-    def _readable_or_maker(self, given: Operand, environment: Environment, flat: Flat) -> Value:
-        """Value as of `_readable`, or a maker for a value that may be written once its place is known."""
-        value = self._read(given, environment)
-        once = isinstance(given, Variable) and flat.uses[given] == 1
-        if once and math.prod(_shape(given)) != 1 and isinstance(value, Maker):
-            return value
-        return self._readable(given, environment, flat)
-
     def _reduced(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
         (output,), (given,) = operation.outputs, operation.inputs
         axes = primitives.axes(operation.equation)
@@ -314,7 +247,7 @@ class Translator:
         if not axes:
             return value
         kept = [axis for axis in range(len(value.shape)) if axis not in axes]
-        turned = _permuted(value, [*kept, *axes])
+        turned = permuted(value, [*kept, *axes])
         inner = [value.shape[axis] for axis in axes]
         start, step = self._w.literal(_STARTS[operation.name], output.kind), _STEPS[operation.name]
 
@@ -327,81 +260,6 @@ class Translator:
 
         return self._each(output, total, (value,))
 
-    def _each(
-        self,
-        output: Variable,
-        of: Callable[[list[str]], Scalar],
-        reads: tuple[Any, ...],
-        shape: Sequence[int] | None = None,
-    ) -> Value:
-        """An array each of whose elements is computed by lines of its own."""
-        if math.prod(output.shape) == 1:
-            return of(["0"] * len(output.shape))
-
-        def write(to: View) -> None:
-            with self._w.loops(output.shape) as indices:
-                self._w.assign(to, indices, of(indices).text)
-
-        return Maker(output.shape, output.kind, write, reads)
-
-    def _dot_general(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (output,), (left, right) = operation.outputs, operation.inputs
-        summed_a, summed_b, batch, free_a, free_b = product_axes(
-            operation.equation, len(_shape(left)), len(_shape(right))
-        )
-        alone_a = math.prod(_shape(left)[i] for i in free_a) == 1
-        alone_b = math.prod(_shape(right)[i] for i in free_b) == 1
-        known = not isinstance(left, Variable), not isinstance(right, Variable)
-        factor = banded_factor(operation.equation, _shape(left), _shape(right), known)
-        if factor is not None:
-            constants: Any
-            constants, vector, summed = ((left, right, summed_a), (right, left, summed_b))[factor]
-            rows, band = (np.moveaxis(of, summed[0], -1) for of in (constants, constant_band(constants, summed)))
-            if not band.all():
-                return [self._banded(output, rows, band, self._view(vector, environment))]
-        a = self._readable(left, environment, flat) if alone_b else self._settled(left, environment)
-        b = self._readable(right, environment, flat) if alone_a else self._settled(right, environment)
-        a, b = _permuted(a, [*batch[0], *free_a, *summed_a]), _permuted(b, [*batch[1], *free_b, *summed_b])
-        n, f = len(batch[0]), len(free_a)
-        inner = [_shape(left)[i] for i in summed_a]
-
-        def total(indices: list[str]) -> Scalar:
-            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
-            with self._w.loops(inner) as of_inner:
-                of_a = self._w.element(a, [*indices[: n + f], *of_inner])
-                of_b = self._w.element(b, [*indices[:n], *indices[n + f :], *of_inner])
-                self._w.say(f"{found.text} = {found.text} + ({of_a} * {of_b});")
-            return found
-
-        return [self._each(output, total, (a, b))]
-
-    def _banded(self, output: Variable, rows: Any, band: Any, vector: View) -> Value:
-        """Product of a matrix of constants with zeros at the ends of its rows and a vector; the zeros are not kept."""
-        flat_rows, flat_band = (of.reshape(-1, of.shape[-1]) for of in (rows, band))
-        line = replace(vector, shape=(math.prod(vector.shape),), strides=(max(vector.strides, key=abs),))
-        kept = flat_rows[flat_band]
-        counts = flat_band.sum(axis=1)
-        begins = np.append(0, np.cumsum(counts)).astype(np.int32)
-        shifts = (flat_band.argmax(axis=1) - begins[:-1]).astype(np.int32)
-        if counts.size == 1 and counts[0] <= FEW:
-            text = self._w.literal(0, output.kind)
-            for number, place in zip(kept, np.flatnonzero(flat_band[0]), strict=True):
-                text = f"({text} + ({self._w.literal(number, output.kind)} * {line.value([str(place)])}))"
-            return self._w.local(Scalar(text, output.kind))
-        numbers, begin, shift = (self._w.table(of) for of in (kept, begins, shifts))
-        to = self._w.array((counts.size,), output.kind)
-        i, p = self._w.fresh("i"), self._w.fresh("i")
-        self._w.say(f"/*@ loop unroll {counts.size}; */")  # without it Frama-C does not see that no index is outside
-        with self._w.block(f"for (int32_t {i} = 0; {i} < {counts.size}; {i}++)"):
-            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
-            head = f"for (int32_t {p} = {begin}[{i}]; {p} < {begin}[{i} + 1]; {p}++)"
-            with self._w.block(head):
-                of = line.value([f"({p} + {shift}[{i}])"])
-                self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {of});")
-            self._w.assign(to, [i], found.text)
-        view = replace(to, shape=output.shape, strides=dense(output.shape))
-        return self._scalar(view) if math.prod(output.shape) == 1 else view
-
     def _cumsum(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         (output,), (given,) = operation.outputs, operation.inputs
         axis, reverse = primitives.running(operation.equation)
@@ -409,7 +267,7 @@ class Translator:
         if isinstance(value, Scalar):
             return [value]
         order = [*(i for i in range(len(value.shape)) if i != axis), axis]
-        turned = _permuted(value, order)
+        turned = permuted(value, order)
         if reverse:
             turned = _reversed(turned, len(order) - 1)
 
@@ -473,7 +331,7 @@ class Translator:
     def _gather(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         (output,), (given, indices) = operation.outputs, operation.inputs
         if not isinstance(indices, Variable):
-            places = gather_places(operation.equation, _shape(given), indices)
+            places = gather_places(operation.equation, shape_of(given), indices)
             return [self._taken(given, places, environment, flat, whole=False)]
         axis = primitives.gathered_axis(operation.equation)
         if axis is None:
@@ -496,7 +354,7 @@ class Translator:
         (output,), (given, indices, updates) = operation.outputs, operation.inputs
         if isinstance(indices, Variable):
             raise UnsupportedError("a scatter to places that are not known")
-        places = scatter_places(operation.equation, output.shape, indices, _shape(updates))
+        places = scatter_places(operation.equation, output.shape, indices, shape_of(updates))
         regular = regular_places(places)
         if regular is None:
             raise UnsupportedError("a scatter to irregular places")
@@ -507,7 +365,7 @@ class Translator:
 
         def write(to: View) -> None:
             self._w.write(operand, to)
-            part = _part(to, output.shape, *regular, _shape(updates))
+            part = _part(to, output.shape, *regular, shape_of(updates))
             value: Value = update
             if adds and not isinstance(update, Maker):
                 if math.prod(part.shape) == 1:
@@ -526,48 +384,6 @@ class Translator:
     def _scatter_add(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         return self._scattered(operation, environment, flat, adds=True)
 
-    # linear equations
-
-    def _lu(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (given,) = operation.inputs
-        factors, pivots, order = operation.outputs
-        if pivots in flat.uses:
-            raise UnsupportedError("the pivots of a factorisation")
-        to = self._w.array(factors.shape, REAL)
-        self._w.write(self._readable_or_maker(given, environment, flat), to)
-        at = self._w.array(order.shape, WHOLE)
-        n = factors.shape[0]
-        self._w.say(f"gl_lu({n}, &{to.element(['0', '0'])}, &{at.element(['0'])});")
-        return [to, Scalar("0", WHOLE), at]
-
-    def _triangular_solve(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (output,), (matrix, right) = operation.outputs, operation.inputs
-        how = primitives.triangular(operation.equation)
-        a = self._view(matrix, environment)
-        x = self._w.array(output.shape, REAL)
-        self._w.write(self._readable_or_maker(right, environment, flat), x)
-        lower, a = how.lower != how.transposed, a.permuted((1, 0)) if how.transposed else a
-        to = x
-        if not how.left:
-            lower, a, to = not lower, a.permuted((1, 0)), x.permuted((1, 0))
-        n, columns = to.shape
-        if not lower:  # from the last row to the first
-            a, to = a.reversed(0).reversed(1), to.reversed(0)
-        i, j, k = (self._w.fresh("i") for _ in range(3))
-        with contextlib.ExitStack() as stack:
-            stack.enter_context(self._w.block(f"for (int32_t {i} = 0; {i} < {n}; {i}++)"))
-            stack.enter_context(self._w.block(f"for (int32_t {j} = 0; {j} < {columns}; {j}++)"))
-            total = self._w.variable(REAL, to.value([i, j]))
-            # the rows are taken in the order in which the matrix has them
-            head = (
-                f"for (int32_t {k} = 0; {k} < {i}; {k}++)" if lower else f"for (int32_t {k} = {i} - 1; {k} >= 0; {k}--)"
-            )
-            with self._w.block(head):
-                self._w.say(f"{total.text} = {total.text} - ({a.value([i, k])} * {to.value([k, j])});")
-            text = total.text if how.unit_diagonal else f"({total.text} / {a.value([i, i])})"
-            self._w.assign(to, [i, j], text)
-        return [x]
-
     # loops and choices
 
     def _scan(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
@@ -578,8 +394,13 @@ class Translator:
         values: list[Value] = [self._settled(given, environment) for given in constants]
         each = [self._settled(given, environment) for given in rows]
         held: list[Value] = []
-        for given, output in zip(carried, operation.outputs, strict=False):
-            held.append(self._held(self._readable_or_maker(given, environment, flat), output))
+        of_loop = inner.inputs[loop.constants : loop.constants + loop.carried]
+        for given, output, inside in zip(carried, operation.outputs, of_loop, strict=False):
+            if output in flat.uses or inside in inner.uses:
+                held.append(self._held(self._readable_or_maker(given, environment, flat), output))
+                self._changing.add(inside)
+            else:
+                held.append(Scalar("0", output.kind))
         stacked: list[View | None] = []
         for output in operation.outputs[loop.carried :]:
             stacked.append(self._w.array(output.shape, output.kind) if output in flat.uses else None)
@@ -588,8 +409,7 @@ class Translator:
             of_round: list[Value] = []
             for value in each:
                 of_round.append(self._row(value, i, loop.length, reverse=loop.reverse))
-            inside = dict(zip(inner.inputs, [*values, *held, *of_round], strict=True))
-            results = self._body(inner, inside)
+            results = self._body(inner, dict(zip(inner.inputs, [*values, *held, *of_round], strict=True)))
             for value, place in zip(results[loop.carried :], stacked, strict=True):
                 if place is not None:
                     row = place.reversed(0).row(0, i) if loop.reverse else place.row(0, i)
@@ -620,7 +440,7 @@ class Translator:
         changing = {of.number for of in held if isinstance(of, View)}
         waiting: list[tuple[Value, Value]] = []
         for value, of in zip(results, held, strict=True):
-            if value == of:
+            if value == of or of == Scalar("0", of.kind):
                 continue
             if isinstance(of, Scalar):
                 waiting.append((self._w.local(replace(self._scalar(value), is_name=False)), of))
@@ -641,31 +461,43 @@ class Translator:
         index, *given = operation.inputs
         which = self._scalar(self._settled(index, environment)).text
         values = [self._settled(operand, environment) for operand in given]
-        results: list[Value] = []
-        for output in operation.outputs:
-            if output not in flat.uses:
-                results.append(Scalar("0", output.kind))
-            elif math.prod(output.shape) == 1:
-                results.append(self._w.variable(output.kind, self._w.literal(0, output.kind)))
-            else:
-                results.append(self._w.array(output.shape, output.kind))
+        results = [self._place_of_choice(i, operation, values, flat) for i in range(len(operation.outputs))]
         last = len(operation.inner) - 1
         for n, branch in enumerate(operation.inner):
             head = "else" if n == last else f"{'else ' if n else ''}if ({which} {'<=' if n == 0 else '=='} {n})"
             with self._w.block(head):
                 found = self._body(branch, dict(zip(branch.inputs, values, strict=True)))
-                for output, value, to in zip(operation.outputs, found, results, strict=True):
-                    if output not in flat.uses:
-                        continue
-                    if isinstance(to, Scalar):
-                        self._w.say(f"{to.text} = {self._scalar(value).text};")
-                    elif isinstance(to, View):
-                        self._w.write(value, to)
+                self._chosen(
+                    [(v, to) for v, to, o in zip(found, results, operation.outputs, strict=True) if o in flat.uses]
+                )
         return results
 
+    def _chosen(self, pairs: Sequence[tuple[Value, Value]]) -> None:
+        """Store the results of a branch; a place may be that of an argument, which other results read."""
+        for value, to in pairs:
+            if isinstance(to, Scalar):
+                self._w.say(f"{to.text} = {self._scalar(value).text};")
+        changing = {to.number for _, to in pairs if isinstance(to, View)}
+        arrays = [(value, to) for value, to in pairs if isinstance(to, View) and value != to]
+        reading = [any(view.number in changing for view in views_of(value)) for value, _ in arrays]
+        ready = [self._copied(value) if reads else value for (value, _), reads in zip(arrays, reading, strict=True)]
+        for value, (_, to) in zip(ready, arrays, strict=True):
+            if isinstance(to, View):
+                self._w.write(value, to)
 
-def _shape(operand: Operand) -> tuple[int, ...]:
-    return tuple(operand.shape)
+    def _place_of_choice(self, i: int, operation: Operation, values: Sequence[Value], flat: Flat) -> Value:
+        """Place for a result of a choice; that of the argument if a branch returns it and nothing else needs it."""
+        output = operation.outputs[i]
+        if output not in flat.uses:
+            return Scalar("0", output.kind)
+        if math.prod(output.shape) == 1:
+            return self._w.variable(output.kind, self._w.literal(0, output.kind))
+        for branch in operation.inner:
+            for variable, given, value in zip(branch.inputs, operation.inputs[1:], values, strict=True):
+                alone = isinstance(given, Variable) and given in self._changing and flat.uses[given] == 1
+                if alone and branch.outputs[i] is variable and isinstance(value, View):
+                    return value
+        return self._w.array(output.shape, output.kind)
 
 
 def _part(to: View, whole: tuple[int, ...], first: int, strides: tuple[int, ...], shape: tuple[int, ...]) -> View:
@@ -678,13 +510,6 @@ def _part(to: View, whole: tuple[int, ...], first: int, strides: tuple[int, ...]
     if part is None:
         raise UnsupportedError("a part of an array at irregular places")
     return part
-
-
-def _permuted(value: Any, axes: Sequence[int]) -> Any:
-    if isinstance(value, Scalar):
-        return value
-    shape = tuple(value.shape[i] for i in axes)
-    return value.permuted(axes) if isinstance(value, View) else value.mapped(lambda view: view.permuted(axes), shape)
 
 
 def _reversed(value: Any, axis: int) -> Any:

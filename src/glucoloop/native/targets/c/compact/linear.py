@@ -1,0 +1,177 @@
+"""Products of arrays and linear equations in C."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from glucoloop.native import primitives
+from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.targets.c.compact.arithmetic import banded_factor, constant_band, product_axes
+from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
+from glucoloop.native.targets.c.compact.settle import Environment, Settler, permuted, shape_of
+from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value, View, dense
+from glucoloop.native.targets.c.compact.writer import FEW
+from glucoloop.native.targets.c.helpers import COLUMNS
+from glucoloop.native.targets.c.numbers import REAL, WHOLE
+
+
+class LinearAlgebra(Settler):
+    """Writes products of arrays, factorisations and solutions of linear equations."""
+
+    def _dot_general(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        (output,), (left, right) = operation.outputs, operation.inputs
+        summed_a, summed_b, batch, free_a, free_b = product_axes(
+            operation.equation, len(shape_of(left)), len(shape_of(right))
+        )
+        alone_a = math.prod(shape_of(left)[i] for i in free_a) == 1
+        alone_b = math.prod(shape_of(right)[i] for i in free_b) == 1
+        known = not isinstance(left, Variable), not isinstance(right, Variable)
+        factor = banded_factor(operation.equation, shape_of(left), shape_of(right), known)
+        if factor is not None:
+            constants: Any
+            constants, vector, summed = ((left, right, summed_a), (right, left, summed_b))[factor]
+            (along,) = (summed_b, summed_a)[factor]
+            rows, band = (np.moveaxis(of, summed[0], -1) for of in (constants, constant_band(constants, summed)))
+            if not band.all():
+                return [self._banded(output, rows, band, self._view(vector, environment), along)]
+        if not batch[0] and output.kind == REAL and [len(of) for of in (summed_a, free_a, free_b)] == [1, 1, 1]:
+            product = self._matrices(output, left, right, environment, (summed_a[0], summed_b[0]))
+            if product is not None:
+                return [product]
+        a = self._readable(left, environment, flat) if alone_b else self._settled(left, environment)
+        b = self._readable(right, environment, flat) if alone_a else self._settled(right, environment)
+        a, b = permuted(a, [*batch[0], *free_a, *summed_a]), permuted(b, [*batch[1], *free_b, *summed_b])
+        n, f = len(batch[0]), len(free_a)
+        inner = [shape_of(left)[i] for i in summed_a]
+
+        def total(indices: list[str]) -> Scalar:
+            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
+            with self._w.loops(inner) as of_inner:
+                of_a = self._w.element(a, [*indices[: n + f], *of_inner])
+                of_b = self._w.element(b, [*indices[:n], *indices[n + f :], *of_inner])
+                self._w.say(f"{found.text} = {found.text} + ({of_a} * {of_b});")
+            return found
+
+        return [self._each(output, total, (a, b))]
+
+    def _matrices(
+        self, output: Variable, left: Operand, right: Operand, environment: Environment, summed: tuple[int, int]
+    ) -> Value | None:
+        """Product of two matrices by the shared function, which goes through several columns at once."""
+        n, m = output.shape
+        if max(n, m) < COLUMNS:
+            return None
+        a, b = (
+            of.permuted((1 - axis, axis))
+            for of, axis in zip((self._view(left, environment), self._view(right, environment)), summed, strict=True)
+        )
+        swapped = m < COLUMNS or (b.strides[0] != 1 and n >= COLUMNS and a.strides[0] == 1)
+        rows, columns = (b, a) if swapped else (a, b)
+        columns = columns.permuted((1, 0))
+        if columns.strides[1] != 1:  # the columns must follow one another
+            columns = self._materialised(Tree(columns.shape, REAL, "{0}", (columns,)))
+
+        def write(to: View) -> None:
+            to = to.permuted((1, 0)) if swapped else to
+            given = (
+                f"{rows.shape[0]}, {columns.shape[1]}, {columns.shape[0]}",
+                f"{_start(rows)}, {rows.strides[0]}, {rows.strides[1]}",
+                f"{_start(columns)}, {columns.strides[0]}",
+                f"{_start(to)}, {to.strides[0]}, {to.strides[1]}",
+            )
+            self._w.say(f"gl_product({', '.join(given)});")
+
+        return Maker(output.shape, REAL, write, (rows, columns))
+
+    def _banded(self, output: Variable, rows: Any, band: Any, vector: View, axis: int) -> Value:
+        """Product of a matrix of constants with zeros at the ends of its rows and a vector; the zeros are not kept."""
+        flat_rows, flat_band = (of.reshape(-1, of.shape[-1]) for of in (rows, band))
+        line = replace(vector, shape=(rows.shape[-1],), strides=(vector.strides[axis],))
+        kept = flat_rows[flat_band]
+        counts = flat_band.sum(axis=1)
+        begins = np.append(0, np.cumsum(counts)).astype(np.int32)
+        shifts = (flat_band.argmax(axis=1) - begins[:-1]).astype(np.int32)
+        if counts.size == 1 and counts[0] <= FEW:
+            text = self._w.literal(0, output.kind)
+            for number, place in zip(kept, np.flatnonzero(flat_band[0]), strict=True):
+                text = f"({text} + ({self._w.literal(number, output.kind)} * {line.value([str(place)])}))"
+            return self._w.local(Scalar(text, output.kind))
+        numbers, begin, shift = (self._w.table(of) for of in (kept, begins, shifts))
+        to = self._w.array((counts.size,), output.kind)
+        i, p = self._w.fresh("i"), self._w.fresh("i")
+        self._w.say(f"/*@ loop unroll {counts.size}; */")  # without it Frama-C does not see that no index is outside
+        with self._w.block(f"for (int32_t {i} = 0; {i} < {counts.size}; {i}++)"):
+            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
+            head = f"for (int32_t {p} = {begin}[{i}]; {p} < {begin}[{i} + 1]; {p}++)"
+            with self._w.block(head):
+                of = line.value([f"({p} + {shift}[{i}])"])
+                self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {of});")
+            self._w.assign(to, [i], found.text)
+        view = replace(to, shape=output.shape, strides=dense(output.shape))
+        return self._scalar(view) if math.prod(output.shape) == 1 else view
+
+    def _lu(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        (given,) = operation.inputs
+        factors, pivots, order = operation.outputs
+        if pivots in flat.uses:
+            raise UnsupportedError("the pivots of a factorisation")
+        to = self._w.array(factors.shape, REAL)
+        self._w.write(self._readable_or_maker(given, environment, flat), to)
+        at = self._w.array(order.shape, WHOLE)
+        n = factors.shape[0]
+        self._w.say(f"gl_lu({n}, &{to.element(['0', '0'])}, &{at.element(['0'])});")
+        return [to, Scalar("0", WHOLE), at]
+
+    def _triangular_solve(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        (output,), (matrix, right) = operation.outputs, operation.inputs
+        how = primitives.triangular(operation.equation)
+        a = self._view(matrix, environment)
+        lower, a = how.lower != how.transposed, a.permuted((1, 0)) if how.transposed else a
+        if not lower:  # from the last row to the first
+            a = a.reversed(0).reversed(1)
+        if how.left and output.shape[1] >= COLUMNS:
+            return [
+                self._solved_at_once(output, a, self._view(right, environment), lower=lower, unit=how.unit_diagonal)
+            ]
+        x = self._w.array(output.shape, REAL)
+        self._w.write(self._readable_or_maker(right, environment, flat), x)
+        to = x
+        if not how.left:
+            a, to = a.reversed(0).reversed(1).permuted((1, 0)), x.permuted((1, 0))
+            lower = not lower
+        n, columns = to.shape
+        to = to if lower else to.reversed(0)
+        i, j, k = (self._w.fresh("i") for _ in range(3))
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._w.block(f"for (int32_t {i} = 0; {i} < {n}; {i}++)"))
+            stack.enter_context(self._w.block(f"for (int32_t {j} = 0; {j} < {columns}; {j}++)"))
+            total = self._w.variable(REAL, to.value([i, j]))
+            with self._w.block(f"for (int32_t {k} = 0; {k} < {i}; {k}++)"):
+                self._w.say(f"{total.text} = {total.text} - ({a.value([i, k])} * {to.value([k, j])});")
+            text = total.text if how.unit_diagonal else f"({total.text} / {a.value([i, i])})"
+            self._w.assign(to, [i, j], text)
+        return [x]
+
+    def _solved_at_once(self, output: Variable, a: View, right: View, *, lower: bool, unit: bool) -> View:
+        """Solution for many right sides by the shared function."""
+        if right.strides != dense(right.shape):
+            right = self._materialised(Tree(right.shape, REAL, "{0}", (right,)))
+        x = self._w.array(output.shape, REAL)
+        b, to = (right, x) if lower else (right.reversed(0), x.reversed(0))
+        given = (
+            f"{to.shape[0]}, {to.shape[1]}",
+            f"{_start(a)}, {a.strides[0]}, {a.strides[1]}, {'true' if unit else 'false'}",
+            f"{_start(b)}, {_start(to)}, {to.strides[0]}",
+        )
+        self._w.say(f"gl_solve({', '.join(given)});")
+        return x
+
+
+def _start(view: View) -> str:
+    """Address of the first element."""
+    return f"&{view.element(['0'] * len(view.shape))}"
