@@ -297,7 +297,7 @@ def make_stress(make_stress_row):
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def surface_of():
     """A function that makes a surface of tunings and their sums of squared errors, otherwise without blame."""
     return _surface_of

@@ -25,7 +25,8 @@ PER_MIN: Final = 10
 COLOURS: Final = 6
 """Number of colours of runs in ``page.css``."""
 _DASHES: Final = 5
-_MOST_TICKS: Final = 7
+_TICK_REM: Final = 1.9
+"""Least distance of two ticks."""
 _MOST_MARK_TEXTS: Final = 24
 
 
@@ -121,7 +122,8 @@ class Panel:
     def html(self, end_min: float) -> str:
         """HTML of the panel."""
         quantity = self.quantity
-        levels = nice_ticks(self.low, self.high)
+        most = int(self.rem / _TICK_REM)
+        levels = nice_ticks(self.low, self.high, most)
         across = round(end_min * PER_MIN)
         lines = "".join(f"M0 {round(level / quantity.step)}h{across}" for level in levels)
         top, height = round(self.high / quantity.step), round((self.high - self.low) / quantity.step)
@@ -132,7 +134,8 @@ class Panel:
         data = f'data-step="{quantity.step:g}" data-unit="{quantity.unit}" data-digits="{quantity.digits}"'
         if quantity.other_unit:
             data += f' data-other="{quantity.other_unit}" data-factor="{quantity.factor:.8g}"'
-        other = nice_ticks(self.low * quantity.factor, self.high * quantity.factor) if quantity.other_unit else []
+        other_span = self.low * quantity.factor, self.high * quantity.factor
+        other = nice_ticks(*other_span, most) if quantity.other_unit else []
         return (
             f'<div class="axes"><span>{quantity.name} ({quantity.unit})</span>'
             f"<span>{f'({quantity.other_unit})' if quantity.other_unit else ''}</span></div>\n"
@@ -158,7 +161,7 @@ def _without_middles(t: Floats, held: Floats) -> tuple[Floats, Floats]:
     return t[~middle], held[~middle]
 
 
-def nice_ticks(low: float, high: float, most: int = _MOST_TICKS) -> list[float]:
+def nice_ticks(low: float, high: float, most: int) -> list[float]:
     """Round numbers between two values, at most `most` of them."""
     rough = (high - low) / most
     power = 10.0 ** math.floor(math.log10(rough))

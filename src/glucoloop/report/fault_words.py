@@ -11,7 +11,14 @@ from glucoloop.registry.faults import DURATION, LATEST, PER_DAY, START, Fault
 from glucoloop.registry.settings import Value
 
 # The longest first: what a name ends in.
-_UNITS: Final = {"mg_dl_h": "mg/dl/h", "mU_min": "mU/min", "mg_dl": "mg/dl", "min": "min"}
+_UNITS: Final = {
+    "mg_dl_h": "mg/dl/h",
+    "mg_dl_U": "mg/dl/U",
+    "g_U": "g/U",
+    "mU_min": "mU/min",
+    "mg_dl": "mg/dl",
+    "min": "min",
+}
 # What changes nothing, if it is not 0.
 _NEUTRAL: Final = {"gain": 1.0}
 _TIMES: Final = (START, LATEST, DURATION, PER_DAY)

@@ -28,7 +28,7 @@ from glucoloop.report._plot import (
     swatch,
     thinned,
 )
-from glucoloop.report._runs import STATUS_WORDS, Run, labelled_runs, limits_passed, values_in_words
+from glucoloop.report._runs import STATUS_WORDS, Floats, Run, labelled_runs, limits_passed, values_in_words
 from glucoloop.report.facts import fault_in_words
 from glucoloop.report.fault_words import window_of
 from glucoloop.report.rows import metric_rows
@@ -185,7 +185,7 @@ def _course(run: Run) -> str:
 def _insulin_panel(runs: Sequence[Run], limits: DoseLimits, end_min: float) -> Panel:
     basal = [run.basal_insulin_mU_min for run in runs]
     bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
-    commanded = [np.clip(run.command_mU_min, bounds[0], bounds[1]) for run in runs]
+    commanded = [_within(run.command_mU_min, limits) for run in runs]
     _, high = extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)
     told = "; ".join(
         f"{run.label}: from {np.nanmin(run.insulin_mU_min):.2f} to {np.nanmax(run.insulin_mU_min):.2f} mU/min, "
@@ -200,7 +200,7 @@ def _insulin_panel(runs: Sequence[Run], limits: DoseLimits, end_min: float) -> P
         if 0.0 < bound <= panel.high:
             panel.level(bound, end_min, "level dash-3")
     for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
-        if not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True):
+        if _differs(run, limits):
             panel.steps(
                 run.t_min,
                 asked,
@@ -208,6 +208,17 @@ def _insulin_panel(runs: Sequence[Run], limits: DoseLimits, end_min: float) -> P
             )
         panel.steps(run.t_min, run.insulin_mU_min, f"{_style(index)} {_named(runs, run, 'delivered')}")
     return panel
+
+
+def _within(command_mU_min: Floats, limits: DoseLimits) -> Floats:
+    """Commanded rates within the limits of the pump, so that one beyond them does not squeeze the others."""
+    return np.clip(command_mU_min, float(limits.min_mU_min), float(limits.max_mU_min))
+
+
+def _differs(run: Run, limits: DoseLimits) -> bool:
+    """Whether another rate was delivered than was commanded, by more than the picture shows."""
+    asked = _within(run.command_mU_min, limits)
+    return not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True)
 
 
 def _bolus_panel(runs: Sequence[Run]) -> Panel:
@@ -275,7 +286,8 @@ def _legend(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, faults
     ]
     if any(run.reading_t_min.size for run in runs):
         entries.append("dots: readings of the sensor")
-    entries.append("thin dotted: insulin commanded, where another amount was delivered")
+    if any(_differs(run, limits) for run in runs):
+        entries.append("thin dotted: insulin commanded, within the pump's limits, where another amount was delivered")
     return f'<ul class="legend">{"".join(f"<li>{entry}</li>" for entry in entries)}</ul>\n'
 
 

@@ -180,7 +180,7 @@ def _legend() -> str:
 
 def _list(surface: TuningSurface, printed: TuningRank) -> str:
     columns = "".join(
-        f"<th scope='col' class='value'>{html.escape(name)}{f'<br>{html.escape(unit)}' if unit else ''}</th>"
+        f"<th scope='col' class='value'>{html.escape(name or 'Remarks')}{'<br>' * bool(unit)}{html.escape(unit)}</th>"
         for name, unit in heads(surface)
     )
     lines = []

@@ -1,0 +1,48 @@
+// Opens pages in Chromium and says what axe-core finds, what they load, and how their plots answer to the keyboard.
+// node browser.mjs CHROMIUM FOLDER_OF_NODE_MODULES PAGE...   prints JSON: one record for each page, width and theme
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { pathToFileURL } from "node:url";
+
+const [, , executablePath, modules, ...pages] = process.argv;
+const require = createRequire(`${modules}/`);
+const { chromium } = require("playwright-core");
+const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
+const found = [];
+for (const file of pages)
+  for (const width of [1280, 390])
+    for (const colorScheme of ["light", "dark"]) {
+      const page = await browser.newPage({ viewport: { width, height: 800 }, colorScheme });
+      const loads = [], errors = [];
+      page.on("request", (request) => { if (!request.url().startsWith("file:")) loads.push(request.url()); });
+      page.on("pageerror", (error) => errors.push(error.message));
+      await page.goto(pathToFileURL(file).href);
+      await page.evaluate(axe);
+      const { violations } = await page.evaluate(() => axe.run());
+      const record = {
+        file, width, colorScheme, loads, errors,
+        violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html.slice(0, 120)).join("; ")}`),
+        wide: await page.evaluate(() => document.documentElement.scrollWidth),
+      };
+      const slider = page.locator(".controls input").first();
+      if (await slider.count()) {
+        await slider.focus();
+        for (let press = 0; press < 5; press++) await page.keyboard.press("ArrowRight");
+        record.moment = await slider.getAttribute("aria-valuetext");
+        record.readout = await page.locator(".readout").first().innerText();
+        await page.keyboard.press("Tab");
+        await page.keyboard.press("Enter");
+        record.zoomed = await page.locator(".field > svg").first().getAttribute("viewBox");
+        const [download] = await Promise.all([
+          page.waitForEvent("download"), page.getByRole("button", { name: "Save drawn data" }).first().click(),
+        ]);
+        record.saved = readFileSync(await download.path(), "utf8").split("\n").slice(0, 3);
+        await page.locator("#unit-mmol").check();
+        record.units = await page.locator("table").first().innerText();
+      }
+      found.push(record);
+      await page.close();
+    }
+await browser.close();
+console.log(JSON.stringify(found));

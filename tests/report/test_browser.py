@@ -1,0 +1,97 @@
+"""Pages in a browser: axe-core finds nothing, nothing is loaded, and plots answer to the keyboard.
+
+It needs node, chromium, and a folder with the packages `playwright-core` and `axe-core` of npm, whose path is in
+GLUCOLOOP_NODE_MODULES: ``npm install --prefix /tmp/axe playwright-core axe-core``, then ``/tmp/axe/node_modules``.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from glucoloop.metrics import summarise
+from glucoloop.report import Repeat, interactive_page, trial_page
+from glucoloop.report.surface_page import surface_page
+from glucoloop.studies.stress.page import stress_page
+from glucoloop.tuning.grid import tuning_grid
+
+NODE, CHROMIUM = shutil.which("node"), shutil.which("chromium") or shutil.which("chromium-browser")
+MODULES = os.environ.get("GLUCOLOOP_NODE_MODULES")
+FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (NODE and CHROMIUM and MODULES),
+        reason="needs node, chromium, and GLUCOLOOP_NODE_MODULES with playwright-core and axe-core",
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def pages(quiet, noisy, make_report, make_stress, surface_of, tmp_path_factory):
+    """One page of each kind, as files."""
+    tunings = tuning_grid([1, 2], [1, 2, 8])
+    surface = surface_of(tunings, [30.0, 10.0, 20.0, 40.0, 5.0][: len(tunings)])
+    facts = {"Sensor": "no noise", "Setpoint": "80 mg/dl"}
+    repeat = Repeat("run --config run.toml", {"controller": "mpc", "seed": 3}, {"trace.csv": "one row per sample"})
+    texts = {
+        "runs": interactive_page(
+            {"calm": quiet, "wild": noisy},
+            {"calm": summarise(quiet), "wild": summarise(noisy)},
+            faults=[FAULT],
+            facts=facts,
+            repeat=repeat,
+        ),
+        "trial": trial_page(make_report("calm", "wild")),
+        "stress": stress_page(make_stress(["imc", "mpc"], [FAULT], {("mpc", True, FAULT): (9.0, [1])})),
+        "surface": surface_page(
+            surface, surface.rank_of(surface.tunings[0]), title="Tunings", facts=facts, repeat=repeat
+        ),
+    }
+    folder = tmp_path_factory.mktemp("pages")
+    for name, text in texts.items():
+        (folder / f"{name}.html").write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def seen(pages):
+    command = [NODE, Path(__file__).with_name("browser.mjs"), CHROMIUM, MODULES, *sorted(pages.iterdir())]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return {(Path(of["file"]).stem, of["width"], of["colorScheme"]): of for of in json.loads(done.stdout)}
+
+
+def test_nobody_is_kept_out_and_nothing_is_loaded(seen):
+    assert len(seen) == 16
+    for place, of in seen.items():
+        assert (place, of["violations"], of["loads"], of["errors"]) == (place, [], [], [])
+        assert of["wide"] <= of["width"], place
+
+
+def test_a_moment_is_told_by_keyboard_and_by_voice(seen, quiet):
+    for width in (1280, 390):
+        of = seen["runs", width, "light"]
+        glucose, insulin = float(quiet.fine_glucose_mg_dl[5]), float(quiet.insulin_mU_min[1])
+        for told in (of["moment"], of["readout"]):
+            assert told.startswith("5 min")
+            assert f"calm, glucose {glucose:.1f} mg/dl" in told
+            assert f"calm, delivered {insulin:.2f} mU/min ({0.06 * insulin:.2f} U/h)" in told
+        start, _, span, _ = map(float, of["zoomed"].split())
+        assert (start, span) == (0.0, 3000.0)  # half of 600 min, in tenths of a minute, about minute 5
+        assert of["saved"][0] == '"plot","curve","t_min","value","unit"'
+        assert of["saved"][1].startswith('"Glucose and insulin","calm, glucose","0","80"')
+
+
+def test_people_are_told_as_percentiles(seen):
+    assert "90 % of the people" in seen["trial", 1280, "dark"]["moment"]
+    assert "median" in seen["trial", 1280, "dark"]["moment"]
+
+
+def test_the_choice_of_unit_reaches_the_tables(seen):
+    assert "mmol/l" in seen["runs", 1280, "light"]["units"]
+    assert "mg/dl" not in seen["runs", 1280, "light"]["units"].replace("(mg/dl)²", "")

@@ -1,0 +1,104 @@
+"""Parts of the plots of pages: ticks, thinned curves, paths and periods."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glucoloop.patients import population
+from glucoloop.registry.fault_text import parse_fault
+from glucoloop.report._page import in_both_units
+from glucoloop.report._plot import GLUCOSE, Panel, nice_ticks, thinned
+from glucoloop.report._runs import periods
+from glucoloop.report.fault_words import window_of
+from glucoloop.report.person_words import person_in_words
+
+finite = st.floats(-1e4, 1e4)
+
+
+@given(low=finite, span=st.floats(1e-3, 1e4), most=st.integers(2, 12))
+def test_ticks_are_few_round_and_inside(low, span, most):
+    ticks = nice_ticks(low, low + span, most)
+    assert 1 <= len(ticks) + 1 <= most + 2
+    assert all(low - 1e-6 * span <= tick <= low + span * (1.0 + 1e-6) for tick in ticks)
+    if len(ticks) > 1:
+        steps = np.diff(ticks)
+        np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
+        mantissa = steps[0] / 10.0 ** np.floor(np.log10(steps[0]) + 1e-9)
+        assert min(abs(mantissa - round_one) for round_one in (1.0, 2.0, 2.5, 5.0, 10.0)) < 1e-6
+
+
+@given(values=st.lists(finite | st.just(float("nan")), min_size=1, max_size=400), most=st.integers(4, 100))
+def test_a_thinned_curve_keeps_its_ends_and_extremes(values, most):
+    t = np.arange(len(values), dtype=float)
+    kept_t, kept = thinned(t, values, most)
+    assert len(kept) <= most + 2
+    assert np.all(np.diff(kept_t) > 0.0)
+    np.testing.assert_array_equal(kept, np.asarray(values)[kept_t.astype(int)])
+    assert (kept_t[0], kept_t[-1]) == (t[0], t[-1])
+    if np.isfinite(values).any():
+        assert (np.nanmin(kept), np.nanmax(kept)) == (np.nanmin(values), np.nanmax(values))
+
+
+@given(there=st.lists(st.booleans(), min_size=1, max_size=60))
+def test_periods_cover_the_samples_and_no_others(there):
+    t_min = 5.0 * np.arange(len(there) + 1)
+    found = periods(t_min, np.array(there))
+    covered = [any(start <= t < stop for start, stop in found) for t in t_min[:-1]]
+    assert covered == there
+    assert all(before[1] < after[0] for before, after in itertools.pairwise(found))
+
+
+def test_a_band_is_drawn_only_where_there_is_something_between():
+    panel = Panel(GLUCOSE, 0.0, 200.0, 5.0, "")
+    panel.band([0.0, 5.0], [0.0, 0.0], [0.0, 0.0], "")
+    panel.band([0.0, 5.0], [np.nan, np.nan], [np.nan, np.nan], "")
+    assert panel.shapes == []
+    panel.band([0.0, 5.0], [80.0, 81.0], [90.0, 91.5], "")
+    assert panel.shapes == ['<path data-kind="band"  d="M0 900l50 15 0-105-50-10"/>']
+
+
+@pytest.mark.parametrize(
+    ("fault", "window"),
+    [
+        ("stuck, start_min=60, duration_min=90", (60.0, 150.0)),
+        ("stuck, start_min=60, latest_min=100, duration_min=90", (60.0, 190.0)),
+        ("stuck, start_min=500", (500.0, 600.0)),
+        ("missing", (0.0, 600.0)),
+        ("stuck, start_min=700", None),
+        ("spikes, per_day=12", None),
+        ("missed-pulses, share=0.2", None),
+    ],
+)
+def test_the_time_of_a_fault_is_what_its_settings_say(fault, window):
+    assert window_of(parse_fault(fault), 600.0) == window
+
+
+def test_glucose_is_told_in_either_unit():
+    assert in_both_units("Time from 70 to 180 mg/dl") == (
+        'Time from <span class="mg">70 to 180 mg/dl</span><span class="mmol">3.9 to 10.0 mmol/l</span>'
+    )
+    for untouched in ("variance 1.45 (mg/dl)²", "3 mg/dl/h", "60 min"):
+        assert in_both_units(untouched) == untouched
+
+
+def test_a_person_is_told_by_what_is_farthest_from_the_usual():
+    drawn = {name: of.centre for name, of in population("parker2000").distributions().items()}
+    drawn |= {"F_LC": 0.52, "M_IHGU.inflection": -0.3}
+    told = person_in_words(population("parker2000"), {"basal_insulin_mU_min": 31.24, "parameters": drawn})
+    basal, first, second, _ = told.split("; ")
+    assert basal == "basal rate 31.2 mU/min"
+    assert {first, second} == {
+        "fraction of insulin cleared by the liver 0.52, 30 % above the usual 0.4",
+        "insulin on hepatic uptake: inflection -0.3, below the usual 0",
+    }
+
+
+@pytest.mark.parametrize(("patient", "name"), [("parker-1999", "lognormal"), ("hovorka-2004", "boiroux2017")])
+def test_every_parameter_that_varies_has_words(patient, name):
+    of = population(name, patient=patient)
+    drawn = {parameter: distribution.upper for parameter, distribution in of.distributions().items()}
+    told = person_in_words(of, {"basal_insulin_mU_min": 10.0, "parameters": drawn})
+    assert not [word for word in told.split() if word in drawn]
