@@ -5,7 +5,6 @@
 ``conf.py`` calls it before each build. It writes ``_generated/*.md``, which the pages include, and ``api/*.rst``.
 """
 
-import dataclasses
 import importlib
 import inspect
 import pkgutil
@@ -25,6 +24,7 @@ from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.registry.controllers import CONTROLLERS
 from glucoloop.registry.faults import FAULTS
+from glucoloop.registry.metrics import RESULTS
 from glucoloop.registry.patients import PATIENTS
 
 # The everyday interface stands on the page "api"; what the command line is made of is no interface.
@@ -181,16 +181,8 @@ def elsewhere(controller: str, setting: str) -> Iterator[str]:
 
 
 def metrics() -> str:
-    from sphinx.pycode import ModuleAnalyzer
-
-    from glucoloop.metrics import Metrics
-
-    told = ModuleAnalyzer.for_module("glucoloop.metrics.summary").find_attr_docs()
-    rows = [
-        [code(field.name), " ".join(" ".join(told.get(("Metrics", field.name), [])).split())]
-        for field in dataclasses.fields(Metrics)
-    ]
-    return table(["Field", "Definition"], rows)
+    rows = [[code(result.name), result.summary] for result in RESULTS]
+    return table(["Metric", "Definition"], rows)
 
 
 def readings() -> str:

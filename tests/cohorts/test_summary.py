@@ -7,15 +7,13 @@ import pytest
 
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.summary import DISTRIBUTIONS, MOST_NAMED, summarise_people
-from glucoloop.metrics import Metrics
 from glucoloop.metrics.control_variability import grid_counts
+from glucoloop.registry.metrics import RESULTS
+
+METRIC_NAMES = [result.name for result in RESULTS]
 
 PEOPLE = 3000
-YES_OR_NO = frozenset(
-    field.name
-    for field in dataclasses.fields(Metrics)
-    if field.name.startswith("settled") or field.name.endswith("satisfied")
-)
+YES_OR_NO = frozenset(name for name in METRIC_NAMES if name.startswith("settled") or name.endswith("satisfied"))
 
 
 def population(seed, people=PEOPLE, infeasible=0.01):
@@ -24,9 +22,7 @@ def population(seed, people=PEOPLE, infeasible=0.01):
     common = np.random.default_rng(99)
     feasible = common.random(people) >= infeasible
     basal = np.where(feasible, common.normal(40.0, 15.0, people), np.nan)
-    metrics = {
-        field.name: np.where(feasible, rng.gamma(2.0, 10.0, people), np.nan) for field in dataclasses.fields(Metrics)
-    }
+    metrics = {name: np.where(feasible, rng.gamma(2.0, 10.0, people), np.nan) for name in METRIC_NAMES}
     metrics |= {name: np.where(feasible, rng.random(people) < 0.3, np.nan) for name in YES_OR_NO}
     metrics["minimum_mg_dl"] = np.where(feasible, rng.normal(65.0, 8.0, people), np.nan)
     metrics["peak_mg_dl"] = metrics["minimum_mg_dl"] + rng.gamma(2.0, 40.0, people)

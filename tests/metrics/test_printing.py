@@ -1,34 +1,34 @@
 """Metrics as people read them."""
 
-import dataclasses
-
 import numpy as np
 
 from glucoloop.metrics import Metrics
+from glucoloop.registry.metrics import RESULTS
 
 
 def metrics_of(value, **changed):
-    fields = {field.name: np.asarray(value) for field in dataclasses.fields(Metrics)}
-    return Metrics(**{**fields, **{name: np.asarray(number) for name, number in changed.items()}})
+    names = [result.name for result in RESULTS]
+    return Metrics.of({name: np.asarray(changed.get(name, value)) for name in names})
 
 
 def test_one_person_is_a_short_table_with_units():
     lines = str(metrics_of(1.25, minimum_mg_dl=63.21, settled_2pct=True, settling_2pct_min=345.0)).splitlines()
-    assert lines[0].split() == ["least", "glucose", "63.2", "mg/dl"]
-    assert any(line.split() == ["settled", "to", "2", "%", "after", "345", "min"] for line in lines)
+    assert lines[1].split() == ["Least", "glucose", "63.2", "mg/dl"]
+    assert any(line.split() == ["Settling,", "2", "%", "band", "345", "min"] for line in lines)
     assert max(map(len, lines)) <= 60
 
 
 def test_who_has_not_settled_is_told():
-    assert "not settled to 2 % after" in str(metrics_of(1.0, settled_2pct=False))
+    lines = str(metrics_of(345.0, settled_2pct=False)).splitlines()
+    assert any(line.split() == ["Settling,", "2", "%", "band", "345+", "min"] for line in lines)
 
 
 def test_people_are_their_spread():
     people = np.arange(101.0)
     lines = str(metrics_of(people, minimum_mg_dl=np.append(people[:-1], np.nan))).splitlines()
     assert lines[0].split() == ["5", "%", "median", "95", "%", "of", "101", "people"]
-    assert lines[1].split()[-4:] == ["5.0", "49.5", "94.0", "mg/dl"]
-    assert lines[2].split()[-4:] == ["5.0", "50.0", "95.0", "mg/dl"]
+    assert lines[1].split()[-4:] == ["5.0", "50.0", "95.0", "mg/dl"]
+    assert lines[2].split()[-4:] == ["5.0", "49.5", "94.0", "mg/dl"]
 
 
 def test_nobody_with_a_number_is_told_too():

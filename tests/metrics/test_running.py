@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from glucoloop.control import Decision, MPCTuning, Status, design_linear_mpc
 from glucoloop.meals import Meal, Scenario
-from glucoloop.metrics import summarise
-from glucoloop.metrics.running import RunningMetrics
+from glucoloop.metrics import RunningMetrics, summarise
 from glucoloop.metrics.summary import first_meal_min
 from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -56,20 +55,25 @@ def _tallied(fold, trace):
     return jax.lax.scan(lambda tally, e: (fold.step(tally, *e), None), start, (happened, trace.t_min))[0]
 
 
-def assert_same(trace, **bounds):
-    expected = summarise(
-        trace, bounds.get("limits", PARKER_1999_LIMITS), lowest_glucose_mg_dl=bounds.get("lowest", 60.0)
-    )
-    found = folded(trace, **bounds)
-    for field in dataclasses.fields(expected):
-        a, b = np.asarray(getattr(found, field.name)), np.asarray(getattr(expected, field.name))
-        assert a.shape == b.shape, field.name
-        assert np.issubdtype(a.dtype, np.floating) == np.issubdtype(b.dtype, np.floating), field.name
-        assert (a.dtype == bool) == (b.dtype == bool), field.name
-        # a variance that is nothing but rounding is told apart by nobody
-        slack = 1e-6 if field.name == "cv_pct" else 1e-9
-        np.testing.assert_allclose(a, b, rtol=1e-10, atol=slack, err_msg=field.name)
-    return found
+@pytest.fixture(scope="module")
+def assert_same(by_arrays):
+    """Compare the metrics of a trace with those of another computation; returns them."""
+
+    def compare(trace, limits=PARKER_1999_LIMITS, lowest=60.0):
+        expected = by_arrays(trace, limits, lowest)
+        found = folded(trace, limits=limits, lowest=lowest)
+        for metrics in (found, summarise(trace, limits, lowest_glucose_mg_dl=lowest)):
+            assert list(metrics.names) == list(expected)
+            for name, b in expected.items():
+                a = np.asarray(getattr(metrics, name))
+                assert a.shape == b.shape, name
+                assert np.issubdtype(a.dtype, np.floating) == np.issubdtype(b.dtype, np.floating), name
+                assert (a.dtype == bool) == (b.dtype == bool), name
+                # a variance that is nothing but rounding is told apart by nobody
+                np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-6 if name == "cv_pct" else 1e-9, err_msg=name)
+        return found
+
+    return compare
 
 
 def made(make_trace, rng, **fields):
@@ -88,11 +92,11 @@ def made(make_trace, rng, **fields):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_whatever_happened(make_trace, seed):
+def test_whatever_happened(assert_same, make_trace, seed):
     assert_same(made(make_trace, np.random.default_rng(seed)))
 
 
-def test_boluses_count_in_the_total_and_are_no_change_of_the_rate(make_trace):
+def test_boluses_count_in_the_total_and_are_no_change_of_the_rate(assert_same, make_trace):
     rng = np.random.default_rng(3)
     bolus = np.where(rng.uniform(size=(SAMPLES, PEOPLE)) > 0.8, 1000.0, 0.0)
     without = made(make_trace, np.random.default_rng(3))
@@ -103,14 +107,14 @@ def test_boluses_count_in_the_total_and_are_no_change_of_the_rate(make_trace):
         np.testing.assert_array_equal(getattr(found, name), getattr(before, name))
 
 
-def test_bounds_of_ones_own(make_trace):
+def test_bounds_of_ones_own(assert_same, make_trace):
     trace = made(make_trace, np.random.default_rng(7))
     assert_same(trace, limits=DoseLimits(max_change_mU_min=40.0, min_mU_min=0.0, max_mU_min=70.0), lowest=20.0)
 
 
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([40.0, 54.0, 60.0, 70.0, 78.4, 80.0, 81.6, 84.0, 180.0, 250.0]))
-def test_on_the_edges_of_ranges_and_bands(make_trace, seed, level):
+def test_on_the_edges_of_ranges_and_bands(assert_same, make_trace, seed, level):
     """Glucose that jumps between a level and just above and below it, and the setpoint."""
     rng = np.random.default_rng(seed)
     jumps = rng.choice([level, np.nextafter(level, 0.0), np.nextafter(level, 1e9), 80.0], (5 * SAMPLES + 1, PEOPLE))
@@ -119,7 +123,7 @@ def test_on_the_edges_of_ranges_and_bands(make_trace, seed, level):
     assert_same(made(make_trace, rng, glucose=glucose))
 
 
-def test_never_away_and_never_back(make_trace):
+def test_never_away_and_never_back(assert_same, make_trace):
     glucose = np.full((5 * SAMPLES + 1, PEOPLE), 80.0)
     glucose[10:, 1] = 95.0
     glucose[-1, 2] = 95.0
@@ -129,13 +133,13 @@ def test_never_away_and_never_back(make_trace):
 
 
 @pytest.mark.parametrize("meal_sample", [0, 23, None])
-def test_settling_counts_from_the_meal(make_trace, meal_sample):
+def test_settling_counts_from_the_meal(assert_same, make_trace, meal_sample):
     assert_same(made(make_trace, np.random.default_rng(1), meal_sample=meal_sample))
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("where", [0, 35, 37, 120])
-def test_glucose_that_is_no_number_has_no_metrics(make_trace, wrong, where):
+def test_glucose_that_is_no_number_has_no_metrics(assert_same, make_trace, wrong, where):
     rng = np.random.default_rng(2)
     glucose = 80.0 + rng.normal(0.0, 10.0, (5 * SAMPLES + 1, PEOPLE))
     glucose[where:, 1] = wrong
@@ -143,7 +147,7 @@ def test_glucose_that_is_no_number_has_no_metrics(make_trace, wrong, where):
     assert np.isnan(found.minimum_mg_dl).tolist() == [False, True, False]
 
 
-def test_insulin_that_is_no_number_has_no_metrics(make_trace):
+def test_insulin_that_is_no_number_has_no_metrics(assert_same, make_trace):
     rng = np.random.default_rng(3)
     insulin = rng.uniform(0.0, 60.0, (SAMPLES, PEOPLE))
     insulin[7, 1] = np.nan
@@ -163,7 +167,7 @@ def real(patient_81, identified_81):
 
 
 @pytest.mark.long
-def test_a_noisy_run_at_the_limits(real):
+def test_a_noisy_run_at_the_limits(assert_same, real):
     found = assert_same(real)
     assert found.samples_saturated.min() > 5
     assert found.rate_satisfied.all()
@@ -173,6 +177,6 @@ def test_a_noisy_run_at_the_limits(real):
 def test_in_single_precision_what_is_rounded_keeps_its_limits(real):
     single = jax.tree.map(lambda a: a.astype(np.float32) if jnp.issubdtype(a.dtype, jnp.floating) else a, real)
     found, expected = folded(single, precision="float32"), summarise(real)
-    for field in dataclasses.fields(expected):
-        a, b = np.asarray(getattr(found, field.name), float), np.asarray(getattr(expected, field.name), float)
-        np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-3, err_msg=field.name)
+    for name, value in expected.by_name().items():
+        a, b = np.asarray(getattr(found, name), float), np.asarray(value, float)
+        np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-3, err_msg=name)

@@ -11,13 +11,15 @@ import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import read_trial
-from glucoloop.metrics import Metrics
 from glucoloop.patients.population import draw
+from glucoloop.registry.metrics import RESULTS
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows, rows_folder
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.shard import compute_shard, edges
 from glucoloop.threefry import uniforms
+
+METRIC_NAMES = [result.name for result in RESULTS]
 
 
 def pretend(trial):
@@ -38,13 +40,13 @@ def pretend(trial):
         glucose = (81.1 + 60.0 * drawn * np.sin(t_min / 90.0)).astype(np.float32)
         insulin = np.maximum(20.0 + 30.0 * drawn * np.cos(t_min[:-1] / 90.0), 0.0).astype(np.float32)
         metrics = {}
-        for number, field in enumerate(dataclasses.fields(Metrics)):
-            if field.name.startswith("settled") or field.name.endswith("satisfied"):
-                metrics[field.name] = drawn > 0.3
-            elif field.name.startswith("samples"):
-                metrics[field.name] = (10 * luck).astype(np.int64)
+        for number, name in enumerate(METRIC_NAMES):
+            if name.startswith("settled") or name.endswith("satisfied"):
+                metrics[name] = drawn > 0.3
+            elif name.startswith("samples"):
+                metrics[name] = (10 * luck).astype(np.int64)
             else:
-                metrics[field.name] = (number + 1) * drawn + missing
+                metrics[name] = (number + 1) * drawn + missing
         minimum = glucose.min(axis=0).astype(float) + missing
         metrics |= {
             "minimum_mg_dl": minimum,

@@ -27,7 +27,8 @@ from glucoloop.bounds.course import Course, course_of
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
-from glucoloop.metrics import regulation
+from glucoloop.metrics.protocol import of_glucose
+from glucoloop.metrics.settling import Settling
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -366,7 +367,7 @@ def told(
     glucose = course.glucose_mg_dl(doses[:, None])[:, 0]
     t_min, setpoint = course.grid.fine_t_min, course.setpoint_mg_dl
     from_min = scenario.meals[0].t_min if scenario.meals else 0.0
-    settling = regulation.settling(t_min, glucose, setpoint, band_pct=2.0, from_min=from_min)
+    settling = of_glucose(Settling(), t_min, glucose, setpoint, from_min)
     stationary = max(_STATIONARY_MG_DL, _STATIONARY_SHARE * minimum.value)
     return OptimalDoses(
         t_min=course.grid.t_min,
@@ -381,8 +382,8 @@ def told(
         deviation_mg_dl=float(np.abs(glucose - setpoint).max()),
         undershoot_mg_dl=float(setpoint - glucose.min()),
         peak_mg_dl=float(glucose.max()),
-        settling_min=float(settling.settling_min),
-        settled=bool(settling.settled),
+        settling_min=float(settling["settling_2pct_min"]),
+        settled=bool(settling["settled_2pct"]),
         converged=minimum.optimality <= stationary,
         iterations=iterations,
         optimality=minimum.optimality,

@@ -166,7 +166,13 @@ def _guard_options() -> Iterator[Option]:
     for setting in GUARD.values():
         flag = f"--{setting.name.replace('_', '-')}"
         yield Option(
-            setting.name, flag, setting.type, setting.summary, GUARD_PANEL, metavar="X", default=usual_text(setting.name)
+            setting.name,
+            flag,
+            setting.type,
+            setting.summary,
+            GUARD_PANEL,
+            metavar="X",
+            default=usual_text(setting.name),
         )
 
 

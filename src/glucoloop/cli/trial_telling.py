@@ -46,7 +46,7 @@ def _table(summary: Mapping[str, Any]) -> Table:
     from rich import box
     from rich.table import Table
 
-    from glucoloop.report.rows import described
+    from glucoloop.registry.metrics import described
 
     controllers = summary["controllers"]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -59,8 +59,8 @@ def _table(summary: Mapping[str, Any]) -> Table:
         how = described(metric)
         for position, quantile in enumerate(quantiles):
             values = (of["metrics"][metric][quantile] for of in controllers.values())
-            cells = ("n/a" if value is None else how.value(value) for value in values)
-            table.add_row("" if position else how.name, quantile, *cells, how.unit)
+            cells = ("n/a" if value is None else how.text(value) for value in values)
+            table.add_row("" if position else how.title, quantile, *cells, how.unit)
     for limit in ("60", "54"):
         shares = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers.values())
         cells = ("n/a" if of["share_pct"] is None else f"{of['share_pct']:.2f}" for of in shares)

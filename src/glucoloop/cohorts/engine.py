@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,8 +22,7 @@ from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.meals import Eaten, eaten
 from glucoloop.meals.counting import counted_g
 from glucoloop.meals.plan import draw_meals
-from glucoloop.metrics.running import RunningMetrics
-from glucoloop.metrics.summary import Metrics
+from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import People
@@ -47,7 +45,7 @@ class PeopleResult:
     basal_insulin_mU_min: npt.NDArray[np.float64]
     """(n,) basal rates."""
     metrics: Mapping[str, Array]
-    """(n,) values of each metric, by the name of a field of `Metrics`."""
+    """(n,) values of each metric, by the name of a result of `registry.metrics`."""
     glucose_counts: npt.NDArray[np.int64]
     """(samples + 1, bins) numbers of people with a basal rate in each bin."""
     insulin_counts: npt.NDArray[np.int64]
@@ -233,7 +231,7 @@ def _run_block(
         feasible=feasible,
         drawn={name: values[:n] for name, values in drawn.draw.values.items()},
         basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
-        metrics={field.name: np.asarray(getattr(metrics, field.name))[:n] for field in dataclasses.fields(metrics)},
+        metrics={name: np.asarray(values)[:n] for name, values in metrics.by_name().items()},
         glucose_counts=count(_of(glucose, known), glucose_edges()),
         insulin_counts=count(_of(insulin, known), insulin_edges(trial.max_insulin_mU_min)),
         glucose_mg_dl=glucose.astype(np.float32) if traces else None,

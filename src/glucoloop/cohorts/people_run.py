@@ -18,8 +18,7 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
 from glucoloop.meals.scenario import announced_g
-from glucoloop.metrics.running import RunningMetrics
-from glucoloop.metrics.summary import Metrics
+from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits

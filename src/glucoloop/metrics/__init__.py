@@ -1,45 +1,8 @@
-"""Metrics of a run: regulation, glycemic risk and constraints, as pure functions of a trace."""
+"""Metrics of a run, each a fold: regulation, glycemic risk, insulin, constraints and what the samples met."""
 
-from glucoloop.metrics.constraints import (
-    LOWEST_GLUCOSE_MG_DL,
-    glucose_satisfied,
-    insulin_changes,
-    magnitude_satisfied,
-    rate_satisfied,
-)
-from glucoloop.metrics.glycemic import (
-    RiskIndices,
-    coefficient_of_variation_pct,
-    glucose_management_indicator_pct,
-    glycemia_risk_index,
-    risk_indices,
-    time_above_pct,
-    time_below_pct,
-    time_between_pct,
-)
-from glucoloop.metrics.regulation import Extreme, Settling, minimum, peak, settling, sum_squared_error
-from glucoloop.metrics.summary import Metrics, summarise
+from glucoloop.metrics.metrics import Metrics
+from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
+from glucoloop.metrics.running import RunningMetrics
+from glucoloop.metrics.summary import summarise
 
-__all__ = [
-    "LOWEST_GLUCOSE_MG_DL",
-    "Extreme",
-    "Metrics",
-    "RiskIndices",
-    "Settling",
-    "coefficient_of_variation_pct",
-    "glucose_management_indicator_pct",
-    "glucose_satisfied",
-    "glycemia_risk_index",
-    "insulin_changes",
-    "magnitude_satisfied",
-    "minimum",
-    "peak",
-    "rate_satisfied",
-    "risk_indices",
-    "settling",
-    "sum_squared_error",
-    "summarise",
-    "time_above_pct",
-    "time_below_pct",
-    "time_between_pct",
-]
+__all__ = ["LOWEST_GLUCOSE_MG_DL", "Course", "Ended", "Metric", "Metrics", "RunningMetrics", "summarise"]

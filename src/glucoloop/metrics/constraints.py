@@ -1,66 +1,77 @@
-"""Constraints (17) to (19) of Parker, Doyle & Peppas 1999 on the delivered insulin and on glucose.
-
-Time stands on the leading axis; people trail. Values that are not finite violate every constraint.
-"""
+"""Constraints (17) to (19) of Parker, Doyle & Peppas 1999 on the delivered insulin and on glucose."""
 
 from __future__ import annotations
 
-from typing import Final
+import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 
-from glucoloop.pumps.limits import DoseLimits
-
-LOWEST_GLUCOSE_MG_DL: Final = 60.0
-"""Lower bound on glucose, constraint (19)."""
-
-ROUNDING_MU_MIN: Final = 1e-9
-"""Tolerance for rounding, so that a dose at its limit is within it."""
+from glucoloop._pytree import pytree
+from glucoloop.metrics.protocol import Course, Ended, Metric
+from glucoloop.simulation.loop import Sampled
 
 
-def insulin_changes(insulin_mU_min: ArrayLike, before_mU_min: ArrayLike) -> jax.Array:
-    """Change of the infusion at each sample, the first from the rate before the run.
+@pytree
+class _Extremes:
+    """Extremes of what the constraints bound."""
 
-    Parameters
-    ----------
-    insulin_mU_min : array_like, shape (samples, ...)
-        Rates delivered from each sample to the next.
-    before_mU_min : array_like, shape () or (...)
-        The rate at rest.
+    largest_change: jax.Array
+    previous_mU_min: jax.Array
+    lowest_mU_min: jax.Array
+    highest_mU_min: jax.Array
+    minimum_mg_dl: jax.Array
 
-    Returns
-    -------
-    Array, shape (samples, ...)
-        Changes in mU/min.
+
+class Constraints(Metric):
+    """Whether the rate and its changes stay within the pump's limits, and glucose above its bound.
+
+    Values that are not finite violate every constraint. The first change is that from the rate at rest.
     """
-    insulin = jnp.asarray(insulin_mU_min, dtype=float)
-    before = jnp.broadcast_to(jnp.asarray(before_mU_min, dtype=float), insulin.shape[1:])
-    return jnp.diff(insulin, axis=0, prepend=before[None])
 
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Extremes:
+        """Extremes of no samples."""
+        del course
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Extremes(
+            largest_change=zero,
+            previous_mU_min=insulin_mU_min,
+            lowest_mU_min=zero + jnp.inf,
+            highest_mU_min=zero - jnp.inf,
+            minimum_mg_dl=glucose_mg_dl,
+        )
 
-def rate_satisfied(insulin_mU_min: ArrayLike, before_mU_min: ArrayLike, limits: DoseLimits) -> jax.Array:
-    """Whether no change exceeds its limit, (17); arguments as for `insulin_changes`."""
-    changes = jnp.abs(insulin_changes(insulin_mU_min, before_mU_min))
-    return (changes <= limits.max_change_mU_min + ROUNDING_MU_MIN).all(axis=0)
+    def point(self, course: Course, state: _Extremes, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Extremes:
+        """Extremes with a further point of the grid."""
+        del course, t_min
+        return dataclasses.replace(state, minimum_mg_dl=jnp.minimum(state.minimum_mg_dl, glucose_mg_dl))
 
+    def sample(self, course: Course, state: _Extremes, happened: Sampled, t_min: jax.Array) -> _Extremes:
+        """Extremes with a further sample."""
+        del course, t_min
+        rate = happened.delivery.insulin_mU_min
+        return dataclasses.replace(
+            state,
+            largest_change=jnp.maximum(state.largest_change, jnp.abs(rate - state.previous_mU_min)),
+            previous_mU_min=rate,
+            lowest_mU_min=jnp.minimum(state.lowest_mU_min, rate),
+            highest_mU_min=jnp.maximum(state.highest_mU_min, rate),
+        )
 
-def magnitude_satisfied(insulin_mU_min: ArrayLike, limits: DoseLimits) -> jax.Array:
-    """Whether every rate is within its limits, (18); insulin as for `insulin_changes`."""
-    insulin = jnp.asarray(insulin_mU_min)
-    within = (insulin >= limits.min_mU_min - ROUNDING_MU_MIN) & (insulin <= limits.max_mU_min + ROUNDING_MU_MIN)
-    return within.all(axis=0)
-
-
-def glucose_satisfied(glucose_mg_dl: ArrayLike, lowest_mg_dl: ArrayLike = LOWEST_GLUCOSE_MG_DL) -> jax.Array:
-    """Whether glucose never falls below the bound, (19).
-
-    Parameters
-    ----------
-    glucose_mg_dl : array_like, shape (points, ...)
-        Glucose free of noise.
-    lowest_mg_dl : array_like
-    """
-    glucose = jnp.asarray(glucose_mg_dl)
-    return (jnp.isfinite(glucose) & (glucose >= lowest_mg_dl)).all(axis=0)
+    def finish(self, course: Course, state: _Extremes, ended: Ended) -> dict[str, Any]:
+        """Whether each constraint holds, and whether all do."""
+        slack, limits = ended.rounding_mU_min, course.limits
+        rate = ended.finite_insulin & (state.largest_change <= limits.max_change_mU_min + slack)
+        magnitude = (
+            ended.finite_insulin
+            & (state.lowest_mU_min >= limits.min_mU_min - slack)
+            & (state.highest_mU_min <= limits.max_mU_min + slack)
+        )
+        glucose = ended.finite_glucose & (state.minimum_mg_dl >= course.lowest_glucose_mg_dl)
+        return {
+            "rate_satisfied": rate,
+            "magnitude_satisfied": magnitude,
+            "glucose_satisfied": glucose,
+            "constraints_satisfied": rate & magnitude & glucose,
+        }

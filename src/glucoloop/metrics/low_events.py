@@ -10,20 +10,23 @@ statement", Lancet Diabetes Endocrinol. 11(1), 2023: level 1 is below 70 mg/dl, 
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import is_traced
+from glucoloop.metrics.protocol import Course, Ended, Metric, count
+from glucoloop.simulation.loop import Sampled
 
-LEVEL_1_MG_DL: Final = 70.0
-LEVEL_2_MG_DL: Final = 54.0
+BOUNDS_MG_DL: Final = {"low_events": 70.0, "very_low_events": 54.0}
+"""Bound of the events of each level, by the name of its result."""
 LASTING_MIN: Final = 15.0
 
 
 @pytree
-class LowEvents:
+class _Events:
     """Events counted so far; all arrays have the shape of the people."""
 
     events: jax.Array
@@ -32,50 +35,43 @@ class LowEvents:
     lasting: jax.Array
     """Samples in a row on the side of the bound on which the event, or its absence, would end."""
 
-    @classmethod
-    def none(cls, like: jax.Array) -> LowEvents:
-        """State before the first sample."""
-        zero = jnp.zeros_like(like)
-        return cls(events=zero, going=zero, lasting=zero)
-
-    def step(self, glucose_mg_dl: jax.Array, bound_mg_dl: float, samples: jax.Array | float) -> LowEvents:
-        """Include a sample; `samples` in a row are 15 min."""
+    def with_sample(self, low: jax.Array, in_a_row: jax.Array | float) -> _Events:
         going = self.going > 0.5
-        turning = (glucose_mg_dl < bound_mg_dl) != going
-        lasting = jnp.where(turning, self.lasting + 1.0, 0.0)
-        turned = lasting >= samples
-        begun = turned & ~going
-        return LowEvents(
-            events=self.events + begun.astype(self.events.dtype),
+        lasting = jnp.where(low != going, self.lasting + 1.0, 0.0)
+        turned = lasting >= in_a_row
+        return _Events(
+            events=self.events + count(turned & ~going, self.events),
             going=jnp.where(turned, 1.0 - self.going, self.going),
             lasting=jnp.where(turned, 0.0, lasting),
         )
 
 
-def samples_in_a_row(sample_time_min: float) -> int:
+class LowEvents(Metric):
+    """Events of both levels, by the name of the result."""
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, _Events]:
+        """State without events."""
+        del course, insulin_mU_min
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return {name: _Events(events=zero, going=zero, lasting=zero) for name in BOUNDS_MG_DL}
+
+    def sample(
+        self, course: Course, state: dict[str, _Events], happened: Sampled, t_min: jax.Array
+    ) -> dict[str, _Events]:
+        """Events with a further sample."""
+        del t_min
+        in_a_row = samples_in_a_row(course.sample_time_min)
+        low = {name: happened.glucose_mg_dl < bound for name, bound in BOUNDS_MG_DL.items()}
+        return {name: events.with_sample(low[name], in_a_row) for name, events in state.items()}
+
+    def finish(self, course: Course, state: dict[str, _Events], ended: Ended) -> dict[str, Any]:
+        """Number of events of each level."""
+        del course
+        return {name: ended.of_glucose(events.events) for name, events in state.items()}
+
+
+def samples_in_a_row(sample_time_min: jax.Array | float) -> jax.Array | float:
     """Number of samples in 15 min, at least 1."""
-    return max(1, round(LASTING_MIN / sample_time_min))
-
-
-def low_events(glucose_mg_dl: jax.Array, bound_mg_dl: float, samples: jax.Array | float) -> jax.Array:
-    """Number of events in a run.
-
-    Parameters
-    ----------
-    glucose_mg_dl : array, shape (samples, ...)
-        Glucose at each sample.
-    bound_mg_dl : float
-    samples : () array or float
-        Number of samples in 15 min; see `samples_in_a_row`.
-
-    Returns
-    -------
-    Array, shape (...)
-    """
-    glucose = jnp.asarray(glucose_mg_dl)
-
-    def one(so_far: LowEvents, glucose: jax.Array) -> tuple[LowEvents, None]:
-        return so_far.step(glucose, bound_mg_dl, samples), None
-
-    counted: LowEvents = jax.lax.scan(one, LowEvents.none(glucose[0]), glucose)[0]
-    return counted.events
+    if is_traced(sample_time_min):
+        return jnp.maximum(1.0, jnp.round(LASTING_MIN / sample_time_min))
+    return max(1.0, float(round(LASTING_MIN / float(sample_time_min))))  # native code does not round

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import glucoloop
 from glucoloop.config.toml import toml_text
-from glucoloop.report.rows import NOT_AVAILABLE
+from glucoloop.registry.metrics import NOT_AVAILABLE
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 FOOTER: Final = "Research software, not a medical device."

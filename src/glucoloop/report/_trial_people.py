@@ -14,10 +14,10 @@ from glucoloop.metrics.control_variability import (
     region_pct,
     zone_pct,
 )
+from glucoloop.registry.metrics import Result, described
 from glucoloop.report._page import count, either, percent
 from glucoloop.report._plot import colour, nice_ticks
 from glucoloop.report._style import ZONE_COLOURS
-from glucoloop.report.rows import Described, described
 from glucoloop.report.trial_report import CaseReport, Distribution, TrialReport
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -99,9 +99,9 @@ def distribution_picture(report: TrialReport, metric: str) -> str:
     return f'{rows}<div class="below" aria-hidden="true">{ticks}</div><p class="time-unit">{html.escape(told.unit)}</p>'
 
 
-def _row(told: Described, label: str, part: Distribution, counts: np.ndarray, edges: np.ndarray, index: int) -> str:
+def _row(told: Result, label: str, part: Distribution, counts: np.ndarray, edges: np.ndarray, index: int) -> str:
     """One controller: its name and numbers, and the shares of the people as an outline."""
-    numbers = _in_unit(told, f"<b>{told.value(part.median)}</b> ({told.value(part.p5)} – {told.value(part.p95)})", part)
+    numbers = _in_unit(told, f"<b>{told.text(part.median)}</b> ({told.text(part.p5)} – {told.text(part.p95)})", part)
     head = (
         f'<div class="row"><span><span class="chip" style="background: {colour(index)}"></span>{html.escape(label)}'
         f"</span><span>{numbers}</span></div>"
@@ -116,8 +116,8 @@ def _row(told: Described, label: str, part: Distribution, counts: np.ndarray, ed
     steps = "".join(f"V{y}H{right}" for y, right in zip(height.tolist(), x[1:].tolist(), strict=True))
     place = np.interp(np.array([part.p5, part.median, part.p95]) / told.divisor, edges, x)
     alt = (
-        f"{told.name.strip()} under {label}, of {count(int(people))} people: median {told.value(part.median)}, "
-        f"5 % below {told.value(part.p5)}, 5 % above {told.value(part.p95)} {told.unit}"
+        f"{told.title.strip()} under {label}, of {count(int(people))} people: median {told.text(part.median)}, "
+        f"5 % below {told.text(part.p5)}, 5 % above {told.text(part.p95)} {told.unit}"
     )
     return (
         f'{head}<svg class="outline" role="img" aria-label="{html.escape(alt)}" viewBox="0 0 {_WIDTH} {_HEIGHT + 12}" '
@@ -128,7 +128,7 @@ def _row(told: Described, label: str, part: Distribution, counts: np.ndarray, ed
     )
 
 
-def _in_unit(told: Described, text: str, part: Distribution) -> str:
+def _in_unit(told: Result, text: str, part: Distribution) -> str:
     if told.unit != "mg/dl":
         return text
     low, middle, high = (f"{value / MG_DL_PER_MMOL_L:.2f}" for value in (part.p5, part.median, part.p95))

@@ -9,13 +9,13 @@ from typing import Final
 
 import numpy as np
 
+from glucoloop.registry.metrics import NOT_AVAILABLE, described
 from glucoloop.report import _page
 from glucoloop.report._page import count, either, in_both_units, percent, scrolling
 from glucoloop.report._plot import GLUCOSE, INSULIN, Panel, colour, extent, linked, plot, thinned
 from glucoloop.report._style import RANGE_COLOURS
 from glucoloop.report._trial_people import distribution_picture, grid_picture
 from glucoloop.report.page import TARGET_MG_DL
-from glucoloop.report.rows import NOT_AVAILABLE, described
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport, WorstPerson
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -227,7 +227,7 @@ def _alts(label: str, case: CaseReport) -> tuple[str, str]:
 def _distributions(report: TrialReport) -> str:
     first = next(iter(report.cases.values()))
     bodies = {
-        in_both_units(html.escape(described(metric).name.strip())): distribution_picture(report, metric)
+        in_both_units(html.escape(described(metric).title.strip())): distribution_picture(report, metric)
         for metric in first.metric_counts
     }
     caption = (

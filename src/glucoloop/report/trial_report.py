@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.registry.metrics import described
 from glucoloop.report._page import Repeat
-from glucoloop.report.rows import described
 
 Floats = npt.NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class CaseReport:
     insulin_quantiles: Mapping[float, Floats]
     """(samples,) quantiles of delivered insulin [mU/min] over the people, for each of `QUANTILES`."""
     metric_counts: Mapping[str, Distribution]
-    """Distributions by the name of a field of `Metrics`, in the order shown."""
+    """Distributions by the name of a metric, in the order shown."""
     cvga_counts: npt.NDArray[Any]
     """(60, 60) numbers of people, as `glucoloop.metrics.control_variability.grid_counts` gives them."""
     time_in_range_pct: Mapping[str, float]

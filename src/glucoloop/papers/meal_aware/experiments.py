@@ -231,7 +231,7 @@ def _loops_of_seeds(
     parts = in_blocks(block, np.arange(drawn.size), together, threads=1)
     metrics, turning, glucose, insulin = jax.tree.map(lambda *of_blocks: np.concatenate(of_blocks), *parts)
     kept = slice(len(seeds))
-    found = {key.name: np.asarray(getattr(metrics, key.name), float)[kept] for key in dataclasses.fields(metrics)}
+    found = {name: np.asarray(values, float)[kept] for name, values in metrics.by_name().items()}
     grid = sample_grid(scenario.horizon_min, made.sample_time_min)
     setpoint = made.target_mg_dl
     return Loops(
@@ -287,7 +287,7 @@ def numbers_of(
     Parameters
     ----------
     metrics : mapping
-        (runs,) each, by the name of a field of `Metrics`.
+        (runs,) each, by the name of a result of `registry.metrics`.
     t_min : (points,) array
     glucose_mg_dl : (points, runs) array
         Glucose; it is interpolated linearly where the points are farther apart than a minute.

@@ -23,7 +23,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import design_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
-from glucoloop.metrics.running import RunningMetrics
+from glucoloop.metrics import RunningMetrics
 from glucoloop.registry.ranges import Tuned
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.robust.objectives import METRICS

@@ -1,0 +1,71 @@
+"""Record of the metrics of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Self
+
+import jax
+import numpy as np
+
+from glucoloop._pytree import pytree, static
+from glucoloop.metrics.printing import short_table
+
+
+@pytree
+class Metrics:
+    """Metrics of a run; each is an attribute and has the shape of the people, `()` for one.
+
+    The names and definitions are those of the results in `registry.metrics.METRICS`, and of metrics of other packages
+    that were asked for. Glucose is the patient's own, free of noise, on the trace's grid of one minute. A time in a
+    range is the percentage of the points of that grid, both ends included. Insulin is what the pump delivered.
+    """
+
+    names: tuple[str, ...] = static()
+    values: tuple[jax.Array, ...]
+    further: tuple[str, ...] = static(default=())
+    """Names of the metrics of other packages, whose results are among the names."""
+
+    @classmethod
+    def of(cls, by_name: Mapping[str, Any], further: tuple[str, ...] = ()) -> Self:
+        """Record of metrics by name."""
+        return cls(names=tuple(by_name), values=tuple(by_name.values()), further=further)
+
+    def by_name(self) -> dict[str, jax.Array]:
+        """Metrics by name."""
+        return dict(zip(self.names, self.values, strict=True))
+
+    def __getattr__(self, name: str) -> jax.Array:
+        # only what is neither a field nor a method comes here; a record that is being made has no fields yet
+        names = self.__dict__.get("names", ())
+        if name not in names:
+            raise AttributeError(f"there is no metric {name!r}; there are {', '.join(names)}")
+        value: jax.Array = self.values[names.index(name)]
+        return value
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.names]
+
+    def __str__(self) -> str:
+        return short_table(self.by_name())
+
+    def as_dict(self) -> dict[str, float | int | bool | None]:
+        """Plain numbers by name, ready for JSON, which knows no NaN: it becomes None.
+
+        Raises
+        ------
+        ValueError
+            For more than one person.
+        """
+        plain: dict[str, float | int | bool | None] = {}
+        for name, array in self.by_name().items():
+            value = np.asarray(array)
+            if value.ndim:
+                raise ValueError(
+                    f"these are the metrics of people of shape {value.shape}, not of one; "
+                    "pick one with jax.tree.map(lambda values: values[i], metrics)"
+                )
+            number = value.item()
+            plain[name] = None if isinstance(number, float) and not math.isfinite(number) else number
+        return plain
