@@ -374,7 +374,7 @@ def first_commands(env: Environment) -> None:
 
 
 def native_tests(env: Environment, *options: str) -> None:
-    check(env, f"{env.folder.name}: tests/native", [env.program("pytest"), "-q", "tests/native", *options])
+    check(env, f"{env.folder.name}: tests/native", [env.program("pytest"), "-q", "-n", "2", "tests/native", *options])
 
 
 def try_elsewhere(*, newest: bool) -> None:
@@ -403,7 +403,7 @@ def try_newest(python: Python) -> None:
     newest = Environment(ROOT / ".venv-newest", python)
     say(f"\nPython {newest.python.name} ({newest.python.path}) with the newest release of every package")
     create_venv(newest)
-    pip_install(newest, "glucoloop as its users do", f"{ROOT}[query]", "pytest", "hypothesis")
+    pip_install(newest, "glucoloop as its users do", f"{ROOT}[query]", "pytest", "pytest-xdist", "hypothesis")
     newest.call([newest.program("python"), "-m", "pip", "freeze", "--disable-pip-version-check"])
     first_commands(newest)
     native_tests(newest, "-W", "default")  # what another package is about to drop is no error here
