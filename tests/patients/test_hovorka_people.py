@@ -9,10 +9,10 @@ from glucoloop._pytree import pytree
 from glucoloop.control import PIDTuning, design_pid
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.patients import Population, Variation, patient, population, virtual_people
-from glucoloop.patients.hovorka import HOVORKA_2004, STATE_NAMES
+from glucoloop.patients.hovorka import HOVORKA_2004, STATE_NAMES, WILINSKA_2010
 from glucoloop.patients.hovorka.model import HOVORKA_2004_MODEL, sound
 from glucoloop.patients.hovorka.parameters.boiroux2017 import DISTRIBUTIONS
-from glucoloop.patients.hovorka.varying import NOMINAL, with_values
+from glucoloop.patients.hovorka.varying import nominal_values, with_values
 from glucoloop.sensors import IdealSensor
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.simulation.cohort import Cohort, People
@@ -36,10 +36,12 @@ def of(*variations):
 
 
 def test_the_nominal_values_are_the_published_ones_and_make_the_nominal_person():
-    assert with_values({}) is not HOVORKA_2004
-    assert with_values({}) == HOVORKA_2004
-    assert all(getattr(HOVORKA_2004, name) == value for name, value in NOMINAL.items() if name != "absorption_rate")
-    assert with_values({"absorption_rate": 0.02}).t_maxI == 50.0
+    for person in (HOVORKA_2004, WILINSKA_2010):
+        assert with_values(person, {}) == person
+        named = nominal_values(person)
+        assert all(getattr(person, name) == value for name, value in named.items() if name != "absorption_rate")
+        assert with_values(person, {"absorption_rate": 0.02}).t_maxI == 50.0
+    assert nominal_values(WILINSKA_2010)["absorption_rate"] == 0.018
 
 
 PRINTED = {  # least and most, typed in from means and errors
@@ -82,6 +84,21 @@ def test_almost_everybody_can_be_held_at_the_usual_setpoint(people):
     assert np.all(insulin)
     assert np.all(glucose)
     np.testing.assert_allclose(x[STATE_NAMES.index("IG")] * 18.016, 120.0, rtol=1e-12)
+
+
+def test_people_of_2010_vary_as_told_and_almost_all_can_be_held():
+    published = population("wilinska2010", patient="wilinska-2010")
+    bounds = {name: (of.lower, of.upper) for name, of in published.distributions().items()}
+    assert bounds["k_e"] == pytest.approx((0.035, 0.245))
+    assert bounds["V_G"] == pytest.approx((0.0752, 0.2991), rel=1e-3)
+    assert bounds["renal_clearance"] == pytest.approx((0.001, 0.085))
+    assert bounds["A_G"] == pytest.approx((0.7, 1.2))
+    people = virtual_people(published, 0, np.arange(500))
+    assert people.feasible.mean() > 0.98
+    assert 12.0 < np.median(people.basal_insulin_mU_min[people.feasible]) < 18.0
+    with pytest.raises(ValueError, match="unknown parameter 'uptake_threshold'"):
+        Population("mine", (Variation(parameter="uptake_threshold", distribution="uniform", spread=1.0),),
+                   patient="wilinska-2010")  # fmt: skip
 
 
 def test_who_cannot_be_held_has_no_rate():

@@ -143,7 +143,7 @@ _OF_FASTING_81: Final = _process_noise(Default(10.0, noisy=0.3), Default(0.01, n
 # Insulin under the skin acts for hours: horizons of three and four hours. A step larger than 1 mU/min would be fitted
 # to glucose so low that less of it is taken up.
 _SMALL_STEP: Final = Default(1.0)
-_OF_HOVORKA_2004: Final = {
+_UNDER_THE_SKIN: Final = {
     "mpc": {"prediction_horizon": Default(36), "output_weight": Default(1.0), "move_weight": Default(3.0)},
     "mpc-se": {
         "prediction_horizon": Default(48),
@@ -208,7 +208,22 @@ PATIENTS: Final = Catalogue(
             memory_min=1440.0,
             laguerre_pole=0.98,
             laguerre_functions=4,
-            tunings=_OF_HOVORKA_2004,
+            tunings=_UNDER_THE_SKIN,
+        ),
+        PatientEntry(
+            name="wilinska-2010",
+            summary="the Cambridge simulator's model, of Wilinska et al. (2010); insulin under the skin, 74.9 kg",
+            model="glucoloop.patients.hovorka.model:WILINSKA_2010_MODEL",
+            operating_points=(OperatingPoint("fasting-120", "held at 120 mg/dl by 14.97 mU/min, which is 0.898 U/h"),),
+            populations={
+                "wilinska2010": "ten constants that differ as in the virtual people of Wilinska et al. (2010)",
+            },
+            insulin_route=SUBCUTANEOUS,
+            pulse_mU_min=6.5,
+            memory_min=1440.0,
+            laguerre_pole=0.98,
+            laguerre_functions=4,
+            tunings=_UNDER_THE_SKIN,
         ),
     ),
 )

@@ -1,14 +1,18 @@
-"""The glucose and insulin balances of Hovorka et al. (2004), for a person with type 1 diabetes.
+"""The glucose and insulin balances of Hovorka et al., for a person with type 1 diabetes.
 
 Insulin is infused under the skin, passes two depots, and reaches plasma, from where it acts on glucose in three ways:
 on transport into tissue (x1), on disposal there (x2) and on production by the liver (x3). Glucose is held in an
 accessible compartment, which contains plasma, and a non-accessible one; the interstitial space, where sensors measure,
 follows plasma with a delay. Meals enter as the rate at which glucose appears; the gut is a model of its own.
 
+Two laws differ between the publications: the uptake of glucose that needs no insulin, and how insulin suppresses the
+production by the liver. A record of constants holds its own two laws, and how glucose and insulin rest under them:
+`HovorkaParameters` those of 2004, `wilinska.WilinskaParameters` those of 2010. All else is the same.
+
 Amounts of glucose are in mmol, concentrations in mmol/l; amounts of insulin in mU, concentrations in mU/l; time in min.
 Glucose in mg/dl, and meals in mg/min, are converted here, at the border.
 
-Two points in which published implementations differ:
+Two points in which published implementations of the model of 2004 differ:
 
 - The renal excretion is ``0.003 (G - 9) V_G`` as in the paper; one implementation in circulation lacks the volume.
 - Production by the liver, ``EGP_0 (1 - x3)``, is kept at 0 or above. The paper lets it become negative.
@@ -24,6 +28,7 @@ in an artificial pancreas for people with type 1 diabetes", Control Eng. Pract. 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Final
 
 import jax
@@ -49,10 +54,10 @@ MG_DL_PER_MMOL_L: Final = GLUCOSE_G_MOL / 10.0
 
 
 @pytree
-class HovorkaParameters:
-    """The constants of the model; scalars for one person, arrays `(people,)` for a cohort.
+class HovorkaConstants:
+    """The constants that all publications share; scalars for one person, arrays `(people,)` for a cohort.
 
-    Volumes, production and uptake are per kg of body weight, as the paper gives them. The two constants of the gut,
+    Volumes, production and uptake are per kg of body weight, as the papers give them. The two constants of the gut,
     `A_G` and `t_maxG`, are among a person's constants but enter the person's meal model, not the balances.
     `glucoloop.patients.hovorka.parameters` holds published sets with the provenance of every value.
     """
@@ -86,8 +91,6 @@ class HovorkaParameters:
     """Production by the liver, extrapolated to no insulin, mmol/kg/min."""
     F_01: jax.Array | float
     """Uptake that does not depend on insulin, mmol/kg/min."""
-    uptake_threshold: jax.Array | float
-    """Glucose below which `F_01` falls in proportion, mmol/l."""
     renal_threshold: jax.Array | float
     """Glucose above which the kidney excretes, mmol/l."""
     renal_clearance: jax.Array | float
@@ -110,28 +113,90 @@ class HovorkaParameters:
         """Insulin volume V_I of the whole person."""
         return self.V_I * self.weight_kg
 
+    @property
+    def production_without_insulin(self) -> jax.Array | float:
+        """Production by the liver without insulin, mmol/min."""
+        return self.EGP_0 * self.weight_kg
 
-def uptake_without_insulin(p: HovorkaParameters, G: jax.Array) -> jax.Array:
-    """F_01^c, uptake of brain and other tissue that needs no insulin, mmol/min, at a glucose in mmol/l."""
-    return p.F_01 * p.weight_kg * jnp.minimum(G / p.uptake_threshold, 1.0)
+    @abstractmethod
+    def uptake_without_insulin(self, G: jax.Array) -> jax.Array:
+        """F_01^c, uptake of brain and other tissue that needs no insulin, mmol/min, at a glucose in mmol/l."""
+
+    @abstractmethod
+    def hepatic_production(self, x3: jax.Array) -> jax.Array:
+        """EGP, glucose made by the liver, mmol/min."""
+
+    @abstractmethod
+    def glucose_at_rest(self, made: jax.Array, disposal: jax.Array) -> jax.Array:
+        """Q1 at rest [mmol], for a production [mmol/min] and what insulin disposes of per Q1 [1/min]."""
+
+    @abstractmethod
+    def insulin_at_rest(self, Q1: jax.Array, loss: jax.Array) -> jax.Array:
+        """Plasma insulin [mU/l] at which Q1 [mmol] rests; `loss` is what leaves without insulin, at most production."""
+
+    @abstractmethod
+    def infusion_without_production_mU_min(self) -> jax.Array:
+        """Least constant infusion at rest under which the liver makes no glucose, so that glucose falls to zero."""
 
 
-def renal_excretion(p: HovorkaParameters, G: jax.Array) -> jax.Array:
+@pytree
+class HovorkaParameters(HovorkaConstants):
+    """The constants of Hovorka et al. (2004).
+
+    The uptake that needs no insulin is F_01 above a threshold of glucose and in proportion to glucose below it;
+    production falls in a straight line with the effect of insulin, ``EGP_0 (1 - x3)``, to 0 where x3 is 1.
+    """
+
+    uptake_threshold: jax.Array | float
+    """Glucose below which `F_01` falls in proportion, mmol/l."""
+
+    def uptake_without_insulin(self, G: jax.Array) -> jax.Array:
+        """F_01^c, mmol/min."""
+        return self.F_01 * self.weight_kg * jnp.minimum(G / self.uptake_threshold, 1.0)
+
+    def hepatic_production(self, x3: jax.Array) -> jax.Array:
+        """EGP, mmol/min; 0 where insulin suppresses it fully."""
+        return self.EGP_0 * self.weight_kg * jnp.maximum(1.0 - x3, 0.0)
+
+    def glucose_at_rest(self, made: jax.Array, disposal: jax.Array) -> jax.Array:
+        """Q1 at rest: the balance is linear below, between and above the two thresholds."""
+        V_G, uptake, k_R = self.glucose_volume_l, self.F_01 * self.weight_kg, self.renal_clearance
+        scarce = made / (uptake / (self.uptake_threshold * V_G) + disposal)
+        plentiful = (made - uptake + k_R * self.renal_threshold * V_G) / (k_R + disposal)
+        disposed = disposal > 0.0
+        between = (made - uptake) / jnp.where(disposed, disposal, 1.0)
+        excreting = plentiful >= self.renal_threshold * V_G
+        return jnp.where(scarce <= self.uptake_threshold * V_G, scarce, jnp.where(excreting, plentiful, between))
+
+    def insulin_at_rest(self, Q1: jax.Array, loss: jax.Array) -> jax.Array:
+        """Plasma insulin at which Q1 rests: the root of 0 or more of ``a I^2 + b I - c = 0``, without cancellation.
+
+        At the root ``1 - S_IE I`` is positive, so production need not be kept at 0 or above there.
+        """
+        E = self.production_without_insulin
+        surplus = jnp.maximum(E - loss, 0.0)
+        a = self.S_ID * (Q1 * self.S_IT + E * self.S_IE)
+        b = E * self.k_12 * self.S_IE - surplus * self.S_ID
+        c = surplus * self.k_12
+        root = jnp.sqrt(b * b + 4.0 * a * c)
+        return jnp.where(b > 0.0, 2.0 * c / (jnp.abs(b) + root), (jnp.abs(b) + root) / (2.0 * a))
+
+    def infusion_without_production_mU_min(self) -> jax.Array:
+        """Infusion under which x3 rests at 1."""
+        return jnp.asarray(self.k_e * self.insulin_volume_l / self.S_IE)
+
+
+def renal_excretion(p: HovorkaConstants, G: jax.Array) -> jax.Array:
     """F_R, glucose lost in urine, mmol/min, at a glucose in mmol/l."""
     return p.renal_clearance * p.glucose_volume_l * jnp.maximum(G - p.renal_threshold, 0.0)
 
 
-def hepatic_production(p: HovorkaParameters, x3: jax.Array) -> jax.Array:
-    """EGP, glucose made by the liver, mmol/min; 0 where insulin suppresses it fully."""
-    return p.EGP_0 * p.weight_kg * jnp.maximum(1.0 - x3, 0.0)
-
-
-def insulin_balances(p: HovorkaParameters, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+def insulin_balances(p: HovorkaConstants, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
     """Insulin and its effects: linear, and closed in themselves.
 
     Parameters
     ----------
-    p : HovorkaParameters
+    p : HovorkaConstants
     z : (6, ...) array
         S1, S2, I, x1, x2, x3.
     insulin_mU_min : (...) array
@@ -155,12 +220,12 @@ def insulin_balances(p: HovorkaParameters, z: jax.Array, insulin_mU_min: jax.Arr
     )
 
 
-def glucose_transport(p: HovorkaParameters, y: jax.Array) -> jax.Array:
+def glucose_transport(p: HovorkaConstants, y: jax.Array) -> jax.Array:
     """Glucose that moves between compartments without insulin: linear in y.
 
     Parameters
     ----------
-    p : HovorkaParameters
+    p : HovorkaConstants
     y : (3, ...) array
         Q1, Q2, IG.
 
@@ -174,12 +239,12 @@ def glucose_transport(p: HovorkaParameters, y: jax.Array) -> jax.Array:
     return jnp.stack([back, -back, (Q1 / p.glucose_volume_l - IG) / p.t_IG])
 
 
-def glucose_kinetics(p: HovorkaParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+def glucose_kinetics(p: HovorkaConstants, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
     """Production, uptake, excretion and intake of glucose, and transport that depends on insulin.
 
     Parameters
     ----------
-    p : HovorkaParameters
+    p : HovorkaConstants
     y : (3, ...) array
         Q1, Q2, IG.
     effects : (3, ...) array
@@ -196,12 +261,12 @@ def glucose_kinetics(p: HovorkaParameters, y: jax.Array, effects: jax.Array, mea
     x1, x2, x3 = effects
     G = Q1 / p.glucose_volume_l
     into_tissue = x1 * Q1
-    appearing = meal_mg_min / MG_PER_MMOL + hepatic_production(p, x3)
-    Q1_change = appearing - uptake_without_insulin(p, G) - renal_excretion(p, G) - into_tissue
+    appearing = meal_mg_min / MG_PER_MMOL + p.hepatic_production(x3)
+    Q1_change = appearing - p.uptake_without_insulin(G) - renal_excretion(p, G) - into_tissue
     return jnp.stack([Q1_change, into_tissue - x2 * Q2, jnp.zeros_like(Q1_change)])
 
 
-def plasma_glucose_mg_dl(p: HovorkaParameters, x: jax.Array) -> jax.Array:
+def plasma_glucose_mg_dl(p: HovorkaConstants, x: jax.Array) -> jax.Array:
     """Glucose in plasma, G."""
     return x[0] / p.glucose_volume_l * MG_DL_PER_MMOL_L
 
@@ -211,12 +276,12 @@ def interstitial_glucose_mg_dl(x: jax.Array) -> jax.Array:
     return x[2] * MG_DL_PER_MMOL_L
 
 
-def derivative(p: HovorkaParameters, x: jax.Array, inputs: Inputs) -> jax.Array:
+def derivative(p: HovorkaConstants, x: jax.Array, inputs: Inputs) -> jax.Array:
     """Right-hand side of the model.
 
     Parameters
     ----------
-    p : HovorkaParameters
+    p : HovorkaConstants
     x : (9, ...) array
         State in the order of `STATE_NAMES`.
     inputs : Inputs

@@ -1,31 +1,27 @@
-"""Patient of Hovorka et al. (2004) as a model: operating points, populations, and variable constants."""
+"""Patients of Hovorka et al. (2004) and Wilinska et al. (2010) as models: operating points and populations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
-from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, STATE_NAMES
+from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, STATE_NAMES, HovorkaConstants
+from glucoloop.patients.hovorka.parameters import hovorka2004, wilinska2010
 from glucoloop.patients.hovorka.parameters.hovorka2004 import HOVORKA_2004
+from glucoloop.patients.hovorka.parameters.wilinska2010 import WILINSKA_2010
 from glucoloop.patients.hovorka.patient import HovorkaPatient, at_setpoint
-from glucoloop.patients.hovorka.varying import MEANINGS, NOMINAL, refuse_impossible, with_values
+from glucoloop.patients.hovorka.varying import meanings, nominal_values, refuse_impossible, with_values
 from glucoloop.patients.model import PatientModel, Values
+from glucoloop.patients.provenance import Constant
 
 _ROUNDING: Final = 1e-9
 _INTEGRATION_MG_DL: Final = 0.1
 """Integration error with two exponential steps per sample."""
 _INTERSTITIAL: Final = STATE_NAMES.index("IG")
-
-
-def _build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> HovorkaPatient:
-    return HovorkaPatient(
-        parameters=jax.tree.map(jnp.asarray, with_values(values)),
-        basal_insulin_mU_min=jnp.asarray(basal_insulin_mU_min),
-        setpoint_mg_dl=jnp.asarray(setpoint_mg_dl),
-    )
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -45,18 +41,40 @@ def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     return insulin, jnp.all(x[GLUCOSE] >= -_ROUNDING, axis=0) & follows
 
 
-def _populations() -> Mapping[str, Any]:
-    from glucoloop.patients.hovorka.populations import POPULATIONS
+def _populations_2004() -> Mapping[str, Any]:
+    from glucoloop.patients.hovorka.populations import of_hovorka_2004
 
-    return POPULATIONS
+    return of_hovorka_2004()
 
 
-HOVORKA_2004_MODEL: Final = PatientModel(
-    build=_build,
-    operating_points={"fasting-120": lambda: at_setpoint(HOVORKA_2004, 120.0)},
-    nominal=NOMINAL,
-    populations=_populations,
-    meanings=MEANINGS,
-    refuse=refuse_impossible,
-    sound=sound,
-)
+def _populations_2010() -> Mapping[str, Any]:
+    from glucoloop.patients.hovorka.populations import of_wilinska_2010
+
+    return of_wilinska_2010()
+
+
+def _model(
+    person: HovorkaConstants, constants: Iterable[Constant], populations: Callable[[], Mapping[str, Any]]
+) -> PatientModel:
+    """Model around a nominal person, who rests at 120 mg/dl."""
+
+    def build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> HovorkaPatient:
+        return HovorkaPatient(
+            parameters=jax.tree.map(jnp.asarray, with_values(person, values)),
+            basal_insulin_mU_min=jnp.asarray(basal_insulin_mU_min),
+            setpoint_mg_dl=jnp.asarray(setpoint_mg_dl),
+        )
+
+    return PatientModel(
+        build=build,
+        operating_points={"fasting-120": lambda: at_setpoint(person, 120.0)},
+        nominal=nominal_values(person),
+        populations=populations,
+        meanings=meanings(constants),
+        refuse=functools.partial(refuse_impossible, person),
+        sound=sound,
+    )
+
+
+HOVORKA_2004_MODEL: Final = _model(HOVORKA_2004, hovorka2004.CONSTANTS, _populations_2004)
+WILINSKA_2010_MODEL: Final = _model(WILINSKA_2010, wilinska2010.CONSTANTS, _populations_2010)

@@ -13,11 +13,10 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.patients.hovorka import equations
-from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaParameters
+from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaConstants
 from glucoloop.patients.hovorka.rest import (
     glucose_without_insulin_mg_dl,
     infusion_for,
-    infusion_without_production_mU_min,
     rest_at,
     rest_under,
 )
@@ -35,7 +34,7 @@ class HovorkaPatient:
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
 
-    parameters: HovorkaParameters
+    parameters: HovorkaConstants
     basal_insulin_mU_min: jax.Array
     setpoint_mg_dl: jax.Array
 
@@ -48,7 +47,7 @@ class HovorkaPatient:
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
         """Lower end of the valid range, 0 mg/dl: the balances hold for any positive glucose, and it stays positive.
 
-        Every flow out of Q1 falls in proportion with Q1 below 4.5 mmol/l, and no flow into it is negative. The model
+        Every flow out of Q1 falls in proportion with Q1 where Q1 is small, and no flow into it is negative. The model
         has no counter-regulation, though: neither glucagon nor adrenaline raises production when glucose is low, so
         that a real person's glucose would fall less deep and recover sooner.
         """
@@ -168,14 +167,14 @@ _REST: Final = Rest(
     under=rest_under,
     holding=infusion_for,
     glucose_mg_dl=equations.plasma_glucose_mg_dl,
-    largest_mU_min=infusion_without_production_mU_min,
+    largest_mU_min=lambda p: p.infusion_without_production_mU_min(),
     highest_mg_dl=glucose_without_insulin_mg_dl,
     beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
 )
 
 
 @checked
-def at_basal(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> HovorkaPatient:
+def at_basal(p: HovorkaConstants, insulin_mU_min: jax.Array | float) -> HovorkaPatient:
     """Patient whose setpoint is the glucose that the given infusion holds.
 
     Raises
@@ -187,7 +186,7 @@ def at_basal(p: HovorkaParameters, insulin_mU_min: jax.Array | float) -> Hovorka
 
 
 @checked
-def at_setpoint(p: HovorkaParameters, glucose_mg_dl: jax.Array | float) -> HovorkaPatient:
+def at_setpoint(p: HovorkaConstants, glucose_mg_dl: jax.Array | float) -> HovorkaPatient:
     """Patient whose basal rate is the one that holds the given glucose.
 
     Raises

@@ -7,30 +7,35 @@ as well, ``absorption_rate = 1 / t_maxI``, since that is the quantity whose dist
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, TypeVar
 
-from glucoloop.patients.hovorka.equations import HovorkaParameters
-from glucoloop.patients.hovorka.parameters.hovorka2004 import CONSTANTS, HOVORKA_2004
+from glucoloop.patients.hovorka.equations import HovorkaConstants
+from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution
+
+Constants = TypeVar("Constants", bound=HovorkaConstants)
 
 ABSORPTION_TIME: Final = "t_maxI"
 ABSORPTION_RATE: Final = "absorption_rate"
 UPTAKE_THRESHOLD: Final = "uptake_threshold"
 RENAL_THRESHOLD: Final = "renal_threshold"
 
-_PUBLISHED: Final = {constant.name: constant.value for constant in CONSTANTS}
-NOMINAL: Final[dict[str, float]] = {**_PUBLISHED, ABSORPTION_RATE: 1.0 / _PUBLISHED[ABSORPTION_TIME]}
-"""All constants that can vary, with the value of the nominal patient."""
-MEANINGS: Final[dict[str, str]] = {
-    **{constant.name: constant.meaning.partition(";")[0] for constant in CONSTANTS},
-    ABSORPTION_RATE: "rate of insulin absorption",
-}
-"""Meaning of what can vary, in words."""
+
+def nominal_values(person: HovorkaConstants) -> dict[str, float]:
+    """All constants that can vary, with the values of a nominal person."""
+    own = {name: float(value) for name, value in vars(person).items()}
+    return {**own, ABSORPTION_RATE: 1.0 / own[ABSORPTION_TIME]}
 
 
-def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
-    """Refuse distributions that can make an impossible person.
+def meanings(constants: Iterable[Constant]) -> dict[str, str]:
+    """Meaning of what can vary, in words."""
+    own = {constant.name: constant.meaning.partition(";")[0] for constant in constants}
+    return {**own, ABSORPTION_RATE: "rate of insulin absorption"}
+
+
+def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distribution]) -> None:
+    """Refuse distributions around a nominal person that can make an impossible one.
 
     Raises
     ------
@@ -46,9 +51,12 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
             )
     if ABSORPTION_TIME in varied and ABSORPTION_RATE in varied:
         raise ValueError(f"{ABSORPTION_RATE} is 1 / {ABSORPTION_TIME}; vary one of the two")
+    threshold = getattr(person, UPTAKE_THRESHOLD, None)
+    if threshold is None:
+        return
     uptake, renal = (varied.get(name) for name in (UPTAKE_THRESHOLD, RENAL_THRESHOLD))
-    most = NOMINAL[UPTAKE_THRESHOLD] if uptake is None else uptake.upper
-    least = NOMINAL[RENAL_THRESHOLD] if renal is None else renal.lower
+    most = threshold if uptake is None else uptake.upper
+    least = getattr(person, RENAL_THRESHOLD) if renal is None else renal.lower
     if most > least:
         raise ValueError(
             f"{UPTAKE_THRESHOLD} can be {most:g} mmol/l and {RENAL_THRESHOLD} {least:g} mmol/l, but the first must not "
@@ -56,20 +64,21 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
         )
 
 
-def with_values(values: Mapping[str, Any]) -> HovorkaParameters:
-    """Constants of the person or people with these values, and nominal ones otherwise.
+def with_values(person: Constants, values: Mapping[str, Any]) -> Constants:
+    """Constants of the person or people with these values, and those of the nominal person otherwise.
 
     Parameters
     ----------
+    person : HovorkaConstants
     values : mapping
-        Values by names in `NOMINAL`: floats or arrays ``(people,)``.
+        Values by the names of `nominal_values`: floats or arrays ``(people,)``.
 
     Returns
     -------
-    HovorkaParameters
+    HovorkaConstants
         Constants, an array for each one that varies.
     """
     constants = dict(values)
     if ABSORPTION_RATE in constants:
         constants[ABSORPTION_TIME] = 1.0 / constants.pop(ABSORPTION_RATE)
-    return dataclasses.replace(HOVORKA_2004, **constants)
+    return dataclasses.replace(person, **constants)

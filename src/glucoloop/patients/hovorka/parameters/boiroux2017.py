@@ -16,41 +16,14 @@ J. Physiol. Endocrinol. Metab. 282(5), 2002, E992-E1007.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
+
+from glucoloop.patients.hovorka.parameters.distributions import Lognormal, Normal, Uniform
 
 PERSONS: Final = 6
-LEAST_OF_MEAN: Final = 0.1
-"""Least value as a fraction of the mean, where one standard deviation below the mean is not positive."""
 SOURCE: Final = "Boiroux et al. 2017, Control Eng. Pract. 58"
 IVGTT: Final = f"{SOURCE}, after Hovorka et al. 2002, Am. J. Physiol. Endocrinol. Metab. 282(5)"
 PRIOR: Final = f"{SOURCE}, after Hovorka et al. 2004, Physiol. Meas. 25(4)"
-
-
-class Normal(NamedTuple):
-    """A normally distributed parameter, drawn within one standard deviation."""
-
-    parameter: str
-    mean: float
-    sd: float
-    source: str
-
-
-class Uniform(NamedTuple):
-    """A parameter with a uniform distribution between two values."""
-
-    parameter: str
-    least: float
-    most: float
-    source: str
-
-
-class Lognormal(NamedTuple):
-    """A parameter whose logarithm is normally distributed, drawn within one standard deviation."""
-
-    parameter: str
-    median: float
-    sd_of_logarithm: float
-    source: str
 
 
 def _from_error(parameter: str, mean: float, standard_error: float) -> Normal:
