@@ -151,7 +151,7 @@ class HovorkaParameters(HovorkaConstants):
     """Glucose below which `F_01` falls in proportion, mmol/l."""
 
     def uptake_without_insulin(self, G: jax.Array) -> jax.Array:
-        """F_01^c, mmol/min."""
+        """Uptake that needs no insulin, F_01^c, mmol/min."""
         return self.F_01 * self.weight_kg * jnp.minimum(G / self.uptake_threshold, 1.0)
 
     def hepatic_production(self, x3: jax.Array) -> jax.Array:

@@ -46,11 +46,11 @@ class WilinskaParameters(HovorkaConstants):
         return self.F_01 * self.weight_kg / self.uptake_share
 
     def uptake_without_insulin(self, G: jax.Array) -> jax.Array:
-        """F_01^c, mmol/min."""
+        """Uptake that needs no insulin, F_01^c, mmol/min."""
         return self.greatest_uptake * G / (G + self.uptake_half)
 
     def hepatic_production(self, x3: jax.Array) -> jax.Array:
-        """EGP, mmol/min."""
+        """Production by the liver, EGP, mmol/min."""
         return self.EGP_0 * self.weight_kg * jnp.exp(-x3)
 
     def glucose_at_rest(self, made: jax.Array, disposal: jax.Array) -> jax.Array:
@@ -92,5 +92,5 @@ class WilinskaParameters(HovorkaConstants):
         return found
 
     def infusion_without_production_mU_min(self) -> jax.Array:
-        """None does: infinite."""
+        """Infinite, since no infusion stops production."""
         return jnp.asarray(jnp.inf)

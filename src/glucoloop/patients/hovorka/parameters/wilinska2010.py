@@ -67,4 +67,4 @@ DISTRIBUTIONS: Final[tuple[Normal | Uniform | Lognormal, ...]] = (
     Lognormal("t_maxG", math.exp(3.689), 0.25, WILINSKA),
     Lognormal("t_IG", math.exp(2.372), 1.09, WILINSKA),
 )
-"""What is known to be drawn, each constant independently."""
+"""Distributions that are known; each constant is drawn independently."""
