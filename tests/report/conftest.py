@@ -42,6 +42,7 @@ class Reader(HTMLParser):
 
     def refuse_loads(self):
         """Nothing on the page makes a browser ask for another file."""
+        assert [value for _, value in self.attributes if value and value.startswith("default-src 'none'")]
         assert not {"link", "iframe", "img", "object", "embed"} & set(self.tags)
         assert not {"src", "onclick"} & {name for name, _ in self.attributes}
         assert not [value for name, value in self.attributes if name == "href" and "/" in value]

@@ -1,5 +1,7 @@
 """The page: one file, complete, offline, and safe whatever a label holds."""
 
+import base64
+import hashlib
 import re
 
 import numpy as np
@@ -39,6 +41,18 @@ def test_the_page_is_well_formed_and_says_what_it_is(page, reader):
 def test_the_page_is_small_and_needs_no_network(page, reader):
     reader(page).refuse_loads()
     assert len(page) < 80_000
+
+
+def test_only_the_script_of_the_page_may_run(page):
+    script = page.partition("<script>")[2].partition("</script>")[0]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in page
+
+
+def test_the_unit_is_that_of_the_command(quiet):
+    shown = interactive_page(quiet, summarise(quiet), mmol=True)
+    assert 'id="unit-mmol" checked' in shown
+    assert 'id="unit-mg">' in shown
 
 
 def test_the_curves_are_the_runs(page, quiet, noisy, drawn):

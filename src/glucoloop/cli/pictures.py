@@ -54,5 +54,6 @@ def write_pictures(
         faults=first.run.situation.faults,
         facts=facts,
         repeat=repeat,
+        mmol=mmol,
     )
     folder.write("figure.html", page)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import functools
+import hashlib
 import html
 import importlib.resources
 import math
@@ -48,13 +50,16 @@ def page(title: str, main: str, style: str = "", script: bool = False) -> str:
     script : bool
         Whether the page holds plots, which need the script.
     """
+    code = f"\n{_asset('page.js')}" if script else ""
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
     return _PAGE.substitute(
         title=html.escape(title),
+        allowed=f"'sha256-{digest}'" if script else "'none'",
         style=_asset("page.css") + style,
         main=main,
         footer=FOOTER,
         version=glucoloop.__version__,
-        script=f"<script>\n{_asset('page.js')}</script>\n" if script else "",
+        script=f"<script>{code}</script>\n" if script else "",
     )
 
 
@@ -105,11 +110,11 @@ def scrolling(table: str, name: str) -> str:
     return f'<div class="scroll" tabindex="0" role="region" aria-label="{html.escape(name)}">{table}</div>'
 
 
-def units() -> str:
-    """Choice of the unit of glucose."""
+def units(mmol: bool = False) -> str:
+    """Choice of the unit of glucose, mg/dl at first or mmol/l."""
     choices = "".join(
-        f'<label><input type="radio" name="unit" id="unit-{key}"{checked}> {unit}</label>'
-        for key, unit, checked in (("mg", "mg/dl", " checked"), ("mmol", "mmol/l", ""))
+        f'<label><input type="radio" name="unit" id="unit-{key}"{" checked" * checked}> {unit}</label>'
+        for key, unit, checked in (("mg", "mg/dl", not mmol), ("mmol", "mmol/l", mmol))
     )
     return f'<fieldset class="units"><legend>Glucose in words and tables</legend>{choices}</fieldset>'
 
@@ -185,6 +190,8 @@ _PAGE: Final = Template("""<!doctype html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src $allowed">
 <meta name="generator" content="glucoloop $version">
 <title>$title</title>
 <style>

@@ -56,6 +56,7 @@ def interactive_page(
     faults: Sequence[str] = (),
     facts: Mapping[str, str] | None = None,
     repeat: Repeat | None = None,
+    mmol: bool = False,
 ) -> str:
     """One run, or several of the same scenario, as a self-contained HTML page.
 
@@ -80,6 +81,8 @@ def interactive_page(
         Settings of the runs by name.
     repeat : Repeat, optional
         Command and configuration that repeat the runs.
+    mmol : bool
+        Whether words and tables show mmol/l at first; the reader can choose.
 
     Returns
     -------
@@ -102,7 +105,7 @@ def interactive_page(
             "same order"
         )
     parts = [
-        _page.units(),
+        _page.units(mmol),
         _picture(runs, limits, lowest_glucose_mg_dl, faults),
         _page.section("What happened", "", _events(runs, faults)),
         _page.section("Metrics", "", _metrics_table(by_label, ["Value"] if single else labels)),

@@ -361,7 +361,7 @@ svg .median { stroke: var(--ink); stroke-width: 8; stroke-linecap: round; }
 .zones .chip { margin-right: 0.3rem; }
 .worst :is(td, th[scope=row]) { vertical-align: top; }
 .worst th[scope=row] { padding-left: 0; }
-.worst td:last-child { min-width: 14rem; }
+.worst td:last-child { min-width: 11rem; }
 .range { display: grid; grid-template-columns: minmax(6rem, 14rem) minmax(0, 1fr); gap: 0.3rem 0.8rem;
          align-items: center; margin-top: 0.5rem; overflow-wrap: anywhere; }
 .bar { display: flex; height: 1.5rem; border-radius: 0.25rem; overflow: hidden; gap: 1px; }

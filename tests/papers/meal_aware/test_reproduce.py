@@ -30,12 +30,13 @@ def files(study):
 class _Page(HTMLParser):
     def __init__(self):
         super().__init__()
-        self.open, self.sources, self.text = [], [], ""
+        self.open, self.sources, self.links, self.text = [], [], set(), ""
 
     def handle_starttag(self, tag, attrs):
         if tag not in ("meta", "img"):
             self.open.append(tag)
-        self.sources += [value[:26] for name, value in attrs if name in ("src", "href")]
+        self.sources += [value[:26] for name, value in attrs if name == "src"]
+        self.links |= {value for name, value in attrs if name == "href"}
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -58,6 +59,7 @@ def test_the_page_is_whole_and_needs_nothing_else(files):
     page.feed(files["claims.html"])
     assert page.open == []
     assert page.sources == ["data:image/svg+xml;base64,"] * 2
+    assert page.links == {"claims.csv", "numbers.csv", "runs.csv", "claims.json"} <= set(files)
     for part in ("5 of 6 claims hold.", "seeds 899999 to 900001", "chosen on sensor seeds 900000 to 900199"):
         assert part in page.text
     assert "seeds 900000 to 900001 of the sensor are here too: they are no independent test" in page.text

@@ -15,10 +15,17 @@ from glucoloop.papers.meal_aware.figures import COLOURS, caption
 from glucoloop.papers.meal_aware.options import TUNING_PEOPLE_SEED, TUNING_SEEDS
 from glucoloop.papers.meal_aware.situations import NAMES, Situation
 from glucoloop.report import _page
-from glucoloop.report._page import scrolling, section
+from glucoloop.report._page import Repeat, scrolling, section
 
 TITLE: Final = "Meals that nobody announced: the claims"
-REPEAT: Final = "claims --config claims.toml --out again"
+REPEAT: Final = "claims --config claims.toml"
+_FILES: Final = {
+    "claims.csv": "claims",
+    "numbers.csv": "numbers of each situation",
+    "runs.csv": "each run",
+    "claims.json": "all of it",
+}
+"""Files with the data of the claims, beside their page."""
 HOLDS: Final = {True: "holds", False: "does not hold"}
 
 READINGS: Final[dict[str, str]] = {
@@ -155,11 +162,7 @@ def page(study: Study, verdicts: Sequence[Verdict], figures: Mapping[str, str]) 
         *(_situation(study, situation, figures[situation.name]) for situation in study.situations),
         _step(study),
         _readings(),
-        section(
-            "How to repeat it",
-            "In the folder of this page.",
-            f"<pre><code>glucoloop {REPEAT}</code></pre>",
-        ),
+        _page.situation({}, Repeat(REPEAT, plain(study.asked), _FILES)),
     ]
     return _page.page(TITLE, "\n".join(part for part in sections if part), _STYLE)
 

@@ -63,7 +63,7 @@ def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None
     write_file("claims.json", json_text(_with_version(report(done, judged))) + "\n")
     if done.step_ms:
         write_file("timing.json", json_text({"step_ms": dict(done.step_ms)}) + "\n")
-    write_file("claims.toml", toml_text(plain(done.asked), REPEAT))
+    write_file("claims.toml", toml_text(plain(done.asked), f"{REPEAT} --out again"))
     write_file("claims.html", page(done, judged, inline))
 
 
