@@ -53,6 +53,7 @@ class Status(enum.IntEnum):
     DOSE_LIMITED = 9
     RESTARTED = 10
     NO_FINITE_DOSE = 11
+    NO_ANSWER = 12
 
     @property
     def text(self) -> str:
@@ -92,6 +93,10 @@ _STATUS_TEXTS = {
     ),
     Status.NO_FINITE_DOSE: (
         "The controller answered no finite dose; the pump went toward its least rate. Check the controller's code."
+    ),
+    Status.NO_ANSWER: (
+        "The controller did not answer in time; the pump gives its fallback rate, at most the basal rate at first and "
+        "no bolus. Check the link and the power of the controller."
     ),
 }
 

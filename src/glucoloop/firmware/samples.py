@@ -138,7 +138,7 @@ def record(
     decisions: list[Leaves] = []
     state: Leaves = []
     for i in range(samples):
-        leaves = _leaves(seen, exported)
+        leaves = leaves_of(seen, exported)
         if i >= samples - samples // _ABSURD_SHARE:
             leaves = [_absurd(leaf, rng) for leaf in leaves]
         state = state if i else init(leaves)
@@ -166,7 +166,8 @@ def replayed(of: Record, init: Init, step: Step, samples: int | None = None) -> 
     return Record(observations, decisions)
 
 
-def _leaves(seen: Observation, exported: Exported) -> Leaves:
+def leaves_of(seen: Observation, exported: Exported) -> Leaves:
+    """Leaves of an observation in the precision of a controller."""
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(seen)]
     return [leaf.astype(exported.precision) if leaf.dtype != bool else leaf for leaf in leaves]
 

@@ -126,7 +126,7 @@ class Start:
 
 
 @pytree
-class _OnGrid:
+class OnGrid:
     """Meals on the grid of samples, and the grid."""
 
     t_min: Values
@@ -137,7 +137,8 @@ class _OnGrid:
     """Time of day at each sample, or None if the controller does not get it."""
 
 
-def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
+def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
+    """Meals of a scenario on a grid of samples."""
     meals = scenario.eaten()
     t_min = meals.t_min
 
@@ -148,7 +149,7 @@ def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
         return np.bincount(sample, np.asarray(sizes_g), grid.samples).astype(float)
 
     carbs_g, start = at_samples(meals.carbs_g), scenario.start_min
-    return _OnGrid(
+    return OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
         carbs_g=carbs_g,
@@ -158,7 +159,7 @@ def _on_grid(scenario: Scenario, grid: SampleGrid) -> _OnGrid:
 
 
 @functools.partial(jax.jit, static_argnums=1)
-def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: _OnGrid, key: jax.Array) -> Trace:
+def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid: OnGrid, key: jax.Array) -> Trace:
     """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
@@ -172,6 +173,11 @@ def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid
 
     index = jnp.arange(on_grid.carbs_g.shape[0])
     last, happened = jax.lax.scan(one, state, (index, exogenous, told, times))
+    return trace_of(patient, start, on_grid, happened, last.x)
+
+
+def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled, x_end: jax.Array) -> Trace:
+    """Trace of a run from the events of its samples, which are stacked on the leading axis, and its last state."""
     glucose = patient.glucose_mg_dl(start.x)
     return Trace(
         t_min=jnp.asarray(on_grid.t_min),
@@ -183,7 +189,7 @@ def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid
         reported_mU_min=happened.delivery.reported_mU_min,
         status=happened.decision.status,
         carbs_g=jnp.asarray(on_grid.carbs_g),
-        states=jnp.concatenate([happened.x, last.x[None]]),
+        states=jnp.concatenate([happened.x, x_end[None]]),
         fine_t_min=jnp.asarray(on_grid.fine_t_min),
         fine_glucose_mg_dl=jnp.concatenate([glucose[None], happened.inside_mg_dl.reshape(-1, *glucose.shape)]),
         setpoint_mg_dl=start.setpoint_mg_dl,
@@ -282,7 +288,7 @@ def simulate(
     loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
     numbers, fixed = apart(loop)
     try:
-        on_grid = _on_grid(scenario, grid)
+        on_grid = on_the_grid(scenario, grid)
         trace: Trace = _run(numbers, fixed, start, exogenous, on_grid, key)
     except (AttributeError, TypeError, ValueError):
         wrong = wrong_with(controller, _first_observation(start, controller, scenario))

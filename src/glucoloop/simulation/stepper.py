@@ -181,7 +181,7 @@ class Stepper:
             start_min=start_min,
         )
         self._start_min = start_min
-        self._start = start_of(patient, fasting)
+        self.start: Final = start_of(patient, fasting)
         self._meal_model = meal_model_of(patient, meal_model)
         plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
         pump = LimitedPump() if pump is None else pump
@@ -189,13 +189,13 @@ class Stepper:
         loop = Loop(
             plant=plant,
             controller=_Asked(
-                insulin_mU_min=self._start.insulin_mU_min,
+                insulin_mU_min=self.start.insulin_mU_min,
                 bolus_mU=None if self._no_bolus is None else jnp.asarray(self._no_bolus),
                 sample_time_min=sample_time_min,
             ),
             sensor=IdealSensor() if sensor is None else sensor,
             pump=pump,
-            setpoint_mg_dl=self._start.setpoint_mg_dl,
+            setpoint_mg_dl=self.start.setpoint_mg_dl,
         )
         self._numbers, self._fixed = apart(loop)
         self._of = fingerprint(
@@ -205,6 +205,12 @@ class Stepper:
         self._key = random_key(key)
         self.last: Sampled | None = None
         self.reset()
+
+    @property
+    def patient(self) -> Patient:
+        """The patient."""
+        loop: Loop = self._fixed.joined(self._numbers)
+        return loop.plant.patient
 
     @property
     def sample_time_min(self) -> float:
@@ -224,8 +230,7 @@ class Stepper:
     @property
     def glucose_mg_dl(self) -> float:
         """The patient's own glucose, free of noise, which no controller may see."""
-        loop: Loop = self._fixed.joined(self._numbers)
-        return float(loop.plant.patient.glucose_mg_dl(self._now.loop.x))
+        return float(self.patient.glucose_mg_dl(self._now.loop.x))
 
     @property
     def state(self) -> jax.Array:
@@ -235,7 +240,7 @@ class Stepper:
     def reset(self, key: jax.Array | int | None = None) -> Observation:
         """Go back to the start, with other randomness if a key is given, and return the first observation."""
         self._key = self._key if key is None else random_key(key)
-        start = self._start
+        start = self.start
         loop, reading_key = _begin(self._numbers, self._fixed, start.x, start.insulin_mU_min, self._key)
         self._now = _Now(
             loop=loop,

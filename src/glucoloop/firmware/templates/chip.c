@@ -57,7 +57,11 @@ static void turn(uint32_t rounds)
   __asm volatile("1: subs %0, %0, #1\n bne 1b" : "+r"(rounds) : : "cc");
 }
 void reset(void);
-__attribute__((section(".vectors"), used)) static void *const vectors[2] = {&stack_top, (void *)reset};
+__attribute__((section(".vectors"), used)) static const struct
+{
+  uint32_t *stack;
+  void (*start)(void);
+} vectors = {&stack_top, reset};
 #else
 static int ask(int what, const void *with)
 {

@@ -1,0 +1,119 @@
+"""The firmware of a controller: its files in C, and the program that they make for a chip or for this computer."""
+
+from __future__ import annotations
+
+import importlib.resources
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from glucoloop.firmware.chips import CHIPS, LINK, Chip, template
+from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.hil.protocol import Payloads, header
+from glucoloop.native.targets.c.host import compiler
+
+HOST: Final = "host"
+"""Name of this computer as a chip."""
+NVM: Final = "nvm.bin"
+"""Non-volatile memory of an emulated board, in the folder in which it runs."""
+PORTABLE: Final = ("frame.h", "frame.c", "store.h", "store.c", "board.h", "hil.c")
+"""Files that every board uses as they are."""
+WARNINGS: Final = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
+_EMULATED: Final = ("emulated.h", "emulated.c")
+_BOARDS: Final = {
+    HOST: (*_EMULATED, "host.c"),
+    "cortex-m4f": (*_EMULATED, "semihosting.c", "mps2.c"),
+    "cortex-m7": (*_EMULATED, "semihosting.c", "mps2.c"),
+    "rv32": (*_EMULATED, "semihosting.c", "virt.c"),
+}
+EMULATED: Final = tuple(_BOARDS)
+"""Names of the chips that need no hardware."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A compiled firmware, and the command that runs it in its folder."""
+
+    command: tuple[str, ...]
+
+
+def portable_files(exported: Exported) -> dict[str, str]:
+    """Files of the firmware for any board, which brings the functions of ``board.h``."""
+    source = exported.source
+    return {
+        "controller.h": source.header,
+        "controller.c": source.code,
+        "link.h": header(source, Payloads(source, exported.precision)),
+        **{name: _template(name) for name in PORTABLE},
+    }
+
+
+def files(exported: Exported, chip: str) -> dict[str, str]:
+    """All files of the firmware for an emulated chip."""
+    own = {name: _template(name) for name in _BOARDS[chip]}
+    if chip in CHIPS:
+        of = CHIPS[chip]
+        own |= {name: template(name) for name in ("chip.c", "chip.h")}
+        own["chip.ld"] = template("chip.ld").replace("@FLASH@", of.flash).replace("@RAM@", of.ram)
+    return portable_files(exported) | own
+
+
+def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> Program:
+    """Write and compile the firmware for an emulated chip.
+
+    Parameters
+    ----------
+    exported : Exported
+    chip : str
+        One of `EMULATED`.
+    folder : Path
+        An empty folder for the files and the program.
+    extra : tuple of str
+        More options of the compiler.
+
+    Raises
+    ------
+    ValueError
+        If a tool is not installed, or the compiler refuses the code.
+    """
+    texts = files(exported, chip)
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    sources = sorted(name for name in texts if name.endswith(".c"))
+    if chip == HOST:
+        found = compiler()
+        if found is None:
+            raise ValueError("there is no C compiler on this machine; Debian's package gcc brings one")
+        _compile([found, *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
+        return Program((str(folder / "firmware"),))
+    of = CHIPS[chip]
+    for tool, package in ((of.compiler, of.package), (of.emulator, of.emulator_package)):
+        if shutil.which(tool) is None:
+            raise ValueError(
+                f"{chip} is emulated with {tool}, which is not installed; Debian's package {package} brings it, "
+                "or take --chip host"
+            )
+    flags = [*WARNINGS, *extra, "-Os", "-ffp-contract=off", *of.flags, *LINK, "-fno-tree-loop-distribute-patterns"]
+    _compile([of.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
+    return Program(_emulation(of))
+
+
+def _emulation(chip: Chip) -> tuple[str, ...]:
+    """QEMU with the serial port at its own standard input and output; it ends where the chip is reset."""
+    machine = chip.machine[: chip.machine.index("-nographic")]
+    semihosting = ("-semihosting-config", "enable=on,target=native")
+    line = ("-chardev", "stdio,id=line,signal=off", "-serial", "chardev:line")
+    quiet = ("-display", "none", "-monitor", "none", "-no-reboot")
+    return (chip.emulator, *machine, *semihosting, *quiet, *line, "-kernel", "firmware.elf")
+
+
+def _compile(command: list[str], folder: Path) -> None:
+    made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if made.returncode:
+        raise ValueError(f"the C compiler refuses the firmware: {made.stderr.strip()[:2000]}")
+
+
+def _template(name: str) -> str:
+    return (importlib.resources.files("glucoloop.firmware.hil") / "templates" / name).read_text(encoding="utf-8")

@@ -1,0 +1,197 @@
+"""A decision of the chip for each observation, over a link that may lose, damage, double or delay frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+from glucoloop.firmware.hil.link import Link
+from glucoloop.firmware.hil.protocol import Decoder, Frame, Hello, Type
+
+FIRST_WAIT_S: Final = 0.1
+"""Time after which a frame that was not answered is sent again; it doubles each time."""
+LONGEST_WAIT_S: Final = 1.0
+ANSWER_WITHIN_S: Final = 10.0
+"""Time after which the pump gives its fallback rate for the sample."""
+KEPT: Final = 288
+"""Number of observations that are kept for a chip that is late: a day of 5-min samples."""
+
+
+class Exchange:
+    """The patient's side of the protocol.
+
+    A sample's observation is sent until its decision comes. Observations that could not be delivered are sent later, in
+    their order, so that the controller misses none; the pump does not wait for their decisions.
+
+    Parameters
+    ----------
+    link : Link
+    design : str
+        SHA-256 of the controller's design, in hexadecimal.
+    sizes : tuple of int
+        Number of bytes of an observation and of a decision.
+    clock : callable
+        Time in seconds.
+
+    Attributes
+    ----------
+    answers : dict
+        Payload of the decision of each sample that was answered, also late.
+    sessions : list of int
+        Sample with which each session began; the controller starts anew with each.
+    repeated : int
+        Number of frames that were sent again.
+    contradictions : int
+        Number of decisions that differ from an earlier one on the same sample; a chip gives none.
+    """
+
+    def __init__(
+        self, link: Link, design: str, sizes: tuple[int, int], *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._link, self._design, self._sizes, self._clock = link, design, sizes, clock
+        self._decoder = Decoder()
+        self._kept: dict[int, bytes] = {}
+        self._session = self._question = 0
+        self._fresh = True
+        self.answers: dict[int, bytes] = {}
+        self.sessions: list[int] = []
+        self.repeated = self.contradictions = 0
+
+    @property
+    def refused(self) -> int:
+        """Number of damaged frames from the chip."""
+        return self._decoder.refused
+
+    def begin(self) -> Hello:
+        """Find the chip, and begin a session with sample 0.
+
+        Raises
+        ------
+        ValueError
+            If the chip does not answer, or runs another controller.
+        """
+        hello: list[Hello] = []
+
+        def asked() -> None:
+            self._question += 1
+            self._send(Frame(Type.ASK, sample=self._question))
+
+        def took(frame: Frame) -> bool:
+            told = self._hello(frame)
+            if told is not None and told.asked == self._question:
+                hello.append(told)
+            return bool(hello)
+
+        if not self._until(asked, took):
+            raise ValueError(
+                f"the chip did not answer within {ANSWER_WITHIN_S:g} s; check that it runs the firmware of "
+                "`glucoloop hil`, and that the port is its own"
+            )
+        self._session = hello[0].session
+        self._new_session(0)
+        return hello[0]
+
+    def keep(self, sample: int, observation: bytes) -> None:
+        """Remember an observation, to be sent when the chip is ready for it."""
+        self._kept[sample] = observation
+        if len(self._kept) > KEPT:
+            del self._kept[min(self._kept)]
+
+    def decide(self, sample: int, observation: bytes, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
+        """Decision on a sample; None if the chip did not answer in time.
+
+        Raises
+        ------
+        ValueError
+            If the chip runs another controller.
+        """
+        self.keep(sample, observation)
+        return self._settle(sample, within_s)
+
+    def ask_again(self, sample: int, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
+        """The decision on the last sample once more, as if its answer had been lost."""
+        before = self.answers.pop(sample)
+        again = self._settle(sample, within_s)
+        self.contradictions += again is not None and again != before
+        self.answers[sample] = before
+        return again
+
+    def _settle(self, sample: int, within_s: float) -> bytes | None:
+        def ask() -> None:
+            self._observe(min(kept for kept in self._kept if kept not in self.answers))
+
+        def took(frame: Frame) -> bool:
+            self._take(frame, sample)
+            return sample in self.answers
+
+        return self.answers[sample] if self._until(ask, took, within_s) else None
+
+    def _until(self, ask: Callable[[], None], took: Callable[[Frame], bool], within_s: float = ANSWER_WITHIN_S) -> bool:
+        """Ask until a frame is the one that is waited for; False if none was in time."""
+        wait, end = FIRST_WAIT_S, self._clock() + within_s
+        ask()
+        again = self._clock() + wait
+        while (now := self._clock()) < end:
+            for frame in self._decoder.feed(self._link.receive(max(0.0, min(again, end) - now))):
+                if took(frame):
+                    return True
+            if self._clock() >= again:
+                ask()
+                self.repeated += 1
+                wait = min(2.0 * wait, LONGEST_WAIT_S)
+                again = self._clock() + wait
+        return False
+
+    def _take(self, frame: Frame, current: int) -> None:
+        if frame.type == Type.DECISION:
+            if frame.session == self._session and len(frame.payload) == self._sizes[1]:
+                self._decided(frame, current)
+            return
+        hello = self._hello(frame)
+        if hello is None:
+            return
+        if hello.session == self._session and hello.next in (*self._kept, current + 1):
+            self._observe(min(hello.next, current))
+        elif hello.session != self._session and self._fresh:
+            self._send(Frame(Type.START, self._session, self.sessions[-1]))
+        elif hello.asked == self._question:
+            # The chip has lost what it remembered: its controller can only start anew.
+            self._session = max(self._session, hello.session)
+            self._kept = {current: self._kept[current]}
+            self._new_session(current)
+        else:
+            # Perhaps an old frame that was late: only an answer to a question of now is believed.
+            self._question += 1
+            self._send(Frame(Type.ASK, sample=self._question))
+
+    def _decided(self, frame: Frame, current: int) -> None:
+        if frame.sample not in self._kept:
+            return
+        self._fresh = False
+        before = self.answers.setdefault(frame.sample, frame.payload)
+        self.contradictions += before != frame.payload
+        if frame.sample < current:
+            self._observe(frame.sample + 1)
+
+    def _new_session(self, first: int) -> None:
+        self._session += 1
+        self._fresh = True
+        self.sessions.append(first)
+        self._send(Frame(Type.START, self._session, first))
+
+    def _observe(self, sample: int) -> None:
+        if sample in self._kept:
+            self._send(Frame(Type.OBSERVATION, self._session, sample, self._kept[sample]))
+
+    def _hello(self, frame: Frame) -> Hello | None:
+        hello = Hello.of(frame) if frame.type == Type.HELLO else None
+        if hello is not None and hello.design != self._design:
+            raise ValueError(
+                f"the chip runs the design {hello.design[:16]}, and the run is of {self._design[:16]}; "
+                "write the firmware of this run to it"
+            )
+        return hello
+
+    def _send(self, frame: Frame) -> None:
+        self._link.send(frame.encoded())

@@ -1,0 +1,177 @@
+"""Links to a chip: an emulated one as a process, whose power can be cut, or a board at a serial port."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import shutil
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Final, Protocol
+
+from glucoloop.firmware.hil.build import NVM, Program
+from glucoloop.firmware.hil.protocol import Plan
+
+try:
+    import termios
+except ImportError:  # Windows
+    termios = None  # type: ignore[assignment]
+
+_PLAN: Final = struct.Struct("<II")
+_CHUNK: Final = 4096
+_LONGEST_SEND_S: Final = 1.0
+
+
+class Link(Protocol):
+    """Bytes to and from a chip."""
+
+    def send(self, data: bytes) -> None:
+        """Send bytes. They are lost if there is nobody to receive them."""
+        ...
+
+    def receive(self, wait_s: float) -> bytes:
+        """Bytes that have come, after waiting for some; none if none came in that time."""
+        ...
+
+    def close(self) -> None:
+        """Leave the chip; nothing goes on running."""
+        ...
+
+
+class ProcessLink:
+    """An emulated chip: a process whose standard input and output are the line.
+
+    Parameters
+    ----------
+    program : Program
+    folder : Path
+        Folder of the program and of its non-volatile memory.
+    plan_at : int
+        Place of the planned failure in that memory.
+    """
+
+    def __init__(self, program: Program, folder: Path, plan_at: int) -> None:
+        self._program, self._folder, self._plan_at = program, folder, plan_at
+        self._process: subprocess.Popen[bytes] | None = None
+        self.starts = 0
+        """Number of times that the chip got power, or was reset by its watchdog."""
+        (folder / NVM).write_bytes(b"\xff" * (plan_at + _PLAN.size))
+        self.power_on()
+
+    def power_on(self, plan: Plan = Plan.NONE, after_bytes: int = 0) -> None:
+        """Start the chip, which perhaps fails once it has written so many bytes to its memory."""
+        with (self._folder / NVM).open("r+b") as memory:
+            memory.seek(self._plan_at)
+            memory.write(_PLAN.pack(plan, after_bytes))
+        self._process = subprocess.Popen(
+            (*_bound_to_us(), *self._program.command),
+            cwd=self._folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            start_new_session=True,  # Ctrl-C is for this program, which ends the chip itself
+        )
+        self.starts += 1
+
+    def power_off(self) -> None:
+        """Cut the power: the process ends at once, wherever it is."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                pipe.close()
+        process.wait()
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; without power they are lost."""
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self._process.stdin.write(data)
+
+    def receive(self, wait_s: float) -> bytes:
+        """Bytes from the chip. One that was reset, or whose power failed, is started again."""
+        if self._process is None or self._process.stdout is None:
+            return b""
+        line = self._process.stdout.fileno()
+        if not select.select([line], [], [], wait_s)[0]:
+            return b""
+        data = os.read(line, _CHUNK)
+        if not data:
+            self.power_off()
+            self.power_on()
+        return data
+
+    def close(self) -> None:
+        """End the process."""
+        self.power_off()
+
+
+def _bound_to_us() -> tuple[str, ...]:
+    """Words before a command so that it does not outlive this program, even if that is killed; Linux only."""
+    found = shutil.which("setpriv") if sys.platform == "linux" else None
+    return () if found is None else (found, "--pdeathsig", "KILL")
+
+
+class SerialLink:
+    """A board at a serial port, by the standard library's termios.
+
+    Parameters
+    ----------
+    path : str
+        Name of the port, such as ``/dev/ttyACM0``.
+    baud : int
+        Bits per second.
+
+    Raises
+    ------
+    ValueError
+        If there is no such port, or it knows no such rate.
+    """
+
+    def __init__(self, path: str, baud: int = 115200) -> None:
+        if termios is None:
+            raise ValueError("serial ports are supported on POSIX systems only; take --chip host")
+        rate = getattr(termios, f"B{baud}", None)
+        if rate is None:
+            raise ValueError(f"a serial port cannot have {baud} baud; 9600, 115200 and 921600 are usual")
+        try:
+            self._port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError as error:
+            raise ValueError(f"the serial port {path} cannot be opened: {error.strerror}; check --chip") from None
+        try:
+            # input, output, control, local, input rate, output rate, characters: raw, 8 bits, no parity, one stop bit
+            settings = termios.tcgetattr(self._port)
+            control = termios.CS8 | termios.CREAD | termios.CLOCAL
+            termios.tcsetattr(self._port, termios.TCSANOW, [0, 0, control, 0, rate, rate, settings[6]])
+            termios.tcflush(self._port, termios.TCIOFLUSH)
+        except termios.error:
+            os.close(self._port)
+            raise ValueError(f"{path} is no serial port; check --chip") from None
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; those that the port does not take within a second are lost."""
+        until = time.monotonic() + _LONGEST_SEND_S
+        while data and time.monotonic() < until:
+            select.select([], [self._port], [], _LONGEST_SEND_S)
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self._port, data) :]
+
+    def receive(self, wait_s: float) -> bytes:
+        """Bytes from the board."""
+        if not select.select([self._port], [], [], wait_s)[0]:
+            return b""
+        with contextlib.suppress(BlockingIOError):
+            return os.read(self._port, _CHUNK)
+        return b""
+
+    def close(self) -> None:
+        """Close the port; the board keeps its power."""
+        os.close(self._port)

@@ -1,0 +1,242 @@
+"""The closed loop of a patient here and a controller on a chip, and the same controller without a chip."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop.control.protocol import Decision, Observation, Status
+from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, Exchange
+from glucoloop.firmware.hil.faults import DisturbedLink, Disturbances
+from glucoloop.firmware.hil.link import Link
+from glucoloop.firmware.hil.protocol import Payloads, record_bytes
+from glucoloop.firmware.samples import Init, Leaves, Step, arithmetic, leaves_of, same
+from glucoloop.meals.scenario import Scenario
+from glucoloop.native.targets.c.host import Library, compiler
+from glucoloop.native.targets.c.source import UNROLLED
+from glucoloop.simulation import Trace
+from glucoloop.simulation.stepped import simulate_stepped
+from glucoloop.simulation.stepper import Stepper
+
+HOLD_MIN: Final = 30.0
+"""Time for which the fallback rate is no more than the last decided one; after it, it is the basal rate."""
+FALLBACKS: Final = ("basal", "suspend")
+
+
+@dataclass(frozen=True)
+class Fallback:
+    """Rate of a pump that hears no decision.
+
+    It never gives a bolus. With ``"basal"`` it is the smaller of the last decided rate and the basal rate for half an
+    hour, so that a suspension lasts, and then the basal rate; with ``"suspend"`` it is 0. The pump keeps its limits.
+    """
+
+    kind: str
+    basal_mU_min: float
+
+    def rate_mU_min(self, last_mU_min: float, silent_min: float) -> float:
+        """Rate of a sample.
+
+        Parameters
+        ----------
+        last_mU_min : float
+            The last decided rate [mU/min].
+        silent_min : float
+            Time since that decision was due to be followed by another [min].
+        """
+        if self.kind == "suspend":
+            return 0.0
+        return min(last_mU_min, self.basal_mU_min) if silent_min < HOLD_MIN else self.basal_mU_min
+
+
+@dataclass(frozen=True)
+class OnChip:
+    """A run with its controller on a chip."""
+
+    trace: Trace
+    answered: Sequence[bool]
+    """Whether the chip decided in time, for each sample."""
+    equal: Sequence[bool | None]
+    """Whether each decision has the bits of the controller without a chip; None where none came, not even late."""
+    sessions: Sequence[int]
+    """Samples with which the controller started anew."""
+    counts: dict[str, int]
+    """Number of frames repeated and refused, and of each disturbance."""
+    samples_per_s: float
+    """Speed from the second sample on; the first waits for compiling."""
+
+    @property
+    def differing(self) -> list[int]:
+        """Samples whose decision differs."""
+        return [i for i, equal in enumerate(self.equal) if equal is False]
+
+
+@dataclass
+class Pace:
+    """Real time: the loop waits for each sample. With a factor of 0 it does not wait."""
+
+    sample_time_min: float
+    seconds_per_min: float = 0.0
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+    _began: float | None = None
+
+    def wait_for(self, sample: int) -> None:
+        """Wait until a sample is due."""
+        self._began = self.clock() if self._began is None else self._began
+        if self.seconds_per_min:
+            due = self._began + sample * self.sample_time_min * self.seconds_per_min
+            self.sleep(max(0.0, due - self.clock()))
+
+    @property
+    def answer_within_s(self) -> float:
+        """Time in which the chip has to answer."""
+        if not self.seconds_per_min:
+            return ANSWER_WITHIN_S
+        return min(ANSWER_WITHIN_S, 0.5 * self.sample_time_min * self.seconds_per_min)
+
+
+def run_on_chip(
+    exported: Exported,
+    stepper: Stepper,
+    scenario: Scenario,
+    link: Link,
+    *,
+    gives_boluses: bool = False,
+    disturbances: Disturbances = Disturbances(),
+    seed: int = 0,
+    fallback: str = "basal",
+    pace: Pace | None = None,
+    progress: Callable[[int], None] = lambda samples: None,
+) -> OnChip:
+    """Run a scenario with the controller on a chip, and compare its decisions with those without a chip.
+
+    Parameters
+    ----------
+    exported : Exported
+    stepper : Stepper
+        The patient, at the start of the scenario.
+    scenario : Scenario
+    link : Link
+        Link to a chip with the firmware of this controller.
+    gives_boluses : bool
+        Whether the controller decides on boluses.
+    disturbances : Disturbances
+    seed : int
+        Seed of the disturbances.
+    fallback : {"basal", "suspend"}
+        See `Fallback`.
+    pace : Pace, optional
+        As fast as it goes by default.
+    progress : callable
+        Called with the number of samples that were done.
+
+    Raises
+    ------
+    ValueError
+        If the chip does not answer at the start, or runs another controller.
+    """
+    samples = round(scenario.horizon_min / stepper.sample_time_min)
+    events, silent = disturbances.draw(samples, seed)
+    payloads = Payloads(exported.source, exported.precision)
+    line = DisturbedLink(link, record_bytes(exported.source, payloads))
+    exchange = Exchange(line, exported.source.design, payloads.sizes)
+    pace = Pace(stepper.sample_time_min) if pace is None else pace
+    exchange.begin()
+    pump = Fallback(fallback, float(stepper.start.insulin_mU_min))
+    seen: list[Leaves] = []
+    answered: list[bool] = []
+    last, silent_min = float(stepper.start.insulin_mU_min), 0.0
+    begun: list[float] = []
+
+    def decide(sample: int, observation: Observation) -> Decision:
+        nonlocal last, silent_min
+        pace.wait_for(sample)
+        begun.append(time.monotonic())
+        seen.append(leaves_of(observation, exported))
+        payload, told = payloads.observation(seen[-1]), None
+        if sample in silent:
+            exchange.keep(sample, payload)
+        else:
+            line.expect(events[sample])
+            told = exchange.decide(sample, payload, pace.answer_within_s)
+            while line.pending and told is not None and exchange.ask_again(sample, pace.answer_within_s) is not None:
+                pass
+        answered.append(told is not None)
+        progress(1)
+        if told is None:
+            rate = pump.rate_mU_min(last, silent_min)
+            silent_min += stepper.sample_time_min
+            return _fallen_back(rate, gives_boluses=gives_boluses)
+        decision = _decision(payloads.decision(told), exported)
+        last, silent_min = float(decision.insulin_mU_min), 0.0
+        return decision
+
+    trace = simulate_stepped(stepper, scenario, decide, gives_boluses=gives_boluses)
+    took = time.monotonic() - begun[1] if samples > 1 else math.inf
+    expected = without_a_chip(exported, seen, exchange.sessions)
+    equal = [
+        None if i not in exchange.answers else _same(payloads.decision(exchange.answers[i]), expected[i])
+        for i in range(samples)
+    ]
+    counts = {
+        "frames sent again": exchange.repeated,
+        "frames refused here": exchange.refused,
+        "contradictions": exchange.contradictions,
+        **{kind.name.lower().replace("_", " "): number for kind, number in line.happened.items()},
+    }
+    return OnChip(trace, answered, equal, exchange.sessions, counts, (samples - 1) / took)
+
+
+def without_a_chip(exported: Exported, seen: Sequence[Leaves], sessions: Sequence[int]) -> list[Leaves]:
+    """Decisions of the controller on the same observations without a chip.
+
+    They are those of its operations carried out in NumPy; in the compact form, which is slow there, those of its C on
+    this computer if it has a compiler.
+
+    Parameters
+    ----------
+    exported : Exported
+    seen : sequence
+        Leaves of the observation of each sample.
+    sessions : sequence of int
+        Samples with which the controller starts anew.
+    """
+    init: Init
+    step: Step
+    if exported.source.form == UNROLLED or compiler() is None:
+        init, step = arithmetic(exported)
+    else:
+        library = Library(exported.source, exported.precision)
+        init, step = library.init, library.step
+    state: Leaves = []
+    decisions = []
+    for sample, leaves in enumerate(seen):
+        state = init(leaves) if sample in sessions else state
+        state, decided = step(state, leaves)
+        decisions.append(decided)
+    return decisions
+
+
+def _same(here: Leaves, there: Leaves) -> bool:
+    return all(same(a, b) for a, b in zip(here, there, strict=True))
+
+
+def _decision(leaves: Leaves, exported: Exported) -> Decision:
+    decision: Decision = jax.tree.unflatten(jax.tree.structure(exported.traced.decision), leaves)
+    return decision
+
+
+def _fallen_back(rate_mU_min: float, *, gives_boluses: bool) -> Decision:
+    return Decision(
+        insulin_mU_min=jnp.asarray(rate_mU_min),
+        status=jnp.asarray(int(Status.NO_ANSWER)),
+        bolus_mU=jnp.zeros(()) if gives_boluses else None,
+    )

@@ -1,0 +1,239 @@
+"""Frames between the patient's side (sensor and pump) and a chip, as Python and as the header of the C firmware.
+
+The layout is documented in the guide, docs/guide/hil.md; numbers have their lowest byte first.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from glucoloop.native.targets.c.numbers import REAL
+from glucoloop.native.targets.c.records import Record
+from glucoloop.native.targets.c.source import Source
+
+VERSION: Final = 1
+MARK: Final = b"GL"
+_HEADER: Final = struct.Struct("<2sBBIIHH")
+_HELLO: Final = struct.Struct("<32sHHII")
+_CRC: Final = struct.Struct("<I")
+HEADER_BYTES: Final = _HEADER.size + _CRC.size
+LONGEST_PAYLOAD: Final = 240
+"""Largest number of bytes of a payload."""
+LONGEST_FRAME: Final = HEADER_BYTES + LONGEST_PAYLOAD + _CRC.size
+RECORD_MARK: Final = 0x31524C47
+"""First four bytes of a record in non-volatile memory, ``GLR1``."""
+WATCHDOG_MS: Final = 1000
+"""Time after which a chip that hangs is reset; the longest step of a known controller takes 0.2 s at 64 MHz."""
+
+
+class Type(enum.IntEnum):
+    """Type of a frame; below 16 those to the chip."""
+
+    ASK = 1
+    START = 2
+    OBSERVATION = 3
+    HELLO = 17
+    DECISION = 18
+
+
+class Plan(enum.IntEnum):
+    """Planned failure of an emulated board."""
+
+    NONE = 0
+    CUT = 1
+    HANG = 2
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One message."""
+
+    type: int
+    session: int = 0
+    sample: int = 0
+    payload: bytes = b""
+
+    def encoded(self) -> bytes:
+        """The bytes on the line."""
+        head = _HEADER.pack(MARK, VERSION, self.type, self.session, self.sample, len(self.payload), 0)
+        told = head + _CRC.pack(zlib.crc32(head)) + self.payload
+        return told + _CRC.pack(zlib.crc32(told))
+
+
+class Decoder:
+    """Frames from bytes in pieces of any size; whatever is no frame is skipped.
+
+    Attributes
+    ----------
+    refused : int
+        Number of beginnings of frames that were refused.
+    """
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+        self.refused = 0
+
+    def feed(self, received: bytes) -> Iterator[Frame]:
+        """Take bytes, and give the frames that they complete."""
+        for byte in received:
+            self._held.append(byte)
+            while (frame := self._next()) is not None:
+                yield frame
+
+    def _next(self) -> Frame | None:
+        while self._held:
+            length = self._length()
+            if length is None:
+                return None
+            if length and len(self._held) < length:
+                return None
+            if length:
+                told = bytes(self._held[:length])
+                if _CRC.pack(zlib.crc32(told[:-4])) == told[-4:]:
+                    del self._held[:length]
+                    _, _, type, session, sample, _, _ = _HEADER.unpack_from(told)
+                    return Frame(type, session, sample, told[HEADER_BYTES:-4])
+            self.refused += self._held[0] == MARK[0]
+            del self._held[0]
+        return None
+
+    def _length(self) -> int | None:
+        """Number of bytes of the frame that begins here; 0 if none can, and None if there are too few to tell."""
+        first = MARK + bytes([VERSION])
+        if bytes(self._held[:3]) != first[: len(self._held)]:
+            return 0
+        if len(self._held) < HEADER_BYTES:
+            return None
+        head, crc = bytes(self._held[: _HEADER.size]), bytes(self._held[_HEADER.size : HEADER_BYTES])
+        payload = int(_HEADER.unpack(head)[5])
+        if _CRC.pack(zlib.crc32(head)) != crc or payload > LONGEST_PAYLOAD:
+            return 0
+        return HEADER_BYTES + payload + _CRC.size
+
+
+@dataclass(frozen=True)
+class Hello:
+    """What a chip says of itself, when it starts and when it is asked."""
+
+    design: str
+    """SHA-256 of the controller's design, in hexadecimal."""
+    observation_bytes: int
+    decision_bytes: int
+    watchdog_ms: int
+    asked: int
+    """Number of the question that is answered; 0 if there was none."""
+    session: int
+    next: int
+    """Number of the sample that the chip waits for."""
+
+    @staticmethod
+    def of(frame: Frame) -> Hello | None:
+        """Content of a frame; None if it has another length."""
+        if len(frame.payload) != _HELLO.size:
+            return None
+        design, *numbers = _HELLO.unpack(frame.payload)
+        return Hello(design.hex(), *numbers, session=frame.session, next=frame.sample)
+
+
+def structure(of: Record, precision: str) -> np.dtype[Any]:
+    """Layout of a C structure in memory: real numbers first, then whole ones of 32 bits, lowest byte first."""
+    held = sorted((field for field in of.fields if field.size), key=lambda field: field.kind != REAL)
+    real = np.dtype(precision).newbyteorder("<")
+    parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in held]
+    packed = np.dtype(parts) if parts else np.dtype([("reserved", "<i4", (1,))])
+    if packed.itemsize % real.itemsize:
+        packed = np.dtype([*parts, ("reserved", "<i4", (1,))])
+    return packed
+
+
+class Payloads:
+    """Conversion of a controller's observations and decisions to payloads and back."""
+
+    def __init__(self, source: Source, precision: str) -> None:
+        self._records = source.records
+        self._types = {name: structure(source.records[name], precision) for name in ("observation", "decision")}
+
+    def observation(self, leaves: list[Any]) -> bytes:
+        """Payload of the leaves of an observation."""
+        room = np.zeros((), self._types["observation"])
+        for field, leaf in zip(self._records["observation"].fields, leaves, strict=True):
+            if field.size:
+                room[field.name] = np.ravel(leaf)
+        return room.tobytes()
+
+    def decision(self, payload: bytes) -> list[Any]:
+        """Leaves of the decision of a payload."""
+        room = np.frombuffer(payload, self._types["decision"])[0]
+        return [np.array(room[field.name]).reshape(field.shape) for field in self._records["decision"].fields]
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Number of bytes of an observation and of a decision."""
+        return self._types["observation"].itemsize, self._types["decision"].itemsize
+
+
+def record_bytes(source: Source, payloads: Payloads) -> int:
+    """Number of bytes of a record in non-volatile memory."""
+    return 20 + payloads.sizes[1] + source.record_bytes + _CRC.size
+
+
+def place_bytes(source: Source, payloads: Payloads) -> int:
+    """Number of bytes from one record in non-volatile memory to the next."""
+    return -(-record_bytes(source, payloads) // 64) * 64
+
+
+def plan_at(source: Source, payloads: Payloads) -> int:
+    """Place of the planned failure in the memory of an emulated board, after both records."""
+    return 2 * place_bytes(source, payloads)
+
+
+def header(source: Source, payloads: Payloads) -> str:
+    """The C header with the constants of the link for a controller."""
+    observation, decision = payloads.sizes
+    numbers = {
+        "MARK_0": MARK[0],
+        "MARK_1": MARK[1],
+        "VERSION": VERSION,
+        "HEADER": HEADER_BYTES,
+        "PAYLOAD_MAX": LONGEST_PAYLOAD,
+        "FRAME_MAX": LONGEST_FRAME,
+        **{f"TYPE_{type.name}": type.value for type in Type},
+        "HELLO": _HELLO.size,
+        "OBSERVATION": observation,
+        "DECISION": decision,
+        "WATCHDOG_MS": WATCHDOG_MS,
+        "RECORD_MARK": RECORD_MARK,
+        "PLACE": place_bytes(source, payloads),
+        "PLAN_AT": plan_at(source, payloads),
+        **{f"PLAN_{plan.name}": plan.value for plan in Plan},
+    }
+    return "\n".join(
+        [
+            "/* Constants of the link of one controller; sizes are in bytes. */",
+            "#ifndef HIL_LINK_H",
+            "#define HIL_LINK_H",
+            "",
+            *(f"#define HIL_{name} {number}U" for name, number in numbers.items()),
+            "",
+            "/* SHA-256 of the design. */",
+            "#define HIL_DESIGN \\",
+            *_bytes_in_rows(bytes.fromhex(source.design)),
+            "",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _bytes_in_rows(data: bytes) -> Iterator[str]:
+    """Bytes as the continued lines of a macro."""
+    for i in range(0, len(data), 8):
+        row = ", ".join(f"0x{byte:02X}U" for byte in data[i : i + 8])
+        yield f"  {row}, \\" if i + 8 < len(data) else f"  {row}"

@@ -1,0 +1,135 @@
+/* Frames of the link: see frame.h, and the guide of `glucoloop hil` for their layout. */
+#include "frame.h"
+
+#include <string.h>
+
+uint32_t hil_crc(const uint8_t bytes[], uint32_t size)
+{
+  uint32_t crc = 0xFFFFFFFFU;
+  for (uint32_t i = 0U; i < size; i++)
+  {
+    crc ^= bytes[i];
+    for (uint32_t bit = 0U; bit < 8U; bit++)
+    {
+      crc = (crc >> 1) ^ (((crc & 1U) != 0U) ? 0xEDB88320U : 0U);
+    }
+  }
+  return ~crc;
+}
+
+void hil_put16(uint8_t bytes[], uint16_t number)
+{
+  bytes[0] = (uint8_t)(number & 0xFFU);
+  bytes[1] = (uint8_t)(number >> 8);
+}
+
+void hil_put32(uint8_t bytes[], uint32_t number)
+{
+  for (uint32_t i = 0U; i < 4U; i++)
+  {
+    bytes[i] = (uint8_t)((number >> (8U * i)) & 0xFFU);
+  }
+}
+
+uint16_t hil_get16(const uint8_t bytes[])
+{
+  return (uint16_t)(bytes[0] | (uint16_t)((uint16_t)bytes[1] << 8));
+}
+
+uint32_t hil_get32(const uint8_t bytes[])
+{
+  uint32_t number = 0U;
+  for (uint32_t i = 0U; i < 4U; i++)
+  {
+    number |= (uint32_t)bytes[i] << (8U * i);
+  }
+  return number;
+}
+
+uint32_t hil_encode(const hil_frame *frame, uint8_t bytes[HIL_FRAME_MAX])
+{
+  const uint32_t end = HIL_HEADER + (uint32_t)frame->length;
+  bytes[0] = HIL_MARK_0;
+  bytes[1] = HIL_MARK_1;
+  bytes[2] = HIL_VERSION;
+  bytes[3] = frame->type;
+  hil_put32(&bytes[4], frame->session);
+  hil_put32(&bytes[8], frame->sample);
+  hil_put16(&bytes[12], frame->length);
+  hil_put16(&bytes[14], 0U);
+  hil_put32(&bytes[16], hil_crc(bytes, 16U));
+  (void)memcpy(&bytes[HIL_HEADER], frame->payload, frame->length);
+  hil_put32(&bytes[end], hil_crc(bytes, end));
+  return end + 4U;
+}
+
+void hil_push(hil_decoder *decoder, uint8_t byte)
+{
+  decoder->held[decoder->size] = byte; /* there is room: hil_next leaves less than the longest frame */
+  decoder->size++;
+}
+
+static void drop(hil_decoder *decoder, uint32_t count)
+{
+  decoder->size -= count;
+  for (uint32_t i = 0U; i < decoder->size; i++)
+  {
+    decoder->held[i] = decoder->held[i + count];
+  }
+}
+
+/* Number of bytes of the frame that begins here; 0 if none can, and 1 if there are too few bytes to tell. */
+static uint32_t length_of(const uint8_t held[], uint32_t size)
+{
+  static const uint8_t first[3] = {HIL_MARK_0, HIL_MARK_1, HIL_VERSION};
+  uint32_t length = 1U;
+  for (uint32_t i = 0U; (i < 3U) && (i < size); i++)
+  {
+    if (held[i] != first[i])
+    {
+      length = 0U;
+    }
+  }
+  if ((length != 0U) && (size >= HIL_HEADER))
+  {
+    const uint32_t payload = hil_get16(&held[12]);
+    const bool whole = hil_get32(&held[16]) == hil_crc(held, 16U);
+    length = (whole && (payload <= HIL_PAYLOAD_MAX)) ? (HIL_HEADER + payload + 4U) : 0U;
+  }
+  return length;
+}
+
+bool hil_next(hil_decoder *decoder, hil_frame *frame)
+{
+  bool found = false;
+  bool more = true;
+  while (more && (decoder->size > 0U))
+  {
+    const uint8_t *held = decoder->held;
+    const uint32_t length = length_of(held, decoder->size);
+    more = false;
+    if ((length == 0U) || ((length > 1U) && (decoder->size >= length) &&
+                           (hil_get32(&held[length - 4U]) != hil_crc(held, length - 4U))))
+    {
+      /* No frame begins at the first byte; one may begin at any of the others. */
+      decoder->refused += (held[0] == HIL_MARK_0) ? 1U : 0U;
+      drop(decoder, 1U);
+      more = true;
+    }
+    else if ((length > 1U) && (decoder->size >= length))
+    {
+      frame->type = held[3];
+      frame->session = hil_get32(&held[4]);
+      frame->sample = hil_get32(&held[8]);
+      frame->length = hil_get16(&held[12]);
+      (void)memcpy(frame->payload, &held[HIL_HEADER], frame->length);
+      drop(decoder, length);
+      found = true;
+    }
+    else
+    {
+      /* The frame is not complete yet. */
+    }
+  }
+  return found;
+}
