@@ -6,6 +6,7 @@ MG_PER_G = 1000.0
 MU_PER_U = 1000.0
 PMOL_PER_U = 6000.0  # 1 U of human insulin is defined as 6 nmol
 MIN_PER_H = 60.0
+S_PER_MIN = 60.0
 MIN_PER_DAY = 1440.0
 HOURS_PER_DAY = 24.0
 MG_DL_PER_MMOL_L = MOLAR_MASS_GLUCOSE_G_MOL / 10.0

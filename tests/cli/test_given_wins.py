@@ -28,6 +28,7 @@ KEYS_OF = {
     "detect": detection_keys,
     "identify": identification_keys,
     "export": own_keys,
+    "hil": own_keys,
     "claims": lambda asked: {"seeds": asked.seeds, "people": asked.people},
 }
 LATE = {"noise_variance": 1.0, "dead_time_min": 5.0}

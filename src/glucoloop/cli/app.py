@@ -19,6 +19,7 @@ from glucoloop.cli import (
     compare,
     detect,
     export,
+    hil,
     identify,
     patients,
     query,
@@ -61,6 +62,7 @@ app.command("trial", help=trial.HELP)(trial.command)
 app.command("stress", help=stress.HELP)(stress.command)
 app.command("detect", help=detect.HELP)(detect.command)
 app.command("export", help=export.HELP)(export.command)
+app.command("hil", help=hil.HELP)(hil.command)
 app.command("verify", help=verify.HELP)(verify.command)
 app.command("adversary", help=adversary.HELP)(adversary.command)
 app.command("query", help=query.HELP)(query.command)

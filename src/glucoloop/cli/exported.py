@@ -7,23 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import glucoloop
 from glucoloop.cli.telling import where_written
 from glucoloop.config.export import Export
 from glucoloop.config.toml import toml_text
 from glucoloop.control import Controller
 from glucoloop.experiments.situation import Situation
 from glucoloop.firmware.chips import chip_of
-from glucoloop.firmware.exported import Exported, export
+from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import INTERPRETED, Rung, chips_for, ladder
-from glucoloop.firmware.samples import Init, Record, Step, arithmetic, example, record, stepper_of
+from glucoloop.firmware.samples import Init, Record, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import OutputFolder
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.studies.closed_loop import controller_for, model_for
+from glucoloop.studies.exported import exported_controller, name_of
 
 
 @dataclass(frozen=True)
@@ -57,21 +57,8 @@ def _made(asked: Export) -> _Made:
     situation = asked.run.situation.situation()
     model = model_for(asked.run, situation)
     controller = controller_for(asked.run, situation, model)
-    title = [f"{_name(asked)}, by glucoloop {glucoloop.__version__}.", "Research software, not a medical device."]
-    exported = export(
-        controller,
-        situation.limits,
-        example(controller, stepper_of(situation, 0)),
-        title,
-        precision=asked.chip.precision,
-        form=asked.chip.form,
-    )
+    exported = exported_controller(asked.run, asked.chip, situation, controller, stepper_of(situation, 0))
     return _Made(exported, controller, situation, model)
-
-
-def _name(asked: Export) -> str:
-    case = asked.run.case
-    return f"The controller {case.controller}{' with its guard' if case.guard else ''} for {asked.run.situation.place}"
 
 
 def write(asked: Export, folder: OutputFolder) -> Written:
@@ -90,7 +77,7 @@ def write(asked: Export, folder: OutputFolder) -> Written:
     for name, text in code_files(exported, of_loop, chip).items():
         folder.write(name, text)
     folder.write("controller.csv", numbers_table(made.controller))
-    folder.write("README.md", readme(exported, _name(asked), made.situation.sample_time_min, chip))
+    folder.write("README.md", readme(exported, name_of(asked.run), made.situation.sample_time_min, chip))
     folder.write("PROOF.md", proof([rung.as_dict() for rung in rungs]))
     written = Written(asked, exported, rungs)
     folder.write("manifest.json", json_text(with_version(report(written))) + "\n")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
@@ -42,9 +43,9 @@ def command(given: Given) -> None:
             outcome = close_the_loop(asked)
         if folder is not None:
             with stage("Drawing"):
-                _write(folder, outcome, output)
+                write_outcome(folder, outcome, output, outcome.report(), outcome.repeat().keys())
             files = folder.paths()
-    _tell(outcome, output, files)
+    tell(outcome, output, files, outcome.report())
 
 
 def _read(keys: Given, of_file: Given) -> Run:
@@ -54,7 +55,15 @@ def _read(keys: Given, of_file: Given) -> Run:
     return read_run(overlay(of_file, keys, called), called)
 
 
-def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
+def write_outcome(
+    folder: OutputFolder,
+    outcome: Outcome,
+    output: Output,
+    report: Mapping[str, Any],
+    repeat: Mapping[str, Any],
+    command: str = "run",
+) -> None:
+    """Write tables, metrics, pictures, and the configuration of the command that repeats them."""
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
     from glucoloop.config.toml import toml_text
     from glucoloop.report import Repeat
@@ -66,14 +75,10 @@ def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
     folder.write("trace.parquet", tables.parquet(samples))
     folder.write("trace.csv", tables.csv(samples))
     folder.write("glucose_1min.parquet", tables.parquet(tables.minute_table(outcome.trace)))
-    folder.write("metrics.json", json_text(with_version(outcome.report())) + "\n")
-    repeat = outcome.run
+    folder.write("metrics.json", json_text(with_version(report)) + "\n")
     if outcome.model is not None:
         folder.write("model.json", outcome.model.text())
-        if repeat.case.model is not None:
-            # The model goes along, so that the folder repeats the run by itself.
-            repeat = repeat.with_model("model.json")
-    again = Repeat("run --config run.toml", repeat.keys(), RUN_FILES)
+    again = Repeat(f"{command} --config run.toml", repeat, RUN_FILES)
     folder.write("run.toml", toml_text(again.keys, again.command))
     case, situation = outcome.run.case, outcome.run.situation
     write_pictures(
@@ -81,19 +86,23 @@ def _write(folder: OutputFolder, outcome: Outcome, output: Output) -> None:
         {case.controller: outcome},
         title=f"{case.controller} at {situation.place}",
         mmol=output.mmol,
-        facts=run_facts(repeat),
+        facts=run_facts(outcome.repeat()),
         repeat=again,
     )
 
 
-def _tell(outcome: Outcome, output: Output, files: dict[str, str]) -> None:
+def tell(
+    outcome: Outcome, output: Output, files: dict[str, str], report: Mapping[str, Any], more: Iterable[str] = ()
+) -> None:
+    """Print the metrics and the notes, or one JSON object."""
+    notes = (*outcome.notes, *more)
     if output.json:
-        print_json(outcome.report(), files, outcome.notes)
+        print_json(report, files, notes)
         return
     from glucoloop.report import metrics_table
 
     show(metrics_table(outcome.metrics))
-    for line in outcome.notes:
+    for line in notes:
         print(line)
     if output.mmol:
         for line in mmol_lines({outcome.run.case.controller: outcome}):

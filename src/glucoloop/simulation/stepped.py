@@ -24,7 +24,7 @@ Decide = Callable[[int, Observation], Decision]
 """Function of the number of a sample and its observation."""
 
 
-def stepper_of(
+def scenario_stepper(
     patient: Patient,
     sensor: Sensor,
     pump: Pump,
@@ -56,7 +56,7 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     Parameters
     ----------
     stepper : Stepper
-        Stepper of the scenario, at its start; see `stepper_of`.
+        Stepper of the scenario, at its start; see `scenario_stepper`.
     scenario : Scenario
     decide : callable
         Function that decides on each sample; the numbers of its decision need not be finite.
@@ -93,5 +93,5 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
 
 def _with_status(happened: Sampled, decision: Decision) -> Sampled:
     finite = happened.decision.status != Status.NO_FINITE_DOSE
-    told = np.where(finite, decision.status, happened.decision.status)
+    told = jnp.where(finite, decision.status, happened.decision.status)
     return dataclasses.replace(happened, decision=dataclasses.replace(happened.decision, status=told))

@@ -208,7 +208,7 @@ class Stepper:
 
     @property
     def patient(self) -> Patient:
-        """The patient."""
+        """The patient that is stepped."""
         loop: Loop = self._fixed.joined(self._numbers)
         return loop.plant.patient
 

@@ -22,7 +22,7 @@ from glucoloop.pumps import DoseLimits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
-from glucoloop.simulation.plant import Integrator
+from glucoloop.simulation.plant import SteppingIntegrator
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.units import u_h_from_mu_min
 
@@ -39,6 +39,10 @@ class Outcome:
     limits: DoseLimits
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
+
+    def repeat(self) -> Run:
+        """The run with its model from a file beside its configuration, so that the folder repeats it by itself."""
+        return self.run if self.model is None or self.run.case.model is None else self.run.with_model("model.json")
 
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -68,6 +72,13 @@ def close_the_loop(run: Run) -> Outcome:
         asked.scenario(),
         integrator=integrator_of(asked),
     )
+    return outcome_of(run, situation, model, controller, trace)
+
+
+def outcome_of(
+    run: Run, situation: Situation, model: ModelFile | None, controller: Controller, trace: Trace
+) -> Outcome:
+    """Metrics of a run, and notes on it."""
     metrics = summarise(trace, situation.limits)
     return Outcome(
         run=run,
@@ -142,7 +153,7 @@ def model_arguments(model: ModelFile | None) -> dict[str, Any]:
     return {"model": model.step_response_model(), "model_is_late": bool(model.provenance.dead_time_min)}
 
 
-def integrator_of(situation: SituationKeys) -> Integrator:
+def integrator_of(situation: SituationKeys) -> SteppingIntegrator:
     """Integrator of a run."""
     return Exponential() if situation.integrator == "fast" else Adaptive()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -106,7 +107,13 @@ def _emulation(chip: Chip) -> tuple[str, ...]:
     semihosting = ("-semihosting-config", "enable=on,target=native")
     line = ("-chardev", "stdio,id=line,signal=off", "-serial", "chardev:line")
     quiet = ("-display", "none", "-monitor", "none", "-no-reboot")
-    return (chip.emulator, *machine, *semihosting, *quiet, *line, "-kernel", "firmware.elf")
+    return (*_bound_to_us(), chip.emulator, *machine, *semihosting, *quiet, *line, "-kernel", "firmware.elf")
+
+
+def _bound_to_us() -> tuple[str, ...]:
+    """Words before a command so that it does not outlive this program, even if that is killed; Linux only."""
+    found = shutil.which("setpriv") if sys.platform == "linux" else None
+    return () if found is None else (found, "--pdeathsig", "KILL")
 
 
 def _compile(command: list[str], folder: Path) -> None:

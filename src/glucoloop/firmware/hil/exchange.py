@@ -9,7 +9,7 @@ from typing import Final
 from glucoloop.firmware.hil.link import Link
 from glucoloop.firmware.hil.protocol import Decoder, Frame, Hello, Type
 
-FIRST_WAIT_S: Final = 0.1
+FIRST_WAIT_S: Final = 0.02
 """Time after which a frame that was not answered is sent again; it doubles each time."""
 LONGEST_WAIT_S: Final = 1.0
 ANSWER_WITHIN_S: Final = 10.0
@@ -54,6 +54,9 @@ class Exchange:
         self._kept: dict[int, bytes] = {}
         self._session = self._question = 0
         self._fresh = True
+        """Whether nothing was answered in the session yet."""
+        self._doubted = False
+        """Whether the chip seems to have lost its memory, and was asked about it."""
         self.answers: dict[int, bytes] = {}
         self.sessions: list[int] = []
         self.repeated = self.contradictions = 0
@@ -75,7 +78,7 @@ class Exchange:
 
         def asked() -> None:
             self._question += 1
-            self._send(Frame(Type.ASK, sample=self._question))
+            self._ask()
 
         def took(frame: Frame) -> bool:
             told = self._hello(frame)
@@ -119,7 +122,10 @@ class Exchange:
 
     def _settle(self, sample: int, within_s: float) -> bytes | None:
         def ask() -> None:
-            self._observe(min(kept for kept in self._kept if kept not in self.answers))
+            if self._doubted:
+                self._ask()
+            else:
+                self._observe(min(kept for kept in self._kept if kept not in self.answers))
 
         def took(frame: Frame) -> bool:
             self._take(frame, sample)
@@ -152,23 +158,26 @@ class Exchange:
         if hello is None:
             return
         if hello.session == self._session and hello.next in (*self._kept, current + 1):
+            self._doubted = False
             self._observe(min(hello.next, current))
         elif hello.session != self._session and self._fresh:
             self._send(Frame(Type.START, self._session, self.sessions[-1]))
-        elif hello.asked == self._question:
+        elif self._doubted and hello.asked == self._question:
             # The chip has lost what it remembered: its controller can only start anew.
+            self._doubted = False
             self._session = max(self._session, hello.session)
             self._kept = {current: self._kept[current]}
             self._new_session(current)
-        else:
+        elif not self._doubted:
             # Perhaps an old frame that was late: only an answer to a question of now is believed.
+            self._doubted = True
             self._question += 1
-            self._send(Frame(Type.ASK, sample=self._question))
+            self._ask()
 
     def _decided(self, frame: Frame, current: int) -> None:
         if frame.sample not in self._kept:
             return
-        self._fresh = False
+        self._fresh = self._doubted = False
         before = self.answers.setdefault(frame.sample, frame.payload)
         self.contradictions += before != frame.payload
         if frame.sample < current:
@@ -179,6 +188,9 @@ class Exchange:
         self._fresh = True
         self.sessions.append(first)
         self._send(Frame(Type.START, self._session, first))
+
+    def _ask(self) -> None:
+        self._send(Frame(Type.ASK, sample=self._question))
 
     def _observe(self, sample: int) -> None:
         if sample in self._kept:

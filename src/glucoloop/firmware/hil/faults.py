@@ -5,7 +5,8 @@ from __future__ import annotations
 import enum
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -31,7 +32,7 @@ _CUTS = (Kind.CUT_IN_FRAME, Kind.CUT_IN_RECORD, Kind.CUT_AFTER_ANSWER)
 
 @dataclass(frozen=True)
 class Event:
-    """One disturbance."""
+    """A disturbance of one frame or record."""
 
     kind: Kind
     to_chip: bool
@@ -60,9 +61,19 @@ class Disturbances:
         """Number of those for which the chip must be emulated."""
         return self.power_cuts + self.hangs
 
-    def as_dict(self) -> dict[str, int]:
-        """Plain values for JSON."""
-        return asdict(self)
+    def check(self, samples: int) -> None:
+        """Refuse more outages than there are samples after the first.
+
+        Raises
+        ------
+        ValueError
+            If there are.
+        """
+        if self.outages >= samples:
+            raise ValueError(
+                f"{self.outages} outages are not possible in {samples} samples, the first of which has none; "
+                f"give {samples - 1} or fewer"
+            )
 
     def draw(self, samples: int, seed: int) -> tuple[list[list[Event]], frozenset[int]]:
         """Events of each sample in their order, and the samples of the outages.
@@ -70,10 +81,9 @@ class Disturbances:
         Raises
         ------
         ValueError
-            For more outages than there are samples after the first.
+            As for `check`.
         """
-        if self.outages > samples - 1:
-            raise ValueError(f"{self.outages} outages are not possible in {samples} samples; the first one needs none")
+        self.check(samples)
         rng = np.random.default_rng((seed, 0x48494C))
         silent = frozenset(int(i) for i in 1 + rng.permutation(samples - 1)[: self.outages])
         heard = [i for i in range(samples) if i not in silent]
@@ -87,6 +97,9 @@ class Disturbances:
             event = Event(kind, to_chip, float(rng.random()), int(rng.integers(1, 256)))
             events[heard[int(rng.integers(len(heard)))]].append(event)
         return [[of[int(i)] for i in rng.permutation(len(of))] for of in events], silent
+
+
+NOTHING: Final = Disturbances()
 
 
 class DisturbedLink:
@@ -171,7 +184,7 @@ class DisturbedLink:
 
 
 def _disturbed(data: bytes, event: Event) -> list[bytes]:
-    """What arrives of a frame."""
+    """Pieces of a frame that arrive."""
     if event.kind is Kind.LOST:
         return []
     if event.kind is Kind.DOUBLED:

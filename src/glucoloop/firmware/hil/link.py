@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import select
-import shutil
 import struct
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Final, Protocol
@@ -68,7 +66,7 @@ class ProcessLink:
             memory.seek(self._plan_at)
             memory.write(_PLAN.pack(plan, after_bytes))
         self._process = subprocess.Popen(
-            (*_bound_to_us(), *self._program.command),
+            self._program.command,
             cwd=self._folder,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -112,12 +110,6 @@ class ProcessLink:
     def close(self) -> None:
         """End the process."""
         self.power_off()
-
-
-def _bound_to_us() -> tuple[str, ...]:
-    """Words before a command so that it does not outlive this program, even if that is killed; Linux only."""
-    found = shutil.which("setpriv") if sys.platform == "linux" else None
-    return () if found is None else (found, "--pdeathsig", "KILL")
 
 
 class SerialLink:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, Exchange
-from glucoloop.firmware.hil.faults import DisturbedLink, Disturbances
+from glucoloop.firmware.hil.faults import NOTHING, Disturbances, DisturbedLink
 from glucoloop.firmware.hil.link import Link
 from glucoloop.firmware.hil.protocol import Payloads, record_bytes
 from glucoloop.firmware.samples import Init, Leaves, Step, arithmetic, leaves_of, same
@@ -110,7 +110,7 @@ def run_on_chip(
     link: Link,
     *,
     gives_boluses: bool = False,
-    disturbances: Disturbances = Disturbances(),
+    disturbances: Disturbances = NOTHING,
     seed: int = 0,
     fallback: str = "basal",
     pace: Pace | None = None,

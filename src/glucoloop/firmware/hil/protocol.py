@@ -53,7 +53,7 @@ class Plan(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Frame:
-    """One message."""
+    """A message on the line."""
 
     type: int
     session: int = 0
@@ -120,7 +120,7 @@ class Decoder:
 
 @dataclass(frozen=True)
 class Hello:
-    """What a chip says of itself, when it starts and when it is asked."""
+    """Message of a chip about itself, when it starts and when it is asked."""
 
     design: str
     """SHA-256 of the controller's design, in hexadecimal."""
@@ -138,8 +138,8 @@ class Hello:
         """Content of a frame; None if it has another length."""
         if len(frame.payload) != _HELLO.size:
             return None
-        design, *numbers = _HELLO.unpack(frame.payload)
-        return Hello(design.hex(), *numbers, session=frame.session, next=frame.sample)
+        design, observation, decision, watchdog_ms, asked = _HELLO.unpack(frame.payload)
+        return Hello(design.hex(), observation, decision, watchdog_ms, asked, frame.session, frame.sample)
 
 
 def structure(of: Record, precision: str) -> np.dtype[Any]:
