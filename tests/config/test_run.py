@@ -22,6 +22,8 @@ keys = st.fixed_dictionaries(
         "noise_variance": st.floats(0, 100),
         "dead_time_min": st.integers(0, 10).map(lambda k: 5.0 * k),
         "pump_resolution_mU_min": st.floats(0.01, 5),
+        "max_bolus_U": st.floats(5, 30),
+        "bolus_step_U": st.floats(0.01, 1),
         "integrator": st.sampled_from(["fast", "adaptive"]),
         "seed": st.integers(0, 2**32 - 1),
         "prediction_horizon": st.integers(1, 100),

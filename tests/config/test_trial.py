@@ -29,6 +29,7 @@ keys = st.fixed_dictionaries(
         "noise_variance": st.floats(0, 100),
         "dead_time_min": st.integers(0, 10).map(lambda k: 5.0 * k),
         "pump_resolution_mU_min": st.floats(0.01, 5),
+        "min_bolus_U": st.floats(0.0, 0.5),
         "precision": st.sampled_from(["float32", "float64"]),
         "arithmetic": st.sampled_from(["fused", "portable"]),
         "design": st.sampled_from(["nominal", "individual"]),

@@ -3,6 +3,7 @@
 import pytest
 
 import glucoloop as gl
+from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import DesignCase
 from glucoloop.models.step_response import StepResponseModel
@@ -27,7 +28,9 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
     entry = controller_entry(name)
     settings = entry.values(complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy))
     given = () if settings is None else (settings,)
-    assert entry.designer()(case, *given).sample_time_min == 5.0
+    controller = entry.designer()(case, *given)
+    assert controller.sample_time_min == 5.0
+    assert gives_boluses(controller) == entry.gives_boluses
 
 
 @pytest.mark.parametrize("name", ["mpc", "mpc-se", "nlqdmc-se"])

@@ -9,6 +9,7 @@ from glucoloop.cli.progress import counted
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import carried_out, paths_of, read_request, read_with_cases, tell_results
+from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS, usual_texts
 from glucoloop.studies.adversary.options import REFUSED, USUAL, AdversaryKeys
 
@@ -54,6 +55,7 @@ def command(given: Given) -> None:
     from glucoloop.studies.adversary.table import adversary_table
     from glucoloop.studies.adversary.work import rows_of, work_of
 
+    note_on_boluses(asked.base.patient, (case.controller for case in asked.base.cases))
     files: dict[str, str] = {}
     if output.out is None:
         if output.overwrite:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, options_of, with_options, without
 from glucoloop.cli.request import file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import stage
+from glucoloop.cli.telling import note_on_boluses
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.options.export import ChipKeys
 
@@ -49,6 +50,7 @@ def command(given: Given) -> None:
         return
     keys, output, file = split_off_output(given)
     asked = _read(with_lists(keys), file_keys(file))
+    note_on_boluses(asked.run.situation.patient, [asked.run.case.controller])
     with output.folder() as folder:
         if folder is None:
             raise ValueError("an exported controller is a folder; name one with --out")

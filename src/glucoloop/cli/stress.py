@@ -15,6 +15,7 @@ from glucoloop.cli.study import (
     read_with_cases,
     tell_results,
 )
+from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial import compute, computing
 from glucoloop.cli.trial_options import DASK, TRIAL, usual_texts
 from glucoloop.config.key import declared
@@ -59,6 +60,7 @@ def command(given: Given) -> None:
     from glucoloop.studies.stress.table import stress_table
 
     trial, work = asked.stress.trial, work_of(asked)
+    note_on_boluses(trial.patient, (case.controller for case in trial.cases))
 
     def finish(folder: TrialFolder) -> StressResult:
         from glucoloop.studies.stress.results import files_of, result_of, told_before

@@ -13,6 +13,7 @@ from glucoloop.cli.progress import counted
 from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
+from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
 from glucoloop.cli.trial_telling import tell
 
@@ -63,6 +64,7 @@ def command(given: Given) -> None:
     where = computing(keys)
     out = needed_folder(output, "a trial", "trial")
     trial = read_request(keys, file, _read)
+    note_on_boluses(trial.patient, (case.controller for case in trial.cases))
     from glucoloop.storage.trials.folder import trial_folder
 
     began = time.monotonic()

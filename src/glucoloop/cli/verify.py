@@ -11,6 +11,7 @@ from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import OUTPUT, Given, Option, among, options_of, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import show, stage
+from glucoloop.cli.telling import note_on_boluses
 from glucoloop.studies.verification.options import CAMPAIGN_PANEL, CampaignKeys
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ def command(given: Given) -> None:
                 campaign = Campaign(**given)
         except ValueError as error:
             raise ValueError(_called(str(error))) from None
+    if campaign is not None:
+        note_on_boluses(campaign.patient, given.get("controllers", ()))
     keep_compiled()
     if nonsense is not None:
         _check_nonsense(nonsense, as_json=as_json)

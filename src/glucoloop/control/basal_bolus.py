@@ -253,5 +253,6 @@ def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
         insulin_on_board_min=settings.insulin_on_board_min,
         correction_above_mg_dl=settings.correction_above_mg_dl,
         correction_every_min=settings.correction_every_min,
+        bolus=case.bolus,
         sample_time_min=case.sample_time_min,
     )

@@ -11,6 +11,7 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.pumps.bolus import BolusLimits
 from glucoloop.pumps.limits import DoseLimits
 
 
@@ -20,6 +21,11 @@ class DesignCase(Protocol):
     @property
     def limits(self) -> DoseLimits:
         """Limits of the pump."""
+        ...
+
+    @property
+    def bolus(self) -> BolusLimits:
+        """Limits of a bolus of the pump."""
         ...
 
     @property

@@ -23,7 +23,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.pumps import DoseLimits
+from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import PREFIX
 from glucoloop.registry.patients import patient_entry
@@ -46,6 +46,8 @@ class DesignCase:
     """Noise variance of the readings."""
     dead_time_samples: int
     """Dead time that the controller knows, 0 if it does not know it."""
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS
+    """Limits of a bolus of the pump."""
 
     @property
     def basal_insulin_mU_min(self) -> float:
@@ -140,6 +142,7 @@ def design_of(
         sample_time_min=situation.sample_time_min,
         noise_variance=situation.noise_variance,
         dead_time_samples=known_samples,
+        bolus=situation.bolus,
     )
 
     def designed(tuning: Mapping[str, Value]) -> Controller:

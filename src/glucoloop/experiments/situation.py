@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from glucoloop.meals import MealModel, meal_model
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients import patient as named_patient
-from glucoloop.pumps import DoseLimits, dose_limits
+from glucoloop.pumps import BolusLimits, DoseLimits, bolus_limits, dose_limits
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
 
 
@@ -48,6 +48,9 @@ class Situation:
     min_insulin_mU_min: float = USUAL_PATIENT.min_insulin_mU_min
     max_insulin_mU_min: float = USUAL_PATIENT.max_insulin_mU_min
     pump_resolution_mU_min: float | None = None
+    max_bolus_U: float = 25.0
+    min_bolus_U: float = 0.05
+    bolus_step_U: float = 0.05
     faults: tuple[str, ...] = ()
     """Faults of sensor and pump, the first innermost; see `registry.fault_text`."""
     sample_time_min: float = 5.0
@@ -105,6 +108,17 @@ class Situation:
             min_mU_min=self.min_insulin_mU_min,
             max_mU_min=self.max_insulin_mU_min,
         )
+
+    @property
+    def bolus(self) -> BolusLimits:
+        """Limits of a bolus of the pump.
+
+        Raises
+        ------
+        ValueError
+            If the bounds are not possible.
+        """
+        return bolus_limits(max_U=self.max_bolus_U, min_U=self.min_bolus_U, step_U=self.bolus_step_U)
 
 
 def usual_situation(patient: str = USUAL_PATIENT.name) -> Situation:

@@ -19,7 +19,7 @@ import numpy as np
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.situation import Situation
-from glucoloop.pumps import DoseLimits, LimitedPump, Pump, with_resolution
+from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
 
@@ -54,10 +54,16 @@ def record_sensor(situation: Situation, noise_variance: float) -> Sensor:
     return sensor_of(dataclasses.replace(situation, noise_variance=noise_variance, dead_time_samples=0))
 
 
-def pump_of(limits: DoseLimits, resolution_mU_min: float | None) -> Pump:
-    """Pump with limits, and with a smallest step of its rate if one is given."""
-    pump = LimitedPump(limits=limits)
-    return pump if resolution_mU_min is None else with_resolution(resolution_mU_min, pump)
+def pump_of(situation: Situation) -> Pump:
+    """Pump with the limits of a situation, and with a smallest step of its rate if there is one.
+
+    Raises
+    ------
+    ValueError
+        If the limits are not possible.
+    """
+    resolution, pump = situation.pump_resolution_mU_min, LimitedPump(limits=situation.limits, bolus=situation.bolus)
+    return pump if resolution is None else with_resolution(resolution, pump)
 
 
 def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroundings:
@@ -69,7 +75,7 @@ def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroun
         If a fault is not possible.
     """
     limits, every = situation.limits, [parse_fault(text) for text in (*situation.faults, *faults)]
-    pump = pump_of(limits, situation.pump_resolution_mU_min)
+    pump = pump_of(situation)
     return Surroundings(
         sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min),
         pump=faulty_pump(pump, every, situation.sample_time_min, limits),

@@ -47,6 +47,8 @@ class ControllerEntry(Entry):
     tunable: bool = False
     """Whether `glucoloop tune` tries a grid of it: it has the settings of a predictive controller, and `horizons` and
     `padded` as `control.LinearMPC` has them."""
+    gives_boluses: bool = False
+    """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
     slow: bool = False
     """Whether a decision takes so long that studies of many loops use fewer and shorter ones with this controller."""
     searched: tuple[Tuned, ...] = ()
@@ -168,6 +170,7 @@ CONTROLLERS: Final = Catalogue(
             record="glucoloop.control.settings:BasalBolusSettings",
             uses_model=False,
             individual="glucoloop.experiments.individual:by_basal_rate",
+            gives_boluses=True,
         ),
         ControllerEntry(
             name="basal",

@@ -17,7 +17,7 @@ from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.registry.settings import Value
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
-from glucoloop.units import MIN_PER_DAY, MIN_PER_H
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
 
 
 def run_facts(run: Run) -> dict[str, str]:
@@ -82,6 +82,14 @@ def _of_run(keys: SituationKeys) -> dict[str, str]:
     return {**told, "Length": _length(keys.duration_min), "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}"}
 
 
+def _per_hour(situation: Situation) -> str:
+    """Rates of the pump in the unit of pumps, where insulin is given under the skin."""
+    if not situation.whom[0].under_the_skin:
+        return ""
+    least, most = (u_h_from_mu_min(float(rate)) for rate in (situation.limits.min_mU_min, situation.limits.max_mU_min))
+    return f" ({least:.3g} to {most:.3g} U/h)"
+
+
 def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
     entry, point = situation.whom
     sensor = [
@@ -92,11 +100,12 @@ def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
         f"a reading every {situation.sample_time_min:g} min",
         *([f"at the site {situation.site}"] if situation.site else []),
     ]
-    limits = situation.limits
+    limits, bolus = situation.limits, situation.bolus
     pump = [
-        f"{float(limits.min_mU_min):g} to {float(limits.max_mU_min):g} mU/min",
+        f"{float(limits.min_mU_min):g} to {float(limits.max_mU_min):g} mU/min{_per_hour(situation)}",
         f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
         *([f"steps of {situation.pump_resolution_mU_min:g} mU/min"] if situation.pump_resolution_mU_min else []),
+        *([f"boluses of at most {float(bolus.max_mU) / MU_PER_U:g} U"] if entry.under_the_skin else []),
     ]
     if situation.announced and meals != "none":
         meals += ", announced"

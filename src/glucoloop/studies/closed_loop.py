@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from glucoloop.config.doubts import BOLUS_INTO_A_VEIN
 from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
@@ -193,10 +194,7 @@ def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[s
             f"which is {basal:.4g} mU/min."
         )
     elif gives_boluses(controller):
-        yield (
-            "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; "
-            "boluses are meant for insulin under the skin, as of hovorka-2004."
-        )
+        yield BOLUS_INTO_A_VEIN
 
 
 def notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:

@@ -207,6 +207,29 @@ class SituationKeys:
         float | None,
         _pump("Smallest step of the rate; any rate by default.", above=0.0, at_most=10_000.0, quantity=RATE_STEP),
     ] = None
+    max_bolus_U: Annotated[
+        float, _pump("Largest bolus of the pump.", flag="--max-bolus", metavar="U", above=0.0, at_most=1000.0)
+    ] = 25.0
+    min_bolus_U: Annotated[
+        float,
+        _pump(
+            "Least bolus that the pump gives; a smaller one is not given.",
+            flag="--min-bolus",
+            metavar="U",
+            at_least=0.0,
+            at_most=1000.0,
+        ),
+    ] = 0.05
+    bolus_step_U: Annotated[
+        float,
+        _pump(
+            "Step of a bolus, which is rounded down to whole ones.",
+            flag="--bolus-step",
+            metavar="U",
+            above=0.0,
+            at_most=1000.0,
+        ),
+    ] = 0.05
     faults: Annotated[
         tuple[str, ...],
         Key(

@@ -191,7 +191,7 @@ def _around(made: experiments.Situation, variance: jax.Array) -> Surroundings:
     sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=made.noise_bound_mg_dl)
     if made.dead_time_samples:
         sensor = dead_time(made.dead_time_samples, sensor)
-    return Surroundings(sensor=sensor, pump=pump_of(made.limits, made.pump_resolution_mU_min))
+    return Surroundings(sensor=sensor, pump=pump_of(made))
 
 
 def _together(asked: ClaimsKeys) -> int:
