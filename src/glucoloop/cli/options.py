@@ -33,7 +33,7 @@ class Option:
 
     key: str
     flag: str
-    """Name with dashes; a switch has its opposite after a slash."""
+    """Name with dashes, a switch with its opposite after a slash; without dashes it is an argument, which is needed."""
     kind: Any
     help: str
     panel: str
@@ -56,6 +56,9 @@ class Option:
     def parameter(self) -> inspect.Parameter:
         """Parameter of a command's signature, from which Typer makes the option."""
         told = self.help if self.default is None else f"{self.help} (default {self.default})"
+        if not self.flag.startswith("-"):
+            required = typer.Argument(..., help=told, metavar=self.flag)
+            return inspect.Parameter(self.key, inspect.Parameter.KEYWORD_ONLY, default=required, annotation=self.kind)
         info = typer.Option(
             None, self.flag, help=told, metavar=self.metavar, rich_help_panel=self.panel, show_default=False
         )

@@ -14,8 +14,6 @@ from glucoloop.papers.parker1999.parts import Part
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.report.print_figure import KINDS, figure_bytes
 
-SEEDS: Final = 60
-QUICK_SEEDS: Final = 3
 QUICK_DEAD_TIMES_MIN: Final = (0, 5)
 
 
