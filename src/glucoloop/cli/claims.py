@@ -14,7 +14,7 @@ from glucoloop.papers.meal_aware.options import EXTENT_PANEL, QUICK, ClaimsKeys
 
 if TYPE_CHECKING:
     from glucoloop.papers.meal_aware.comparison import Verdict
-    from glucoloop.papers.meal_aware.experiments import Study
+    from glucoloop.papers.meal_aware.experiments import ComparisonRuns
 
 HELP: Final = (
     "Say of each claim about the meal-aware controller whether it holds, with the number, its bound and the seeds.\n\n"
@@ -61,7 +61,7 @@ def _read(keys: Given, of_file: dict[str, Any]) -> ClaimsKeys:
     return read_asked({**of_file, **quick, **keys}, called)
 
 
-def _tell(done: Study, judged: Sequence[Verdict], output: Output, files: dict[str, str]) -> None:
+def _tell(done: ComparisonRuns, judged: Sequence[Verdict], output: Output, files: dict[str, str]) -> None:
     from glucoloop.papers.meal_aware.pages import HOLDS, bound_told, number, report, seeds_told, summary_told
 
     notes = tuple(seeds_told(done))

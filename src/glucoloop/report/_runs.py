@@ -37,7 +37,7 @@ _SAME_MG_DL = 1e-9
 
 
 @dataclass(frozen=True)
-class Run:
+class PlottedRun:
     """One trace as NumPy arrays."""
 
     label: str
@@ -73,7 +73,7 @@ class Run:
         return float(self.fine_t_min[-1])
 
 
-def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -> list[Run]:
+def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -> list[PlottedRun]:
     """Runs of a trace, or of several by label.
 
     Parameters
@@ -100,7 +100,7 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
     return runs
 
 
-def _run(label: str, trace: Trace) -> Run:
+def _run(label: str, trace: Trace) -> PlottedRun:
     fine_glucose = np.asarray(trace.fine_glucose_mg_dl, float)
     if fine_glucose.ndim != 1:
         raise ValueError(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
@@ -110,7 +110,7 @@ def _run(label: str, trace: Trace) -> Run:
     valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
     differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
     shown = valid if (valid & differs).any() else np.zeros_like(valid)
-    return Run(
+    return PlottedRun(
         label=label,
         t_min=np.append(t_min, fine_t_min[-1]),
         insulin_mU_min=np.append(insulin, insulin[-1]),
@@ -154,7 +154,7 @@ def _above_zero(t_min: Floats, amounts: Floats) -> tuple[tuple[float, float], ..
     return tuple((float(t), float(amount)) for t, amount in zip(t_min, amounts, strict=True) if amount > 0.0)
 
 
-def limits_passed(runs: Sequence[Run]) -> list[float]:
+def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:
     """The limits of the patients' models that glucose fell below, each once."""
     return list(dict.fromkeys(run.lowest_valid_mg_dl for run in runs if run.validity_note is not None))
 

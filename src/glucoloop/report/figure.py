@@ -12,7 +12,7 @@ from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
-from glucoloop.report._runs import Floats, Run, labelled_runs, limits_passed, values_in_words
+from glucoloop.report._runs import Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.report.people_figure import plot_people
 from glucoloop.simulation import Trace
@@ -117,7 +117,7 @@ def _dot() -> Artist:
 
 
 def _draw_glucose(
-    axes: Axes, runs: Sequence[Run], divisor: float, lowest_mg_dl: float, entries: dict[str, Artist]
+    axes: Axes, runs: Sequence[PlottedRun], divisor: float, lowest_mg_dl: float, entries: dict[str, Artist]
 ) -> None:
     setpoints = list(dict.fromkeys(run.setpoint_mg_dl for run in runs))
     for setpoint in setpoints:
@@ -198,7 +198,7 @@ def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float
 
 
 def _draw_insulin(
-    axes: Axes, runs: Sequence[Run], divisor: float, limits: DoseLimits, entries: dict[str, Artist]
+    axes: Axes, runs: Sequence[PlottedRun], divisor: float, limits: DoseLimits, entries: dict[str, Artist]
 ) -> None:
     basal = list(dict.fromkeys(run.basal_insulin_mU_min for run in runs))
     for rate in basal:
@@ -219,7 +219,7 @@ def _draw_insulin(
     axes.set_xlim(0.0, max(run.horizon_min for run in runs) / divisor)
 
 
-def _draw_boluses(axes: Axes, runs: Sequence[Run], divisor: float, entries: dict[str, Artist]) -> None:
+def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
     """A stem for each bolus, on an axis of its own in units of insulin, with its size above where there is room."""
     from matplotlib.lines import Line2D
 

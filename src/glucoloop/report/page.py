@@ -28,7 +28,7 @@ from glucoloop.report._plot import (
     swatch,
     thinned,
 )
-from glucoloop.report._runs import STATUS_WORDS, Floats, Run, labelled_runs, limits_passed, values_in_words
+from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report.facts import fault_in_words
 from glucoloop.report.fault_words import window_of
 from glucoloop.report.rows import metric_rows
@@ -116,7 +116,7 @@ def interactive_page(
     return _page.page(title, "\n".join(parts), script=True)
 
 
-def _picture(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
+def _picture(runs: Sequence[PlottedRun], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
     end_min = max(run.horizon_min for run in runs)
     most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
     panels = [_glucose_panel(runs, lowest_mg_dl, end_min, most), _insulin_panel(runs, limits, end_min)]
@@ -134,12 +134,12 @@ def _style(index: int) -> str:
     return f'class="{run_class(index)}" style="stroke: {colour(index)}"'
 
 
-def _named(runs: Sequence[Run], run: Run, what: str) -> str:
+def _named(runs: Sequence[PlottedRun], run: PlottedRun, what: str) -> str:
     name = f"{run.label}, {what}" if len(runs) > 1 else what
     return f'data-name="{html.escape(name)}"'
 
 
-def _glucose_panel(runs: Sequence[Run], lowest_mg_dl: float, end_min: float, most: int) -> Panel:
+def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, end_min: float, most: int) -> Panel:
     setpoints = [run.setpoint_mg_dl for run in runs]
     low, high = extent(
         [*setpoints, lowest_mg_dl], *(part for run in runs for part in (run.fine_glucose_mg_dl, run.reading_mg_dl))
@@ -173,7 +173,7 @@ def _glucose_panel(runs: Sequence[Run], lowest_mg_dl: float, end_min: float, mos
     return panel
 
 
-def _course(run: Run) -> str:
+def _course(run: PlottedRun) -> str:
     glucose = run.fine_glucose_mg_dl
     if not np.isfinite(glucose).any():
         return "no finite glucose"
@@ -185,7 +185,7 @@ def _course(run: Run) -> str:
     )
 
 
-def _insulin_panel(runs: Sequence[Run], limits: DoseLimits, end_min: float) -> Panel:
+def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, end_min: float) -> Panel:
     basal = [run.basal_insulin_mU_min for run in runs]
     bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
     commanded = [_within(run.command_mU_min, limits) for run in runs]
@@ -218,13 +218,13 @@ def _within(command_mU_min: Floats, limits: DoseLimits) -> Floats:
     return np.clip(command_mU_min, float(limits.min_mU_min), float(limits.max_mU_min))
 
 
-def _differs(run: Run, limits: DoseLimits) -> bool:
+def _differs(run: PlottedRun, limits: DoseLimits) -> bool:
     """Whether another rate was delivered than was commanded, by more than the picture shows."""
     asked = _within(run.command_mU_min, limits)
     return not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True)
 
 
-def _bolus_panel(runs: Sequence[Run]) -> Panel:
+def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
     sizes = [size for run in runs for _, size in (*run.boluses, *run.command_boluses)]
     delivered = [f"{run.label}: {_boluses_told(run.boluses)}" for run in runs]
     few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
@@ -251,7 +251,7 @@ def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple
             yield fault, window
 
 
-def _lanes(runs: Sequence[Run], faults: Sequence[str], end_min: float) -> list[str]:
+def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> list[str]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
     lanes = [
         lane(f"Fault: {fault_in_words(fault)}", [([window], "var(--run-1)")], end_min)
@@ -264,7 +264,7 @@ def _lanes(runs: Sequence[Run], faults: Sequence[str], end_min: float) -> list[s
     return lanes
 
 
-def _legend(runs: Sequence[Run], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
+def _legend(runs: Sequence[PlottedRun], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
     entries = []
     for index, run in enumerate(runs):
         sample = f"{swatch(_style(index).replace(f'run-{index} ', ''))}{html.escape(run.label)}"
@@ -303,7 +303,7 @@ def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{size:.4g} U at {t_min:g} min" for t_min, size in boluses)
 
 
-def _events(runs: Sequence[Run], faults: Sequence[str]) -> str:
+def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> str:
     """Meals, faults, boluses, low glucose and what the guard did, in words."""
     meals = runs[0].meals
     told = [f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in meals) or 'none'}."]
@@ -344,7 +344,7 @@ def _metrics_table(metrics: Mapping[str, Metrics], heads: Sequence[str]) -> str:
     return _page.scrolling("\n".join(lines), "Metrics")
 
 
-def _numbers(runs: Sequence[Run]) -> str:
+def _numbers(runs: Sequence[PlottedRun]) -> str:
     """Some of the samples as a table, in place of the picture."""
     t_min = runs[0].t_min
     every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))

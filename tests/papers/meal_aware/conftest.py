@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.experiments import MEASURES, Loops, Study, numbers_of
+from glucoloop.papers.meal_aware.experiments import MEASURES, ComparisonRuns, ControllerRuns, numbers_of
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, SITUATIONS, read_asked
 
 SETPOINT = 81.1
@@ -24,7 +24,7 @@ def written(undershoots, *, late=None, variation=100.0, quiet=None):
         "minimum_mg_dl": glucose.min(axis=0),
         "insulin_total_variation_mU_min": np.full(runs, variation),
     }
-    return Loops(
+    return ControllerRuns(
         run=np.arange(1, runs + 1),
         numbers=numbers_of(metrics, T_MIN, glucose, SETPOINT),
         t_min=T_MIN,
@@ -45,7 +45,7 @@ def study_of():
             name: {one: ((others or {}).get(one) or own) for one in CONTROLLERS} for name, own in situations.items()
         }
         asked = read_asked({"seeds": 3, "people": 3, **keys})
-        return Study(
+        return ComparisonRuns(
             asked=asked,
             loops=loops,
             situations=tuple(one for one in SITUATIONS if one.name in situations),

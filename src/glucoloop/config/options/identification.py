@@ -10,14 +10,14 @@ from glucoloop.config.key import Key
 from glucoloop.config.options.case import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY, MODEL_PANEL
 from glucoloop.config.options.situation import (
     PAPER_SAMPLE_TIME_MIN,
-    AllowUnusual,
-    DeadTime,
-    NoiseBound,
-    OperatingPoint,
-    Patient,
-    SampleTime,
-    Seed,
-    Variance,
+    AllowUnusualKey,
+    DeadTimeKey,
+    NoiseBoundKey,
+    OperatingPointKey,
+    PatientKey,
+    SampleTimeKey,
+    SeedKey,
+    VarianceKey,
     place_of,
     situation_of,
     whole_samples,
@@ -48,11 +48,11 @@ _record = functools.partial(Key, panel="Record")
 class IdentificationKeys:
     """Complete configuration of an identification."""
 
-    patient: Patient = USUAL_PATIENT.name
-    operating_point: OperatingPoint = USUAL_PATIENT.usual_point
-    noise_variance: Variance = 0.0
-    noise_bound_mg_dl: NoiseBound = 5.0
-    dead_time_min: DeadTime = 0.0
+    patient: PatientKey = USUAL_PATIENT.name
+    operating_point: OperatingPointKey = USUAL_PATIENT.usual_point
+    noise_variance: VarianceKey = 0.0
+    noise_bound_mg_dl: NoiseBoundKey = 5.0
+    dead_time_min: DeadTimeKey = 0.0
     amplitude_mU_min: Annotated[
         float,
         _experiment("Height of the pulses, at most the basal rate.", above=0.0, at_most=10_000.0, quantity=RATE_CHANGE),
@@ -83,9 +83,9 @@ class IdentificationKeys:
             told="from rest",
         ),
     ] = True
-    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
-    seed: Seed = 0
-    allow_unusual: AllowUnusual = False
+    sample_time_min: SampleTimeKey = PAPER_SAMPLE_TIME_MIN
+    seed: SeedKey = 0
+    allow_unusual: AllowUnusualKey = False
     memory: Annotated[int, MEMORY] = 36
     laguerre_pole: Annotated[float, LAGUERRE_POLE] = 0.84
     best_pole: Annotated[bool, Key("Search for the pole that fits best.", panel=MODEL_PANEL)] = False

@@ -63,17 +63,17 @@ KINDS_OF_FAULTS: Final = (
 )
 
 # Keys that an identification has as well.
-Patient = Annotated[
+PatientKey = Annotated[
     str,
     _patient(
         f"{PATIENTS_TOLD}; or one of another package, or module:attribute. Pump, model and tuning are by default those "
         "usual for it."
     ),
 ]
-OperatingPoint = Annotated[
+OperatingPointKey = Annotated[
     str, _patient(f"Where the patient rests. {_POINTS}", metavar="NAME", told="the first of the patient's")
 ]
-Variance = Annotated[
+VarianceKey = Annotated[
     float,
     _sensor(
         "Variance of the noise on each reading, (mg/dl)²; the paper's is 1.45.",
@@ -83,14 +83,14 @@ Variance = Annotated[
         quantity=NOISE_VARIANCE,
     ),
 ]
-NoiseBound = Annotated[
+NoiseBoundKey = Annotated[
     float, _sensor("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
 ]
-DeadTime = Annotated[
+DeadTimeKey = Annotated[
     float,
     _sensor("Delay of the readings; a whole number of samples.", at_least=0.0, at_most=1440.0, quantity=DEAD_TIME),
 ]
-SampleTime = Annotated[
+SampleTimeKey = Annotated[
     float,
     _run(
         "Time between two readings, and between two doses.",
@@ -99,8 +99,8 @@ SampleTime = Annotated[
         quantity=SAMPLE_TIME,
     ),
 ]
-Seed = Annotated[int, _run("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)]
-AllowUnusual = Annotated[bool, _run("Accept values that look like another unit or are implausible.")]
+SeedKey = Annotated[int, _run("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)]
+AllowUnusualKey = Annotated[bool, _run("Accept values that look like another unit or are implausible.")]
 
 
 def place_of(patient: str, operating_point: str) -> str:
@@ -112,8 +112,8 @@ def place_of(patient: str, operating_point: str) -> str:
 class SituationKeys:
     """Keys that all controllers of a comparison share."""
 
-    patient: Patient = USUAL_PATIENT.name
-    operating_point: OperatingPoint = USUAL_PATIENT.usual_point
+    patient: PatientKey = USUAL_PATIENT.name
+    operating_point: OperatingPointKey = USUAL_PATIENT.usual_point
     setpoint_mg_dl: Annotated[
         float | None,
         _patient(
@@ -169,9 +169,9 @@ class SituationKeys:
         str | None,
         _patient("Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM"),
     ] = None
-    noise_variance: Variance = 0.0
-    noise_bound_mg_dl: NoiseBound = 5.0
-    dead_time_min: DeadTime = 0.0
+    noise_variance: VarianceKey = 0.0
+    noise_bound_mg_dl: NoiseBoundKey = 5.0
+    dead_time_min: DeadTimeKey = 0.0
     site: Annotated[
         str | None,
         _sensor(
@@ -244,13 +244,13 @@ class SituationKeys:
     duration_min: Annotated[
         float, _run("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
     ] = 600.0
-    sample_time_min: SampleTime = PAPER_SAMPLE_TIME_MIN
-    seed: Seed = 0
+    sample_time_min: SampleTimeKey = PAPER_SAMPLE_TIME_MIN
+    seed: SeedKey = 0
     integrator: Annotated[
         Literal["fast", "adaptive"],
         _run("fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference."),
     ] = "fast"
-    allow_unusual: AllowUnusual = False
+    allow_unusual: AllowUnusualKey = False
 
     @property
     def place(self) -> str:

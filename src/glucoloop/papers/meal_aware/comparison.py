@@ -9,14 +9,21 @@ from typing import Final
 
 import numpy as np
 
-from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, NEAR_MG_DL, SWING_MG_DL, Loops, Study
-from glucoloop.papers.meal_aware.situations import OURS, Situation
+from glucoloop.papers.meal_aware.experiments import (
+    LATE_MIN,
+    MEASURES,
+    NEAR_MG_DL,
+    SWING_MG_DL,
+    ComparisonRuns,
+    ControllerRuns,
+)
+from glucoloop.papers.meal_aware.situations import OURS, NamedSituation
 from glucoloop.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
 
 SHARES: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
 """Percentiles that are reported, in percent of the runs."""
 
-Found = Callable[[Loops], float]
+Found = Callable[[ControllerRuns], float]
 
 
 @dataclass(frozen=True)
@@ -76,15 +83,15 @@ def _median(measure: str) -> Found:
     return _percentile(measure, 50.0)
 
 
-def _below_60(loops: Loops) -> float:
+def _below_60(loops: ControllerRuns) -> float:
     return float((loops.numbers["minimum_mg_dl"] < 60.0).sum())
 
 
-def _crossings(loops: Loops) -> float:
+def _crossings(loops: ControllerRuns) -> float:
     return math.nan if loops.quiet is None else float(loops.quiet.crossings)
 
 
-def _turns(loops: Loops) -> float:
+def _turns(loops: ControllerRuns) -> float:
     return math.nan if loops.quiet is None else float(loops.quiet.turns)
 
 
@@ -158,7 +165,7 @@ CLAIMS: Final = (
 )
 
 
-def verdicts(study: Study) -> list[Verdict]:
+def verdicts(study: ComparisonRuns) -> list[Verdict]:
     """Result of each claim about a situation that was run."""
     found = []
     for claim in CLAIMS:
@@ -172,7 +179,7 @@ def verdicts(study: Study) -> list[Verdict]:
     return found
 
 
-def runs_told(study: Study, situation: str) -> str:
+def runs_told(study: ComparisonRuns, situation: str) -> str:
     """Runs from which the numbers of a situation come, in words."""
     asked = study.asked
     runs = next(one.runs for one in study.situations if one.name == situation)
@@ -185,7 +192,7 @@ def runs_told(study: Study, situation: str) -> str:
     return "one run"
 
 
-def spread(loops: Loops) -> dict[str, dict[str, float]]:
+def spread(loops: ControllerRuns) -> dict[str, dict[str, float]]:
     """Percentiles of each measure over the runs, by measure and by name in `SHARES`."""
     return {
         measure.name: {name: float(np.percentile(loops.numbers[measure.name], share)) for name, share in SHARES.items()}
@@ -193,7 +200,7 @@ def spread(loops: Loops) -> dict[str, dict[str, float]]:
     }
 
 
-def distances(study: Study, situation: Situation) -> dict[str, dict[str, float]]:
+def distances(study: ComparisonRuns, situation: NamedSituation) -> dict[str, dict[str, float]]:
     """Excess of the largest deviation over the bound, by controller; empty where no bound is known.
 
     It is that of `bounds.distance_to_bound` for each run; percentiles of it are reported.

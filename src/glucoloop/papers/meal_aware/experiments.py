@@ -27,7 +27,7 @@ from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.papers.meal_aware.options import ClaimsKeys
-from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, Situation
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, NamedSituation
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
@@ -76,7 +76,7 @@ MEASURES: Final = (
 
 
 @dataclass(frozen=True)
-class Loops:
+class ControllerRuns:
     """Runs of one controller in one situation; runs are the trailing axis."""
 
     run: npt.NDArray[np.int64]
@@ -99,13 +99,13 @@ class Loops:
 
 
 @dataclass(frozen=True)
-class Study:
+class ComparisonRuns:
     """All runs of the comparison."""
 
     asked: ClaimsKeys
-    loops: Mapping[str, Mapping[str, Loops]]
+    loops: Mapping[str, Mapping[str, ControllerRuns]]
     """Loops by situation and controller."""
-    situations: tuple[Situation, ...]
+    situations: tuple[NamedSituation, ...]
     bounds: Mapping[str, OptimalDoses]
     """Best possible doses, by situation."""
     step_ms: Mapping[str, float]
@@ -114,7 +114,9 @@ class Study:
     """The controller that the claims are about."""
 
 
-def loops_to_close(asked: ClaimsKeys, situations: Sequence[Situation], controllers: Sequence[str] = CONTROLLERS) -> int:
+def loops_to_close(
+    asked: ClaimsKeys, situations: Sequence[NamedSituation], controllers: Sequence[str] = CONTROLLERS
+) -> int:
     """Number of loops in a study."""
     of_each = {"one": 1, "seeds": asked.seeds, "people": asked.people}
     return len(controllers) * sum(of_each[situation.runs] for situation in situations)
@@ -122,13 +124,13 @@ def loops_to_close(asked: ClaimsKeys, situations: Sequence[Situation], controlle
 
 def study(
     asked: ClaimsKeys,
-    situations: Sequence[Situation],
+    situations: Sequence[NamedSituation],
     *,
     progress: Progress,
     controllers: Sequence[str] = CONTROLLERS,
     ours: str = OURS,
     timed: bool = True,
-) -> Study:
+) -> ComparisonRuns:
     """Simulate every loop of the comparison.
 
     Parameters
@@ -145,7 +147,7 @@ def study(
         Whether one sample of one patient is timed.
     """
     models, together = _Models(), _together(asked)
-    loops: dict[str, dict[str, Loops]] = {}
+    loops: dict[str, dict[str, ControllerRuns]] = {}
     for situation in situations:
         loops[situation.name] = {}
         for name in controllers:
@@ -155,7 +157,7 @@ def study(
                 seeds = asked.sensor_seeds if situation.runs == "seeds" else asked.sensor_seeds[:1]
                 of_case = _loops_of_seeds(situation, name, seeds, models, together, progress)
             loops[situation.name][name] = of_case
-    return Study(
+    return ComparisonRuns(
         asked=asked,
         loops=loops,
         situations=tuple(situations),
@@ -202,8 +204,8 @@ def _together(asked: ClaimsKeys) -> int:
 
 
 def _loops_of_seeds(
-    situation: Situation, name: str, seeds: Sequence[int], models: _Models, together: int, progress: Progress
-) -> Loops:
+    situation: NamedSituation, name: str, seeds: Sequence[int], models: _Models, together: int, progress: Progress
+) -> ControllerRuns:
     """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     runs = [read_run(situation.of(name, seed)) for seed in seeds]
     made, scenario = runs[0].situation.situation(), _scenario(runs[0])
@@ -234,7 +236,7 @@ def _loops_of_seeds(
     found = {name: np.asarray(values, float)[kept] for name, values in metrics.by_name().items()}
     grid = sample_grid(scenario.horizon_min, made.sample_time_min)
     setpoint = made.target_mg_dl
-    return Loops(
+    return ControllerRuns(
         run=np.asarray(seeds, np.int64),
         numbers=numbers_of(found, grid.fine_t_min, glucose[kept].T, setpoint),
         t_min=grid.fine_t_min,
@@ -246,7 +248,7 @@ def _loops_of_seeds(
     )
 
 
-def _loops_of_people(situation: Situation, name: str, asked: ClaimsKeys, progress: Progress) -> Loops:
+def _loops_of_people(situation: NamedSituation, name: str, asked: ClaimsKeys, progress: Progress) -> ControllerRuns:
     """One run per person, equal to that of ``glucoloop trial`` with the seed."""
     keys = {key: value for key, value in situation.of(name, asked.seed).items() if key != "controller"}
     trial = read_trial({**keys, "population": "parker2000", "people": asked.people, "controllers": [name]})
@@ -267,7 +269,7 @@ def _loops_of_people(situation: Situation, name: str, asked: ClaimsKeys, progres
     }
     grid, setpoint = prepared.grid, prepared.setpoint_mg_dl
     t_min = np.append(grid.t_min, trial.plan.horizon_min)
-    return Loops(
+    return ControllerRuns(
         run=np.concatenate([part.person for part in parts])[feasible],
         numbers=numbers_of(found, t_min, glucose, setpoint),
         t_min=t_min,
@@ -309,7 +311,7 @@ def numbers_of(
     return {measure.name: np.asarray({**metrics, **own}[measure.name], float) for measure in MEASURES}
 
 
-def _bounds(situations: Sequence[Situation]) -> dict[str, OptimalDoses]:
+def _bounds(situations: Sequence[NamedSituation]) -> dict[str, OptimalDoses]:
     """Best possible doses with any noise; they depend only on whether the meal is announced."""
     found: dict[bool, OptimalDoses] = {}
     bounds = {}

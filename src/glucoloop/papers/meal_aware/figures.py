@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
-from glucoloop.papers.meal_aware.experiments import Loops, Study
-from glucoloop.papers.meal_aware.situations import CONTROLLERS, HORIZON_MIN, MEAL, NAMES, OURS, Situation
+from glucoloop.papers.meal_aware.experiments import ComparisonRuns, ControllerRuns
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, HORIZON_MIN, MEAL, NAMES, OURS, NamedSituation
 from glucoloop.report import _style
 from glucoloop.report._style import DASHES, FONT_PT, GREY, OKABE_ITO, Width
 
@@ -33,7 +33,7 @@ _AROUND_MG_DL: Final = 1.5
 _AROUND_MU_MIN: Final = 2.0
 
 
-def draw(study: Study, *, width: Width = "double") -> dict[str, Figure]:
+def draw(study: ComparisonRuns, *, width: Width = "double") -> dict[str, Figure]:
     """One figure for each situation that was run, by its name.
 
     Where each controller has one run, glucose and insulin of all controllers are drawn over each other, with those of
@@ -59,7 +59,7 @@ def draw(study: Study, *, width: Width = "double") -> dict[str, Figure]:
     }
 
 
-def caption(situation: Situation) -> str:
+def caption(situation: NamedSituation) -> str:
     """Caption of a figure."""
     if situation.runs == "one":
         best = ", and the best doses that there are" if situation.bounded else ""
@@ -71,7 +71,7 @@ def caption(situation: Situation) -> str:
     )
 
 
-def _lines(loops: Mapping[str, Loops], bound: OptimalDoses | None, width: Width) -> Figure:
+def _lines(loops: Mapping[str, ControllerRuns], bound: OptimalDoses | None, width: Width) -> Figure:
     figure = _style.new_figure(width, _LINES_MM, None)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
     entries: dict[str, Artist] = {}
@@ -91,7 +91,7 @@ def _lines(loops: Mapping[str, Loops], bound: OptimalDoses | None, width: Width)
     return figure
 
 
-def _bands(loops: Mapping[str, Loops], width: Width) -> Figure:
+def _bands(loops: Mapping[str, ControllerRuns], width: Width) -> Figure:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -134,12 +134,12 @@ def _bands(loops: Mapping[str, Loops], width: Width) -> Figure:
     return figure
 
 
-def _held(loops: Loops, insulin_mU_min: Any) -> tuple[Any, Any]:
+def _held(loops: ControllerRuns, insulin_mU_min: Any) -> tuple[Any, Any]:
     """Rates and their times, the last one held until the end."""
     return np.append(loops.insulin_t_min, loops.t_min[-1]), np.append(insulin_mU_min, insulin_mU_min[-1])
 
 
-def _range(loops: Mapping[str, Loops]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _range(loops: Mapping[str, ControllerRuns]) -> tuple[tuple[float, float], tuple[float, float]]:
     """Ranges of glucose and insulin that all columns share."""
     glucose = np.concatenate([np.percentile(own.glucose_mg_dl, (5.0, 95.0), axis=1).ravel() for own in loops.values()])
     insulin = np.concatenate([np.percentile(own.insulin_mU_min, (5.0, 95.0), axis=1).ravel() for own in loops.values()])

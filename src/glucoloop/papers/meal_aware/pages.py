@@ -10,10 +10,10 @@ from typing import Any, Final
 
 from glucoloop.config.key import plain
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, runs_told, spread
-from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, SWING_MG_DL, Study
+from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, SWING_MG_DL, ComparisonRuns
 from glucoloop.papers.meal_aware.figures import COLOURS, caption
 from glucoloop.papers.meal_aware.options import TUNING_PEOPLE_SEED, TUNING_SEEDS
-from glucoloop.papers.meal_aware.situations import NAMES, Situation
+from glucoloop.papers.meal_aware.situations import NAMES, NamedSituation
 from glucoloop.report import _page
 from glucoloop.report._page import Repeat, scrolling, section
 
@@ -87,7 +87,7 @@ def spread_told(shares: Mapping[str, float], digits: int, *, one: bool) -> str:
     return f"{middle} ({low} to {high})"
 
 
-def seeds_told(study: Study) -> list[str]:
+def seeds_told(study: ComparisonRuns) -> list[str]:
     """The seeds of the study and those on which the tuning was chosen, one sentence each."""
     asked, seeds = study.asked, study.asked.sensor_seeds
     told = [
@@ -108,7 +108,7 @@ def summary_told(verdicts: Sequence[Verdict]) -> str:
     return f"{held} of {len(verdicts)} claims hold."
 
 
-def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def report(study: ComparisonRuns, verdicts: Sequence[Verdict]) -> dict[str, Any]:
     """Report as plain values for JSON, the same for the same seeds: measured times are left out."""
     return {
         "config": plain(study.asked),
@@ -145,7 +145,7 @@ def report(study: Study, verdicts: Sequence[Verdict]) -> dict[str, Any]:
     }
 
 
-def page(study: Study, verdicts: Sequence[Verdict], figures: Mapping[str, str]) -> str:
+def page(study: ComparisonRuns, verdicts: Sequence[Verdict], figures: Mapping[str, str]) -> str:
     """Self-contained page of the claims.
 
     Parameters
@@ -171,12 +171,12 @@ def _name(name: str) -> str:
     return f'<span class="chip" style="background: {COLOURS[name]}"></span>{html.escape(NAMES[name])}'
 
 
-def _others(study: Study) -> list[str]:
+def _others(study: ComparisonRuns) -> list[str]:
     controllers = next(iter(study.loops.values()))
     return [name for name in controllers if name != study.ours]
 
 
-def _claims(study: Study, verdicts: Sequence[Verdict]) -> str:
+def _claims(study: ComparisonRuns, verdicts: Sequence[Verdict]) -> str:
     titles = {situation.name: situation.title for situation in study.situations}
     others = _others(study)
     heads = "".join(f'<th scope="col" class="value">{_name(name)}</th>' for name in (study.ours, *others))
@@ -210,7 +210,7 @@ def _claim(verdict: Verdict, others: Sequence[str]) -> str:
     )
 
 
-def _situation(study: Study, situation: Situation, svg: str) -> str:
+def _situation(study: ComparisonRuns, situation: NamedSituation, svg: str) -> str:
     loops, one = study.loops[situation.name], situation.runs == "one"
     from_bound = distances(study, situation)
     columns = [
@@ -259,7 +259,7 @@ def _wrapped(cell: str) -> str:
     return f"{middle}<small>{rest.removesuffix(')')}</small>" if opening else middle
 
 
-def _step(study: Study) -> str:
+def _step(study: ComparisonRuns) -> str:
     if not study.step_ms:
         return ""
     rows = "".join(

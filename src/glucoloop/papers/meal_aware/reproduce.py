@@ -10,7 +10,7 @@ import polars as pl
 from glucoloop.config.key import plain
 from glucoloop.config.toml import toml_text
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, spread, verdicts
-from glucoloop.papers.meal_aware.experiments import MEASURES, Progress, Study, loops_to_close, study
+from glucoloop.papers.meal_aware.experiments import MEASURES, ComparisonRuns, Progress, loops_to_close, study
 from glucoloop.papers.meal_aware.figures import draw
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.pages import REPEAT, page, report
@@ -27,7 +27,7 @@ def loops_of(asked: ClaimsKeys) -> int:
     return loops_to_close(asked, SITUATIONS, CONTROLLERS)
 
 
-def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[Study, list[Verdict]]:
+def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[ComparisonRuns, list[Verdict]]:
     """Simulate every loop and judge the claims.
 
     Parameters
@@ -40,7 +40,7 @@ def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[Study, list[Ver
     return done, verdicts(done)
 
 
-def write(write_file: WriteFile, done: Study, judged: Sequence[Verdict]) -> None:
+def write(write_file: WriteFile, done: ComparisonRuns, judged: Sequence[Verdict]) -> None:
     """Write tables, figures, page, and the configuration that repeats the comparison.
 
     Parameters
@@ -94,7 +94,7 @@ def claims_table(judged: Sequence[Verdict]) -> pl.DataFrame:
     )
 
 
-def numbers_table(done: Study) -> pl.DataFrame:
+def numbers_table(done: ComparisonRuns) -> pl.DataFrame:
     """Table with one row per situation, controller and measure: median and 5 to 95 % of the runs."""
     rows = []
     for situation in done.situations:
@@ -116,7 +116,7 @@ def numbers_table(done: Study) -> pl.DataFrame:
     return pl.DataFrame(rows)
 
 
-def runs_table(done: Study) -> pl.DataFrame:
+def runs_table(done: ComparisonRuns) -> pl.DataFrame:
     """Table with one row per run: its seed or person, and every measure."""
     tables = [
         pl.DataFrame({"run": loops.run, **{measure.name: loops.numbers[measure.name] for measure in MEASURES}}).select(

@@ -27,7 +27,7 @@ OPERATING_POINT: Final = "setpoint-81"
 
 
 @dataclass(frozen=True)
-class Situation:
+class NamedSituation:
     """Patient, meal and sensor, the same for all controllers."""
 
     name: str
@@ -55,23 +55,23 @@ class Situation:
 _NOISE: Final = {"noise_variance": NOISE_VARIANCE}
 
 SITUATIONS: Final = (
-    Situation("noise-free", "Without noise", "one", bounded=True),
-    Situation("noise", "With noise", "seeds", _NOISE, bounded=True),
-    Situation(
+    NamedSituation("noise-free", "Without noise", "one", bounded=True),
+    NamedSituation("noise", "With noise", "seeds", _NOISE, bounded=True),
+    NamedSituation(
         "dead-time-10",
         "With noise and a known dead time of 10 min",
         "seeds",
         {**_NOISE, "dead_time_min": 10.0, "known_dead_time": True},
         oscillation=True,
     ),
-    Situation(
+    NamedSituation(
         "dead-time-15",
         "With noise and a known dead time of 15 min",
         "seeds",
         {**_NOISE, "dead_time_min": 15.0, "known_dead_time": True},
     ),
-    Situation("announced", "Announced, without noise", "one", {"announce_meals": True}, bounded=True),
-    Situation("people", "People, with noise", "people", _NOISE),
+    NamedSituation("announced", "Announced, without noise", "one", {"announce_meals": True}, bounded=True),
+    NamedSituation("people", "People, with noise", "people", _NOISE),
 )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.metrics import Metrics
-from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, Run, Study, noisy_runs
+from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, NoisyRun, PointResults, noisy_runs
 from glucoloop.papers.parker1999.published import UNSETTLED, Entry, published
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
@@ -127,7 +127,7 @@ def _percent_less(ours: Any, theirs: Any) -> npt.NDArray[np.float64]:
     return np.asarray(100.0 * (1.0 - np.asarray(ours, float) / np.asarray(theirs, float)), np.float64)
 
 
-def _tables(study: Study) -> dict[str, Reproduced]:
+def _tables(study: PointResults) -> dict[str, Reproduced]:
     found: dict[str, Reproduced] = {}
     for name, loops in study.without_noise.items():
         metrics = loops.metrics
@@ -145,12 +145,12 @@ def _tables(study: Study) -> dict[str, Reproduced]:
     return found
 
 
-def _claims(study: Study) -> dict[str, Reproduced]:
+def _claims(study: PointResults) -> dict[str, Reproduced]:
     noisy = {key: loops.metrics for key, loops in study.with_noise.items()}
     return {**_claims_with_noise(noisy), **_claims_without_noise(study)}
 
 
-def _claims_with_noise(noisy: Mapping[Run, Metrics]) -> dict[str, Reproduced]:
+def _claims_with_noise(noisy: Mapping[NoisyRun, Metrics]) -> dict[str, Reproduced]:
     found: dict[str, Reproduced] = {}
     if ("mpc", "0") in noisy and ("mpc-se", "0") in noisy:
         mpc, mpc_se = noisy["mpc", "0"], noisy["mpc-se", "0"]
@@ -172,7 +172,7 @@ def _claims_with_noise(noisy: Mapping[Run, Metrics]) -> dict[str, Reproduced]:
     return found
 
 
-def _claims_without_noise(study: Study) -> dict[str, Reproduced]:
+def _claims_without_noise(study: PointResults) -> dict[str, Reproduced]:
     quiet = {name: loops.metrics for name, loops in study.without_noise.items()}
     if not quiet:
         return {}
@@ -189,7 +189,7 @@ def _claims_without_noise(study: Study) -> dict[str, Reproduced]:
     return found
 
 
-def _model(study: Study) -> dict[str, Reproduced]:
+def _model(study: PointResults) -> dict[str, Reproduced]:
     if study.model is None:
         return {}
     model, person = study.model, study.patient
@@ -212,7 +212,7 @@ def _model(study: Study) -> dict[str, Reproduced]:
     }
 
 
-def _tuning(study: Study) -> dict[str, Reproduced]:
+def _tuning(study: PointResults) -> dict[str, Reproduced]:
     found = {}
     for name, surface in study.tuning.items():
         rank = surface.rank_of(printed_tuning(study.operating_point, name))
@@ -224,7 +224,7 @@ def _tuning(study: Study) -> dict[str, Reproduced]:
     return found
 
 
-def compare(studies: Mapping[str, Study], prefixes: tuple[str, ...] = ("",)) -> list[Row]:
+def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = ("",)) -> list[Row]:
     """Compare the printed entries with the results of each study; entries that a study leaves out are absent.
 
     Parameters

@@ -15,13 +15,16 @@ import numpy.typing as npt
 
 from glucoloop.control import Controller, design_imc, design_linear_mpc, design_mpc_se, design_nlqdmc_se
 from glucoloop.control.parker1999 import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP_MU_MIN, PARKER_1999
+from glucoloop.experiments.assemble import close_loop
+from glucoloop.experiments.situation import Situation, usual_situation
+from glucoloop.experiments.surroundings import sensor_of, surroundings_of
 from glucoloop.identification import FirstOrderModel, Identification, Record, Validation, best_pole, laguerre_functions
+from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients import SemilinearPatient, patient
+from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.sensors import Sensor, dead_time, white_noise
-from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, simulate, validate_on
+from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
 from glucoloop.tuning.paper import paper_tuning_surface
 from glucoloop.tuning.surface import TuningSurface
 
@@ -31,22 +34,21 @@ Progress = Callable[[str], None]
 SAMPLE_TIME_MIN: Final = 5
 NOISE_VARIANCE: Final = 1.45
 DEAD_TIMES_MIN: Final = (0, 5, 10, 15)
-CONTROLLERS_WITHOUT_NOISE: Final = ("mpc", "mpc-se", "nlqdmc-se", "imc")
 _SMALL_STEP_MU_MIN: Final = 0.01
 _BINARY_SEQUENCE_SEED: Final = 0
 
 
-Run = tuple[str, str]
+NoisyRun = tuple[str, str]
 """A row of Table II: a controller and its dead time in minutes, "10M" for one of 10 min that the controller knows."""
 
 
-def noisy_runs(dead_times_min: Sequence[int] = DEAD_TIMES_MIN) -> frozenset[Run]:
+def noisy_runs(dead_times_min: Sequence[int] = DEAD_TIMES_MIN) -> frozenset[NoisyRun]:
     """The rows of Table II with these dead times."""
     times = [f"{minutes}{known}" for minutes in dead_times_min for known in ("", "M") if minutes or not known]
     return frozenset((name, time) for name in ("mpc", "mpc-se") for time in times)
 
 
-def _dead_time_min(run: Run) -> int:
+def _dead_time_min(run: NoisyRun) -> int:
     return int(run[1].removesuffix("M"))
 
 
@@ -58,7 +60,7 @@ class Experiments:
     """Section III, identification and its validation."""
     without_noise: bool = False
     """Table I and Fig. 5, runs without noise."""
-    with_noise: frozenset[Run] = frozenset()
+    with_noise: frozenset[NoisyRun] = frozenset()
     """Rows of Table II, of which Fig. 4 and 6 show some."""
     tunings: bool = False
     """Searches around the printed tunings."""
@@ -84,7 +86,7 @@ class Experiments:
 
 
 @dataclass(frozen=True)
-class Loops:
+class SeededRuns:
     """Runs of one controller under several seeds."""
 
     metrics: Metrics
@@ -94,7 +96,7 @@ class Loops:
 
 
 @dataclass(frozen=True)
-class ModelStudy:
+class ModelResults:
     """Results of identification, Section III."""
 
     noise_free: Identification
@@ -113,18 +115,18 @@ class ModelStudy:
 
 
 @dataclass(frozen=True)
-class Study:
+class PointResults:
     """All results at one operating point; experiments that were not carried out are empty."""
 
     operating_point: str
     patient: SemilinearPatient
     seeds: int
-    model: ModelStudy | None
-    without_noise: dict[str, Loops]
+    model: ModelResults | None
+    without_noise: dict[str, SeededRuns]
     """Table I and Fig. 5, by controller."""
-    with_noise: dict[Run, Loops]
+    with_noise: dict[NoisyRun, SeededRuns]
     """Table II, Fig. 4 and 6, by controller and dead time."""
-    identified_anew: dict[str, Loops]
+    identified_anew: dict[str, SeededRuns]
     """Linear MPC with known dead times, its models identified from delayed records."""
     tuning: dict[str, TuningSurface]
     """Searches around the printed tunings, by controller; empty if none was made."""
@@ -143,9 +145,10 @@ class _Keys:
         return cls(records=jax.random.split(records, seeds), loops=jax.random.split(loops, seeds))
 
 
-def _sensor(dead_time_min: int) -> Sensor:
-    noisy = white_noise(NOISE_VARIANCE)
-    return dead_time(dead_time_min // SAMPLE_TIME_MIN, noisy) if dead_time_min else noisy
+def _noisy(situation: Situation, dead_time_min: int) -> Situation:
+    return dataclasses.replace(
+        situation, noise_variance=NOISE_VARIANCE, dead_time_samples=dead_time_min // SAMPLE_TIME_MIN
+    )
 
 
 def _stack(controllers: Sequence[Controller]) -> Controller:
@@ -154,26 +157,24 @@ def _stack(controllers: Sequence[Controller]) -> Controller:
     return stacked
 
 
-def _noisy_loops(
-    person: SemilinearPatient, controllers: Controller | Sequence[Controller], dead_time_min: int, keys: jax.Array
-) -> Loops:
+def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> SeededRuns:
     """One run per key, each with its own controller if there are several."""
-    sensor = _sensor(dead_time_min)
+    around = surroundings_of(situation)
 
     def run(controller: Controller, key: jax.Array) -> tuple[Metrics, Trace]:
-        trace = simulate(person, controller, sensor, key=key)
+        trace = close_loop(situation, controller, Scenario(), around=around, key=key)
         return summarise(trace), trace
 
     if isinstance(controllers, Sequence):
         metrics, traces = jax.vmap(run)(_stack(controllers), keys)
     else:
         metrics, traces = jax.vmap(run, in_axes=(None, 0))(controllers, keys)
-    return Loops(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
+    return SeededRuns(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
 
 
 def _study_model(
     person: SemilinearPatient, noise_free: Identification, records: Sequence[Identification]
-) -> ModelStudy:
+) -> ModelResults:
     search = best_pole(noise_free.impulse_response, 2)
     smooth = noise_free.laguerre_coefficients @ laguerre_functions(noise_free.laguerre_pole, 2, 1000)
     memory = noise_free.model.memory
@@ -185,7 +186,7 @@ def _study_model(
 
     record, validation = residuals(records[0].model)
     raw = [StepResponseModel.from_impulse_response(one.impulse_response, SAMPLE_TIME_MIN) for one in records]
-    return ModelStudy(
+    return ModelResults(
         noise_free=noise_free,
         noisy=records[0],
         best_pole=float(search.pole),
@@ -198,8 +199,8 @@ def _study_model(
     )
 
 
-def _without_noise(person: SemilinearPatient, operating_point: str, noise_free: Identification) -> dict[str, Loops]:
-    tuning = PARKER_1999[operating_point, False]
+def _without_noise(situation: Situation, operating_point: str, noise_free: Identification) -> dict[str, SeededRuns]:
+    person, tuning = situation.nominal, PARKER_1999[operating_point, False]
     first_order: FirstOrderModel = fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN)
     controllers: dict[str, Controller] = {
         "mpc": design_linear_mpc(noise_free.model, tuning.mpc),
@@ -209,8 +210,8 @@ def _without_noise(person: SemilinearPatient, operating_point: str, noise_free: 
     }
     loops = {}
     for name, controller in controllers.items():
-        trace = simulate(person, controller)
-        loops[name] = Loops(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
+        trace = close_loop(situation, controller, Scenario())
+        loops[name] = SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
     return loops
 
 
@@ -229,7 +230,7 @@ def study(
     seeds: int,
     seed: int,
     progress: Progress,
-) -> Study:
+) -> PointResults:
     """Carry out experiments at an operating point.
 
     Parameters
@@ -245,11 +246,12 @@ def study(
         Called with the name of the step that has just been done.
     """
     wanted = Experiments.of_paper() if experiments is None else experiments
-    person = patient(operating_point=operating_point)
+    situation = dataclasses.replace(usual_situation(), operating_point=operating_point)
+    person = situation.nominal
     keys = _Keys.of(seed, seeds)
 
     def records(dead_time_min: int) -> list[Identification]:
-        found = [identify(person, _sensor(dead_time_min), key) for key in keys.records]
+        found = [identify(person, sensor_of(_noisy(situation, dead_time_min)), key) for key in keys.records]
         progress(f"{operating_point}: {seeds} models identified, dead time {dead_time_min} min")
         return found
 
@@ -263,17 +265,17 @@ def study(
     if wanted.model:
         model = _study_model(person, noise_free(), identified)
         progress(f"{operating_point}: models validated")
-    without_noise: dict[str, Loops] = {}
+    without_noise: dict[str, SeededRuns] = {}
     if wanted.without_noise:
-        without_noise = _without_noise(person, operating_point, noise_free())
+        without_noise = _without_noise(situation, operating_point, noise_free())
         progress(f"{operating_point}: Table I")
 
     tuning = PARKER_1999[operating_point, True]
     linear, Q = linear_model(person), process_noise(person, *tuning.noise)
-    with_noise: dict[Run, Loops] = {}
-    identified_anew: dict[str, Loops] = {}
+    with_noise: dict[NoisyRun, SeededRuns] = {}
+    identified_anew: dict[str, SeededRuns] = {}
     for minutes in sorted({_dead_time_min(run) for run in wanted.with_noise}):
-        samples = minutes // SAMPLE_TIME_MIN
+        late, samples = _noisy(situation, minutes), minutes // SAMPLE_TIME_MIN
         longer = dataclasses.replace(tuning.mpc, prediction_horizon=tuning.mpc.prediction_horizon + samples)
         for name, time in sorted(run for run in wanted.with_noise if _dead_time_min(run) == minutes):
             known = time.endswith("M")
@@ -283,12 +285,12 @@ def study(
             elif known:
                 controllers = [design_linear_mpc(one.model.delayed(samples), longer) for one in identified]
                 anew = [design_linear_mpc(one.model, longer) for one in records(minutes)]
-                identified_anew[time] = _noisy_loops(person, anew, minutes, keys.loops)
+                identified_anew[time] = _noisy_loops(late, anew, keys.loops)
             else:
                 controllers = [design_linear_mpc(one.model, tuning.mpc) for one in identified]
-            with_noise[name, time] = _noisy_loops(person, controllers, minutes, keys.loops)
+            with_noise[name, time] = _noisy_loops(late, controllers, keys.loops)
         progress(f"{operating_point}: runs with noise, dead time {minutes} min")
-    return Study(
+    return PointResults(
         operating_point=operating_point,
         patient=person,
         seeds=seeds,

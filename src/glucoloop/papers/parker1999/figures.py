@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from glucoloop.papers.parker1999.experiments import Study
+from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.report import plot, plot_identification, plot_validation
 from glucoloop.report.surface import plot_surface
 from glucoloop.tuning.paper import printed_tuning
@@ -33,14 +33,14 @@ CAPTIONS: Final = {
 }
 
 
-def draw(study: Study, names: Collection[str] | None = None) -> dict[str, Figure]:
+def draw(study: PointResults, names: Collection[str] | None = None) -> dict[str, Figure]:
     """Figures of one operating point, by name: those whose experiments were carried out, or the named ones."""
     made = {**_of_model(study), **_of_runs(study)}
     made |= {f"tuning-{name}": functools.partial(_tuning, study, name) for name in study.tuning}
     return {name: drawn() for name, drawn in made.items() if names is None or name in names}
 
 
-def _of_model(study: Study) -> dict[str, Callable[[], Figure]]:
+def _of_model(study: PointResults) -> dict[str, Callable[[], Figure]]:
     if study.model is None:
         return {}
     model = study.model
@@ -56,7 +56,7 @@ def _of_model(study: Study) -> dict[str, Callable[[], Figure]]:
     }
 
 
-def _of_runs(study: Study) -> dict[str, Callable[[], Figure]]:
+def _of_runs(study: PointResults) -> dict[str, Callable[[], Figure]]:
     noisy = {run: loops.example for run, loops in study.with_noise.items()}
     quiet = {name: loops.example for name, loops in study.without_noise.items()}
     with_noise = {_NAMES[name]: noisy[name, "0"] for name in ("mpc", "mpc-se") if (name, "0") in noisy}
@@ -66,5 +66,5 @@ def _of_runs(study: Study) -> dict[str, Callable[[], Figure]]:
     return {name: functools.partial(plot, shown) for name, shown in traces.items() if shown}
 
 
-def _tuning(study: Study, name: str) -> Figure:
+def _tuning(study: PointResults, name: str) -> Figure:
     return plot_surface(study.tuning[name], printed=printed_tuning(study.operating_point, name))

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import glucoloop
 from glucoloop.papers.parker1999.comparison import Reproduced, Row, count
-from glucoloop.papers.parker1999.experiments import Study
+from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.figures import CAPTIONS
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.report.page import FOOTER
@@ -62,7 +62,7 @@ def _columns(points: Sequence[str]) -> tuple[str, ...]:
     return ("Entry", "Printed", "Place", *found, "Readings")
 
 
-def _anew(studies: Mapping[str, Study]) -> Table:
+def _anew(studies: Mapping[str, PointResults]) -> Table:
     """Table of linear MPC with known dead times: model shifted, and model identified again."""
     rows = []
     for point, study in studies.items():
@@ -82,7 +82,7 @@ def _anew(studies: Mapping[str, Study]) -> Table:
     )
 
 
-def tables(rows: Sequence[Row], studies: Mapping[str, Study]) -> list[Table]:
+def tables(rows: Sequence[Row], studies: Mapping[str, PointResults]) -> list[Table]:
     """Every table of the report; those of experiments that were not carried out are left out."""
     made = []
     for heading, prefix in _SECTIONS:
@@ -127,7 +127,7 @@ def tables_at_the_end(rows: Sequence[Row]) -> list[Table]:
     ]
 
 
-def _summary(rows: Sequence[Row], studies: Mapping[str, Study], seed: int) -> list[str]:
+def _summary(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int) -> list[str]:
     lines = []
     for point, study in studies.items():
         if all(row.agrees(point) is None for row in rows):
@@ -138,7 +138,7 @@ def _summary(rows: Sequence[Row], studies: Mapping[str, Study], seed: int) -> li
     return [*lines, f"glucoloop {glucoloop.__version__}, seed {seed}."]
 
 
-def json_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int) -> dict[str, Any]:
+def json_report(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int) -> dict[str, Any]:
     """The report as plain data."""
     return {
         "paper": "Parker, Doyle, Peppas 1999, IEEE Trans. Biomed. Eng. 46(2), 148-157",
@@ -174,7 +174,9 @@ def json_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int) ->
     }
 
 
-def markdown_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int, figures: Mapping[str, str]) -> str:
+def markdown_report(
+    rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
+) -> str:
     """The report as Markdown; `figures` are paths by name."""
     parts = [f"# {TITLE}", *_summary(rows, studies, seed)]
     parts += [f"![{CAPTIONS[name.split('/')[-1]]} ({name.split('/')[0]})]({path})" for name, path in figures.items()]
@@ -185,7 +187,7 @@ def markdown_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int
     return "\n\n".join([*parts, FOOTER]) + "\n"
 
 
-def html_report(rows: Sequence[Row], studies: Mapping[str, Study], seed: int, figures: Mapping[str, str]) -> str:
+def html_report(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]) -> str:
     """The report as one page; `figures` are SVG texts by name, ``operating-point/figure``."""
     parts = [f"<p>{html.escape(line)}</p>" for line in _summary(rows, studies, seed)]
     parts += [_html_table(table) for table in tables(rows, studies)]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from glucoloop.papers.parker1999.comparison import Row, compare
-from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, Progress, Study, study
+from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, PointResults, Progress, study
 from glucoloop.papers.parker1999.figures import draw
 from glucoloop.papers.parker1999.pages import html_report, json_report, markdown_report
 from glucoloop.papers.parker1999.parts import Part
@@ -25,7 +25,7 @@ def carry_out(
     quick: bool,
     progress: Progress,
     part: Part | None = None,
-) -> tuple[dict[str, Study], list[Row]]:
+) -> tuple[dict[str, PointResults], list[Row]]:
     """Run the experiments at each operating point and compare the results with the printed numbers.
 
     Without a `part` they are those of the whole paper; with one, only what it needs is run.
@@ -49,7 +49,7 @@ def carry_out(
 
 def write(
     write_file: Callable[[str, bytes | str], None],
-    studies: Mapping[str, Study],
+    studies: Mapping[str, PointResults],
     rows: Sequence[Row],
     seed: int,
     progress: Progress,

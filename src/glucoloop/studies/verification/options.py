@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from glucoloop.config.key import Key
-from glucoloop.config.options.situation import Patient
+from glucoloop.config.options.situation import PatientKey
 from glucoloop.registry.controllers import CONTROLLERS
 from glucoloop.registry.patients import USUAL_PATIENT
 
@@ -31,5 +31,5 @@ class CampaignKeys:
             told="all",
         ),
     ] = tuple(CONTROLLERS)
-    patient: Patient = USUAL_PATIENT.name
+    patient: PatientKey = USUAL_PATIENT.name
     person: Annotated[int | None, _campaign("Only the loops of this person, with their faults.")] = None
