@@ -41,6 +41,23 @@ for (const file of pages)
         await page.locator("#unit-mmol").check();
         record.units = await page.locator("table").first().innerText();
       }
+      const person = page.locator("button[data-person]").first();
+      if (await person.count()) {
+        await person.press("Enter");
+        record.chosen = await person.getAttribute("data-person");
+        record.pressed = await person.getAttribute("aria-pressed");
+        record.told = await page.locator(".worst .readout").first().innerText();
+        record.clear = await page.locator("path[data-person]:not(.faded)").evaluateAll((paths) =>
+          paths.map((path) => path.getAttribute("data-name")));
+        await person.press("Enter");
+        record.fadedAfter = await page.locator("path.faded").count();
+      }
+      const box = page.locator("input[data-run]").first();
+      if (await box.count()) {
+        await box.press("Space");
+        record.hidden = await page.locator("path[data-name]").evaluateAll((paths) =>
+          paths.filter((path) => getComputedStyle(path).display === "none").map((path) => path.dataset.name));
+      }
       found.push(record);
       await page.close();
     }

@@ -92,6 +92,21 @@ def test_people_are_told_as_percentiles(seen):
     assert "median" in seen["trial", 1280, "dark"]["moment"]
 
 
+def test_one_person_can_be_singled_out(seen, make_report):
+    of, worst = seen["trial", 390, "light"], make_report("calm", "wild").cases
+    assert of["chosen"] == str(worst["calm"].worst[0].person)
+    assert of["pressed"] == "true"
+    assert f"person {of['chosen']} 81.1 mg/dl (4.50 mmol/l)" in of["told"]
+    others = [f"person {person.person}" for person in worst["wild"].worst]
+    # glucose and insulin of one person of the first controller, and everybody of the second
+    assert sorted(of["clear"]) == sorted([f"person {of['chosen']}"] * 2 + others * 2)
+    assert of["fadedAfter"] == 0
+
+
+def test_a_run_can_be_hidden(seen):
+    assert seen["runs", 1280, "light"]["hidden"] == ["calm, glucose", "calm, delivered"]
+
+
 def test_the_choice_of_unit_reaches_the_tables(seen):
     assert "mmol/l" in seen["runs", 1280, "light"]["units"]
     assert "mg/dl" not in seen["runs", 1280, "light"]["units"].replace("(mg/dl)²", "")

@@ -116,7 +116,7 @@ def units(mmol: bool = False) -> str:
         f'<label><input type="radio" name="unit" id="unit-{key}"{" checked" * checked}> {unit}</label>'
         for key, unit, checked in (("mg", "mg/dl", not mmol), ("mmol", "mmol/l", mmol))
     )
-    return f'<fieldset class="units"><legend>Glucose in words and tables</legend>{choices}</fieldset>'
+    return f'<fieldset class="units"><legend>Words and tables in</legend>{choices}</fieldset>'
 
 
 def either(mg_dl: str, mmol_l: str) -> str:

@@ -238,7 +238,7 @@ def plot(panels: Sequence[Panel], end_min: float, *, name: str, lanes: Sequence[
         f'<figure class="plot" aria-label="{html.escape(name)}">\n'
         + "\n".join(panel.html(end_min) for panel in panels)
         + f'\n<div class="times" aria-hidden="true"><div>{times}</div></div>'
-        f'<p class="time-unit">Time ({unit})</p>\n' + "\n".join(lanes) + '\n<div class="readout"></div></figure>'
+        f'<p class="time-unit">Time ({unit})</p>\n<div class="readout"></div>\n' + "\n".join(lanes) + "\n</figure>"
     )
 
 

@@ -62,7 +62,7 @@ function curveOf(path) {
     /** @param {number} time */
     at(time) {
       const values = this.edges.map((edge) => valueAt(edge, time));
-      if (values.some(Number.isNaN)) return "";
+      if (values.some(Number.isNaN)) return `${this.name}: no value`;
       const second = other ? ` (${values.map(also).join(" – ")} ${other})` : "";
       return `${this.name} ${values.map(told).join(" – ")} ${unit}${second}`;
     },
@@ -98,7 +98,6 @@ function connect(group) {
   const cursors = [...group.querySelectorAll(".field")].map((field) => {
     const cursor = document.createElement("i");
     cursor.className = "cursor";
-    cursor.hidden = true;
     field.append(cursor);
     return cursor;
   });
@@ -109,9 +108,10 @@ function connect(group) {
     for (const cursor of cursors) { cursor.dataset.t = slider.value; place(cursor); }
     const words = [];
     for (const { figure, curves, readout } of figures) {
-      const lines = curves
-        .filter(({ path }) => getComputedStyle(path).display !== "none" && !path.classList.contains("faded"))
-        .map((curve) => curve.at(time)).filter(Boolean);
+      const shown = curves
+        .filter(({ path }) => getComputedStyle(path).display !== "none" && !path.classList.contains("faded"));
+      const people = new Set(shown.map(({ path }) => path.dataset.person));
+      const lines = people.size > 2 ? ["choose a person below for the numbers"] : shown.map((curve) => curve.at(time));
       readout.replaceChildren(...[told(time) + ":", ...lines].map((line) => {
         const row = document.createElement("div");
         row.textContent = line;
@@ -168,6 +168,7 @@ function connect(group) {
       URL.revokeObjectURL(link.href);
     },
   };
+  point(0);
   group.querySelectorAll(".controls button").forEach((button) =>
     button.addEventListener("click", () => actions[/** @type {HTMLElement} */ (button).dataset.does ?? ""]()));
   slider.addEventListener("input", () => point(Number(slider.value)));
@@ -196,11 +197,16 @@ function connect(group) {
 
 document.querySelectorAll(".linked").forEach((group) => connect(/** @type {HTMLElement} */ (group)));
 
+/** Tell the numbers of the moment again, since other curves are shown. @param {Element} part */
+const tellAgain = (part) =>
+  part.querySelectorAll(".controls input").forEach((slider) => slider.dispatchEvent(new Event("input")));
+
 // A box in the legend shows or hides the curves of a run, and a button in a table singles out a person.
 for (const box of /** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll("input[data-run]")))
   box.addEventListener("change", () => {
     for (const drawn of /** @type {NodeListOf<SVGElement>} */ (document.querySelectorAll(`.${box.dataset.run}`)))
       drawn.style.display = box.checked ? "" : "none";
+    tellAgain(document.body);
   });
 for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("button[data-person]")))
   button.addEventListener("click", () => {
@@ -210,4 +216,5 @@ for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.quer
       other.setAttribute("aria-pressed", String(other === button && chosen !== undefined));
     for (const drawn of card.querySelectorAll("path[data-person]"))
       drawn.classList.toggle("faded", chosen !== undefined && drawn.getAttribute("data-person") !== chosen);
+    tellAgain(/** @type {Element} */ (card.closest(".linked")));
   });
