@@ -109,7 +109,7 @@ def test_an_impossible_variance_is_refused(variance):
 
 @pytest.mark.parametrize("bound", [0.0, -1.0, np.nan])
 def test_an_impossible_bound_is_refused(bound):
-    with pytest.raises(ValueError, match=r"noise bound of .* is not possible; give a value above 0"):
+    with pytest.raises(ValueError, match=r"noise bound of .* is not possible; give a finite value above 0"):
         white_noise(1.45, bound)
 
 

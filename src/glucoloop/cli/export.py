@@ -24,7 +24,7 @@ HELP: Final = (
     "  glucoloop export --controller mpc-se --guard --target cortex-m4f --out pump\n\n"
     "  glucoloop export --check pump --samples 10000"
 )
-_TAKEN: Final = ("meals", "duration_min", "integrator", "faults", "initial_glucose_mg_dl")
+_TAKEN: Final = ("meals", "duration_min", "integrator", "faults", "metrics", "initial_glucose_mg_dl")
 """Options of a run that do not concern a controller: the recorded samples have meals and faults of their own."""
 OPTIONS: Final = (
     *options_of(ChipKeys),

@@ -52,7 +52,13 @@ def _fixed() -> Iterator[Option]:
     return reworded(others, help={"controller": f"{told}; {OF_OTHERS}."})
 
 
-_OPTIONS: Final = (*options_of(RangeKeys), *options_of(GridKeys), *without(SITUATION, "faults"), *_fixed(), *OUTPUT)
+_OPTIONS: Final = (
+    *options_of(RangeKeys),
+    *options_of(GridKeys),
+    *without(SITUATION, "faults", "metrics"),
+    *_fixed(),
+    *OUTPUT,
+)
 
 
 @with_options(_OPTIONS)

@@ -113,7 +113,12 @@ def prepare(trial: Trial) -> PreparedTrial:
 
 def _prepare(trial: Trial) -> PreparedTrial:
     grid, setpoint = sample_grid(trial.plan.horizon_min, trial.sample_time_min), trial.target_mg_dl
-    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=trial.limits, inside_min=tuple(grid.inside_min.tolist()))
+    fold = RunningMetrics(
+        setpoint_mg_dl=setpoint,
+        limits=trial.limits,
+        inside_min=tuple(grid.inside_min.tolist()),
+        further=trial.metrics,
+    )
     example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
     prepared: dict[str, PreparedCase] = {}
     for around in shared_surroundings(trial, trial.cases):

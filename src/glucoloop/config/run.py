@@ -24,6 +24,7 @@ from glucoloop.config.unusual import (
     ask_about_pump,
     ask_about_settings,
 )
+from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.meals import Meal, meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
@@ -31,7 +32,9 @@ from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import START
 from glucoloop.registry.guard import GUARD, complete_guard
+from glucoloop.registry.metrics import entries_with
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.registry.sensors import parse_sensor, sensor_entry
 from glucoloop.registry.settings import Value, refuse_unknown_keys
 
 _OF_PATIENT: Final = ("operating_point", "max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
@@ -77,7 +80,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
-    situation = dataclasses.replace(situation, meals=meals, faults=faults)
+    situation = dataclasses.replace(situation, meals=meals, faults=faults, sensor=sensor_told(situation))
     return Run(situation=situation, case=read_case(keys, situation, names))
 
 
@@ -104,13 +107,15 @@ def patient_of(keys: Mapping[str, object]) -> PatientEntry:
 
 
 def refuse_impossible(situation: SituationKeys) -> None:
-    """Refuse a site at which glucose of the patient cannot be read, and a meal model that is not known.
+    """Refuse a site at which glucose of the patient cannot be read, and a meal model or metric that is not known.
 
     Raises
     ------
     ValueError
-        For either.
+        For the first one.
     """
+    for _ in entries_with(situation.metrics):  # refuses one that is unknown, or at odds with another
+        pass
     if situation.miscounts and not situation.announce_meals:
         raise ValueError(
             "an error of counting carbohydrate concerns announced meals only; announce the meals (--announce-meals), "
@@ -214,6 +219,24 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
                 "let it begin earlier, or leave it out"
             )
     return tuple(fault_text(told) for told in faults)
+
+
+def sensor_told(situation: SituationKeys) -> str:
+    """The sensor with all its settings.
+
+    Raises
+    ------
+    ValueError
+        For a text that is no sensor, one that is not possible here, or an unusual setting, unless that is allowed.
+    """
+    told = parse_sensor(situation.sensor)
+    if not situation.allow_unusual:
+        settings = sensor_entry(told.name).settings
+        ask_about_settings(
+            settings, told.settings, {setting.name: f"{setting.name} of the sensor {told.name}" for setting in settings}
+        )
+    sensor_of(situation.situation())
+    return told.text
 
 
 def _identification(situation: SituationKeys) -> dict[str, object]:

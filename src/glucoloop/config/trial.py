@@ -26,6 +26,7 @@ from glucoloop.config.run import (
     overlay,
     read_case,
     refuse_impossible,
+    sensor_told,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
@@ -91,7 +92,7 @@ def read_trial(
     sample_grid(plan.horizon_min, situation.sample_time_min)  # refuses a part of a sample
     traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
-    surroundings = dataclasses.replace(situation.situation(), faults=faults)
+    surroundings = dataclasses.replace(situation.situation(), faults=faults, sensor=sensor_told(situation))
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
         population=_population(own.population, called.get("population", "population"), situation.patient),
@@ -134,6 +135,7 @@ def trial_keys(trial: Trial) -> dict[str, Any]:
         "start": None if trial.start_min is None else time_of_day_text(trial.start_min),
         "dead_time_min": trial.dead_time_samples * trial.sample_time_min,
         "faults": list(trial.faults),
+        "metrics": list(trial.metrics),
     }
     situation = {key: differing[key] if key in differing else getattr(trial, key) for key in SITUATION_KEYS}
     unusual = {ALLOW_UNUSUAL: True} if situation.pop(ALLOW_UNUSUAL) else {}

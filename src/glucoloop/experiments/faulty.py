@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Iterable
 from typing import Any, Final
@@ -10,7 +9,6 @@ from typing import Any, Final
 from glucoloop.episodes import Episodes, always, once, recurring
 from glucoloop.pumps import DoseLimits, Pump
 from glucoloop.registry.faults import DURATION, KEY, LATEST, PER_DAY, START, Fault
-from glucoloop.registry.plugins import made_by
 from glucoloop.sensors import Sensor
 from glucoloop.units import MIN_PER_DAY
 
@@ -47,13 +45,15 @@ def put_around(inner: Any, fault: Fault, sample_time_min: float, limits: DoseLim
     ValueError
         If the fault is not possible.
     """
-    maker, settings = fault.entry.maker(), fault.settings
-    taken = inspect.signature(maker).parameters
-    known = {"inner": inner, "sample_time_min": sample_time_min, "limits": limits, KEY: int(settings.get(KEY, 0))}
-    if "episodes" in taken:
-        known["episodes"] = episodes_of(fault, sample_time_min)
-    own = {setting.name: settings[setting.name] for setting in fault.entry.settings}
-    return made_by(maker, **own, **{name: value for name, value in known.items() if name in taken})
+    entry, settings = fault.entry, fault.settings
+    return entry.made(
+        {setting.name: settings[setting.name] for setting in entry.settings},
+        inner=inner,
+        sample_time_min=sample_time_min,
+        limits=limits,
+        key=int(settings.get(KEY, 0)),
+        **({"episodes": episodes_of(fault, sample_time_min)} if entry.timed else {}),
+    )
 
 
 def episodes_of(fault: Fault, sample_time_min: float) -> Episodes:

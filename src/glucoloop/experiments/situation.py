@@ -10,6 +10,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients import patient as named_patient
 from glucoloop.pumps import BolusLimits, DoseLimits, bolus_limits, dose_limits
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.registry.sensors import USUAL_SENSOR
 
 
 @functools.cache
@@ -39,6 +40,8 @@ class Situation:
     """Mean error of the announced carbohydrate, in percent."""
     start_min: float | None = None
     """Time of day at the start, in minutes after midnight, which the controller gets, or None if it gets none."""
+    sensor: str = USUAL_SENSOR
+    """Sensor, around which are noise and dead time; see `registry.sensors`."""
     noise_variance: float = 0.0
     noise_bound_mg_dl: float = 5.0
     dead_time_samples: int = 0
@@ -53,6 +56,8 @@ class Situation:
     bolus_step_U: float = 0.05
     faults: tuple[str, ...] = ()
     """Faults of sensor and pump, the first innermost; see `registry.fault_text`."""
+    metrics: tuple[str, ...] = ()
+    """Names of metrics of other packages, which are computed beside those of this one."""
     sample_time_min: float = 5.0
     seed: int = 0
 

@@ -21,7 +21,9 @@ from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.situation import Situation
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.registry.fault_text import parse_fault
+from glucoloop.registry.sensors import parse_sensor
 from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
+from glucoloop.sensors.protocol import site_of
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,24 @@ class Surroundings:
 
 
 def sensor_of(situation: Situation) -> Sensor:
-    """Sensor of a situation without its faults: its site, noise and dead time."""
-    inner: Sensor = IdealSensor(site=situation.site)
+    """Sensor of a situation without its faults: the one that is named, and noise and dead time around it.
+
+    Raises
+    ------
+    ValueError
+        For a sensor that is not possible, or one that cannot be put at the site that is asked for.
+    """
+    site = situation.site
+    sensor: Sensor = parse_sensor(situation.sensor).made(
+        site=site, inner=IdealSensor(site=site), sample_time_min=situation.sample_time_min
+    )
+    if site is not None and site_of(sensor) != site:
+        raise ValueError(
+            f"the sensor {situation.sensor} does not read glucose at the site {site!r}; leave the site out"
+        )
     if situation.noise_variance > 0.0:
-        inner = white_noise(situation.noise_variance, situation.noise_bound_mg_dl, inner)
-    return dead_time(situation.dead_time_samples, inner) if situation.dead_time_samples else inner
+        sensor = white_noise(situation.noise_variance, situation.noise_bound_mg_dl, sensor)
+    return dead_time(situation.dead_time_samples, sensor) if situation.dead_time_samples else sensor
 
 
 def record_sensor(situation: Situation, noise_variance: float) -> Sensor:

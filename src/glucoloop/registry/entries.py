@@ -1,13 +1,19 @@
-"""Entry of a part with settings, from which options, help, keys of files and checks follow."""
+"""Entries of parts with settings, from which options, help, keys of files and checks follow; and their texts.
+
+A part is written in one line as its name and its settings: ``missing, start_min=120, duration_min=30``.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import inspect
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from glucoloop.registry.plugins import loaded
+from glucoloop.registry.keyed_values import keyed_values
+from glucoloop.registry.plugins import loaded, made_by
 from glucoloop.registry.settings import Setting, Value, known_names, settings_of
 
 
@@ -89,3 +95,78 @@ class Entry:
         if name not in known:
             raise ValueError(f"the {self.kind} {self.name} has no setting {name!r}; {known_names(name, known)}")
         return known[name]
+
+    def complete(self, given: Mapping[str, object]) -> dict[str, Value]:
+        """All settings: the given ones, and defaults without noise for the others.
+
+        Raises
+        ------
+        ValueError
+            For an unknown setting, or a value of the wrong type or out of its bounds.
+        """
+        checked = {name: self.setting(name).check(value) for name, value in given.items()}
+        every = {setting.name: checked.get(setting.name, setting.default.noise_free) for setting in self.settings}
+        self.values(every)
+        return every
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartEntry(Entry):
+    """Description of a sensor or a fault, which a function makes of its settings."""
+
+    make: str
+    """``module:function`` that makes the part. It is called by name with all settings, and with whatever else is known
+    if it has a parameter of that name.
+    """
+
+    @property
+    def places(self) -> tuple[object, ...]:
+        """Names of functions, each to be written as ``module:function``."""
+        return (self.make,)
+
+    def made(self, settings: Mapping[str, Value], **known: Any) -> Any:
+        """The part; making it imports JAX.
+
+        Parameters
+        ----------
+        settings : mapping
+            All settings.
+        known : Any
+            Further arguments, of which the function is given those for which it has a parameter.
+
+        Raises
+        ------
+        ValueError
+            If there is no such function, or the part is not possible.
+        """
+        maker: Callable[..., Any] = loaded(self.make)
+        taken = inspect.signature(maker).parameters
+        return made_by(maker, **settings, **{name: value for name, value in known.items() if name in taken})
+
+
+def parsed(text: str, what: str, example: str) -> tuple[str, dict[str, object]]:
+    """Name and given settings of a part from its text.
+
+    Raises
+    ------
+    ValueError
+        For a text that is not one; `what` and `example` are for the message.
+    """
+    name, _, rest = text.partition(",")
+    if not name.strip() or "=" in name:
+        raise ValueError(f"{text!r} is not a {what}; write one like {example!r}")
+    parts = [part.strip() for part in rest.split(",")] if rest.strip() else []
+    return name.strip(), keyed_values(parts, f"{what} {text!r}", example.partition(", ")[2].partition(",")[0])
+
+
+def part_text(name: str, settings: Mapping[str, Value]) -> str:
+    """Text from which the same part is read."""
+    return ", ".join([name, *(f"{key}={_value_text(value)}" for key, value in settings.items())])
+
+
+def _value_text(value: Value) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float) and math.isfinite(value):
+        return repr(value).removesuffix(".0")
+    return str(value)

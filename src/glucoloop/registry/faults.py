@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, Literal
 
 from glucoloop.registry import fault_settings as declared
-from glucoloop.registry.entries import Entry
+from glucoloop.registry.entries import PartEntry
 from glucoloop.registry.fault_settings import FaultKey, FaultTimes
-from glucoloop.registry.plugins import Catalogue, loaded
+from glucoloop.registry.plugins import Catalogue
 from glucoloop.registry.settings import Setting, Value, known_names, settings_of
 
 START: Final = "start_min"
@@ -37,18 +37,16 @@ number."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaultEntry(Entry):
-    """A fault of the catalogue."""
+class FaultEntry(PartEntry):
+    """A fault of the catalogue.
+
+    Its function is also given, if it has parameters of these names, ``inner``, ``episodes``, ``sample_time_min``,
+    ``limits`` and ``key``. It returns a record whose field ``inner`` is the sensor or pump inside.
+    """
 
     kind: ClassVar = "fault"
 
     part: Literal["sensor", "pump"]
-    make: str
-    """``module:function`` that puts the fault around a sensor or a pump.
-
-    It is called by name with the settings of the fault and, if it has parameters of these names, with ``inner``,
-    ``episodes``, ``sample_time_min``, ``limits`` and ``key``. It returns a record whose field ``inner`` is the part.
-    """
     timed: bool = True
     """Whether the fault has times; otherwise it is always present."""
     comes_and_goes: bool = True
@@ -63,22 +61,6 @@ class FaultEntry(Entry):
     """Setting that is the probability of the fault in each sample."""
     both: str | None = None
     """Setting, true or false, of which either value is drawn as a kind of its own."""
-
-    @property
-    def places(self) -> tuple[object, ...]:
-        """Names of functions, each to be written as ``module:function``."""
-        return (self.make,)
-
-    def maker(self) -> Callable[..., Any]:
-        """The function that puts the fault around a part; importing it imports JAX.
-
-        Raises
-        ------
-        ValueError
-            If there is no such function.
-        """
-        maker: Callable[..., Any] = loaded(self.make)
-        return maker
 
     @property
     def all_settings(self) -> dict[str, Setting]:

@@ -15,6 +15,7 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.fault_text import parse_fault
+from glucoloop.registry.sensors import USUAL_SENSOR
 from glucoloop.registry.settings import Value
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
@@ -93,6 +94,7 @@ def _per_hour(situation: Situation) -> str:
 def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
     entry, point = situation.whom
     sensor = [
+        *([situation.sensor] if situation.sensor != USUAL_SENSOR else []),
         f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
         if situation.noise_variance
         else "no noise",

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import operator
-from typing import Any, Final
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.registry.sensors import DeadTimeSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
-
-_LONGEST: Final = 288  # a day of 5-min samples
 
 
 @pytree
@@ -55,6 +54,5 @@ def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
     ValueError
         Unless `samples` is a whole number from 0 to 288.
     """
-    if not 0 <= samples <= _LONGEST:
-        raise ValueError(f"a dead time of {samples} samples is not possible; give a whole number from 0 to {_LONGEST}")
+    DeadTimeSettings(samples)
     return DeadTime(inner=inner if inner is not None else IdealSensor(), samples=samples)

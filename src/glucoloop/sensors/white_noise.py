@@ -6,14 +6,14 @@ The paper's band-limited noise of power .1 at a sample time of .05 min and gain 
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
+from glucoloop.registry.sensors import WhiteNoiseSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -56,12 +56,7 @@ def white_noise(variance: float = 1.45, bound_mg_dl: float = 5.0, inner: Sensor 
     Raises
     ------
     ValueError
-        For a variance that is negative or not finite, or a bound that is not positive.
+        For a variance that is negative or not finite, or a bound that is not positive and finite.
     """
-    if not is_traced(variance) and not 0.0 <= variance < math.inf:
-        raise ValueError(
-            f"a noise variance of {variance:g} (mg/dl)^2 is not possible; give a finite value of 0 or more"
-        )
-    if not is_traced(bound_mg_dl) and not bound_mg_dl > 0.0:
-        raise ValueError(f"a noise bound of {bound_mg_dl:g} mg/dl is not possible; give a value above 0")
+    WhiteNoiseSettings(variance, bound_mg_dl)
     return WhiteNoise(inner=inner if inner is not None else IdealSensor(), variance=variance, bound_mg_dl=bound_mg_dl)

@@ -80,7 +80,7 @@ def outcome_of(
     run: Run, situation: Situation, model: ModelFile | None, controller: Controller, trace: Trace
 ) -> Outcome:
     """Metrics of a run, and notes on it."""
-    metrics = summarise(trace, situation.limits)
+    metrics = summarise(trace, situation.limits, metrics=situation.metrics)
     return Outcome(
         run=run,
         model=model,

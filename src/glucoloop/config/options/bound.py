@@ -12,6 +12,7 @@ from glucoloop.plausible import DURATION
 
 NOT_OF_A_BOUND: Final = (
     "announce_meals",
+    "metrics",
     "carb_error_pct",
     "carb_bias_pct",
     "start",

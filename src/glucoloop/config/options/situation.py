@@ -24,6 +24,7 @@ from glucoloop.plausible import (
 )
 from glucoloop.registry.faults import FAULTS
 from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.registry.sensors import SENSORS, USUAL_SENSOR
 
 if TYPE_CHECKING:
     from glucoloop.experiments.situation import Situation
@@ -46,6 +47,7 @@ _POINTS: Final = " ".join(
     f"Of {entry.name}: {'; '.join(f'{point.name}: {point.summary}' for point in entry.operating_points)}."
     for entry in PATIENTS.values()
 )
+SENSORS_TOLD: Final = "; ".join(f"{entry.name}: {entry.summary}" for entry in SENSORS.values())
 
 
 def _of_part(part: str) -> str:
@@ -169,6 +171,14 @@ class SituationKeys:
         str | None,
         _patient("Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM"),
     ] = None
+    sensor: Annotated[
+        str,
+        _sensor(
+            f"{SENSORS_TOLD}; or one of another package, or module:attribute; with its settings, like 'white-noise, "
+            "variance=1.45'. The noise and the dead time below are added to it, and designs are told of these only.",
+            metavar="SENSOR",
+        ),
+    ] = USUAL_SENSOR
     noise_variance: VarianceKey = 0.0
     noise_bound_mg_dl: NoiseBoundKey = 5.0
     dead_time_min: DeadTimeKey = 0.0
@@ -239,6 +249,14 @@ class SituationKeys:
             flag="--fault",
             metavar="FAULT",
             empty=("no_fault", "A run without faults, also if the file has some."),
+        ),
+    ] = ()
+    metrics: Annotated[
+        tuple[str, ...],
+        _run(
+            "A metric of another package, or module:attribute, beside the usual ones; repeat it for more.",
+            flag="--metric",
+            metavar="NAME",
         ),
     ] = ()
     duration_min: Annotated[

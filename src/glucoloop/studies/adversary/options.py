@@ -23,7 +23,15 @@ USUAL: Final[Mapping[str, Any]] = {
     "controllers": [name for name in PAPER_CONTROLLERS if not controller_entry(name).slow],
 }
 """Usual keys of the trial, where they differ from those of a trial."""
-REFUSED: Final = ("traces", "guard", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min")
+REFUSED: Final = (
+    "traces",
+    "guard",
+    "metrics",
+    "design",
+    "shard_people",
+    "meal_size_spread_pct",
+    "meal_time_spread_min",
+)
 """Keys of a trial that the search does not have."""
 _errors = functools.partial(Key, panel="Errors")
 _search = functools.partial(Key, panel="Search")

@@ -28,7 +28,11 @@ USUAL_DAYS: Final = 100
 PEOPLE_KEYS: Final = ("people", "population", "first_person", "meals", "meal_size_spread_pct", "meal_time_spread_min")
 NO_SITUATION: Final = "announce_meals"
 """Key that the test does not take, since an estimator need not find announced meals."""
-TAKEN: Final = (*PEOPLE_KEYS, *(key for key in SITUATION_KEYS if key != NO_SITUATION), "known_dead_time")
+TAKEN: Final = (
+    *PEOPLE_KEYS,
+    *(key for key in SITUATION_KEYS if key not in (NO_SITUATION, "metrics")),
+    "known_dead_time",
+)
 """Keys that the test has in common with a trial."""
 ESTIMATORS_PANEL: Final = "Estimators"
 _estimators = functools.partial(Key, panel=ESTIMATORS_PANEL)

@@ -17,7 +17,7 @@ BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""
 RANGES: Final = {of.name: of for of in SEARCHED.searched}
 """Ranges that can be searched, by the name of the setting."""
-NOT_SHARED: Final = ("setpoint_mg_dl", "carb_error_pct", "carb_bias_pct", "start", "seed")
+NOT_SHARED: Final = ("setpoint_mg_dl", "metrics", "carb_error_pct", "carb_bias_pct", "start", "seed")
 TAKEN: Final = (
     *("population", "meals", "duration_min"),
     *(key for key in SITUATION_KEYS if key not in NOT_SHARED),

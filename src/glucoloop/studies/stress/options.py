@@ -18,7 +18,7 @@ USUAL: Final[Mapping[str, Any]] = {
     "controllers": list(PAPER_CONTROLLERS),
 }
 """Usual keys of the trial, where they differ from those of a trial."""
-REFUSED: Final = ("traces", "guard")
+REFUSED: Final = ("traces", "guard", "metrics")
 """Keys of a trial that the test does not have."""
 
 
