@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from glucoloop.config.case_text import parse_case
 from glucoloop.config.run import case_key_names, controllers_of, overlay, refuse_limits_without_guard
+from glucoloop.printable import is_printable
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.guard import GUARD
+from glucoloop.registry.settings import known_names
 
 CASES_KEY: Final = "case"
 """Key of the tables of cases in a file: ``[[case]]``."""
@@ -55,6 +57,31 @@ def under_shared(shared: Mapping[str, object], case: Mapping[str, object]) -> di
     if keys.get("guard") is True:
         return keys
     return {key: value for key, value in keys.items() if key not in GUARD or key in case}
+
+
+def label_of(case: Mapping[str, object]) -> str:
+    """Label of a case.
+
+    Raises
+    ------
+    ValueError
+        For one that is missing or cannot be printed in a line.
+    """
+    label = case.get("label")
+    if not isinstance(label, str) or not label.strip():
+        raise ValueError(f"the case {dict(case)!r} has no label; give it one, like label = 'careful'")
+    if not is_printable(label):
+        raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
+    return label
+
+
+def refuse_foreign(case: Mapping[str, object], shared: Container[str], of: str, known: Sequence[str]) -> None:
+    """Refuse a key of a case that all cases share, or that no case has; `of` names what they share."""
+    for key in case:
+        if key in shared:
+            raise ValueError(f"{key} belongs to the {of}, which all cases share; give it outside the cases")
+        if key not in known:
+            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
 
 
 def refuse_idle(

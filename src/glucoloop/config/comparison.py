@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from glucoloop.config.cases import CASES_KEY, refuse_idle, under_shared
+from glucoloop.config.cases import CASES_KEY, label_of, refuse_foreign, refuse_idle, under_shared
 from glucoloop.config.key import declared, plain
 from glucoloop.config.options.case import CaseKeys, case_keys
 from glucoloop.config.options.situation import SituationKeys
@@ -18,8 +18,6 @@ from glucoloop.config.run import (
     read_run,
     refuse_unknown,
 )
-from glucoloop.printable import is_printable
-from glucoloop.registry.settings import known_names
 
 MOST_CASES: Final = 20
 
@@ -66,28 +64,15 @@ def read_comparison(
     shared = {key: value for key, value in keys.items() if key not in declared(SituationKeys)}
     read: dict[str, CaseKeys] = {}
     for case in cases:
-        label = case.get("label")
-        if not isinstance(label, str) or not label.strip():
-            raise ValueError(f"the case {dict(case)!r} has no label; give it one, like label = 'careful'")
-        if not is_printable(label):
-            raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
+        label = label_of(case)
         if label in read:
             raise ValueError(f"two cases are called {label!r}; give each a label of its own")
         own = {key: value for key, value in case.items() if key != "label"}
         try:
-            _refuse_shared(own)
+            refuse_foreign(own, declared(SituationKeys), "situation", case_key_names(*controllers_of(own)))
             read[label] = read_case(under_shared(shared, own), situation)
         except ValueError as error:
             raise ValueError(f"case {label!r}: {error}") from None
     guarded = any(case.guard for case in read.values())
     refuse_idle(shared, [case.controller for case in read.values()], guarded=guarded, names=names)
     return Comparison(situation=situation, cases=read)
-
-
-def _refuse_shared(case: Mapping[str, object]) -> None:
-    known = case_key_names(*controllers_of(case))
-    for key in case:
-        if key in declared(SituationKeys):
-            raise ValueError(f"{key} belongs to the situation, which all cases share; give it outside the cases")
-        if key not in known:
-            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal
 
 from glucoloop.cohorts.trial import Trial, usual_shard_people
-from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, refuse_idle, under_shared
+from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, label_of, refuse_foreign, refuse_idle, under_shared
 from glucoloop.config.checked import checked
 from glucoloop.config.clock_text import time_of_day_text
 from glucoloop.config.comparison import MOST_CASES
@@ -32,9 +32,8 @@ from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
-from glucoloop.printable import is_printable
 from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.settings import known_names, refuse_unknown_keys
+from glucoloop.registry.settings import refuse_unknown_keys
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.units import MIN_PER_DAY
 
@@ -224,19 +223,10 @@ def _cases(
 
 
 def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situation: SituationKeys) -> Case:
-    label = table.get("label")
-    if not isinstance(label, str) or not label.strip():
-        raise ValueError(f"the case {dict(table)!r} has no label; give it one, like label = 'careful'")
-    if not is_printable(label):
-        raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
+    label = label_of(table)
     own = {key: value for key, value in table.items() if key != "label"}
     try:
-        known = _own_case_keys(controllers_of(own))
-        for key in own:
-            if key in trial_key_names():
-                raise ValueError(f"{key} belongs to the trial, which all cases share; give it outside the cases")
-            if key not in known:
-                raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
+        refuse_foreign(own, trial_key_names(), "trial", _own_case_keys(controllers_of(own)))
         case = read_case(under_shared(shared, own), situation)
     except ValueError as error:
         raise ValueError(f"case {label!r}: {error}") from None
