@@ -54,6 +54,8 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         people=summary.people,
         infeasible=summary.infeasible.count,
         facts={**controllers_facts(trial.cases), **trial_facts(trial)},
+        meals=[(meal.t_min, meal.carbs_g) for meal in trial.plan.nominal()],
+        faults=trial.faults,
         repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)

@@ -122,10 +122,7 @@ def _picture(runs: Sequence[PlottedRun], limits: DoseLimits, lowest_mg_dl: float
     panels = [_glucose_panel(runs, lowest_mg_dl, end_min, most), _insulin_panel(runs, limits, end_min)]
     if any(run.boluses or run.command_boluses for run in runs):
         panels.append(_bolus_panel(runs))
-    for fault, window in _windows(faults, end_min):
-        panel = panels[0] if parse_fault(fault).entry.part == "sensor" else panels[1]
-        panel.area("fault", window, (panel.low, panel.high))
-        panel.shapes.insert(0, panel.shapes.pop())
+    mark_faults(panels, faults, end_min)
     drawn = plot(panels, end_min, name="Glucose and insulin", lanes=_lanes(runs, faults, end_min))
     return _legend(runs, limits, lowest_mg_dl, faults) + linked(drawn, end_min, "runs")
 
@@ -242,6 +239,14 @@ def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
             y = np.ravel([(0.0, size, np.nan) for _, size in stems])
             panel.line(t, y, f'class="run-{index} {kind}" style="stroke: {colour(index)}"')
     return panel
+
+
+def mark_faults(panels: Sequence[Panel], faults: Sequence[str], end_min: float) -> None:
+    """Shade the times of faults below the curves: those of the sensor in the first panel, of the pump in the second."""
+    for fault, window in _windows(faults, end_min):
+        panel = panels[0] if parse_fault(fault).entry.part == "sensor" else panels[1]
+        panel.area("fault", window, (panel.low, panel.high))
+        panel.shapes.insert(0, panel.shapes.pop())
 
 
 def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple[float, float]]]:

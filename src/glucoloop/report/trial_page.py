@@ -15,7 +15,7 @@ from glucoloop.report._page import count, either, in_both_units, percent, scroll
 from glucoloop.report._plot import GLUCOSE, INSULIN, Panel, colour, extent, linked, plot, thinned
 from glucoloop.report._style import RANGE_COLOURS
 from glucoloop.report._trial_people import distribution_picture, grid_picture
-from glucoloop.report.page import TARGET_MG_DL
+from glucoloop.report.page import TARGET_MG_DL, mark_faults
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport, WorstPerson
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -154,11 +154,14 @@ def _frame(
     end_min = report.horizon_min
     low, high = extent([report.setpoint_mg_dl, report.lowest_glucose_mg_dl], *quantity_low)
     margin = 0.05 * (high - low)
-    glucose = Panel(GLUCOSE, low - margin, high + margin, 13.0, alts[0])
+    marks = [(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in report.meals]
+    glucose = Panel(GLUCOSE, low - margin, high + margin, 13.0, alts[0], marks=marks)
     glucose.area("target", (0.0, end_min), TARGET_MG_DL)
     glucose.level(report.setpoint_mg_dl, end_min)
     glucose.level(report.lowest_glucose_mg_dl, end_min, "level dash-1")
-    return [glucose, Panel(INSULIN, 0.0, 1.05 * extent([0.0], *insulin)[1], 7.0, alts[1])]
+    panels = [glucose, Panel(INSULIN, 0.0, 1.05 * extent([0.0], *insulin)[1], 7.0, alts[1])]
+    mark_faults(panels, report.faults, end_min)
+    return panels
 
 
 def _every(size: int, most: int) -> slice:
@@ -199,6 +202,10 @@ def _responses(report: TrialReport) -> str:
         "A percentile is of all people at a moment, and no person's course. The green band is 70 to 180 mg/dl, the "
         f"solid grey line the setpoint, the dashed one {report.lowest_glucose_mg_dl:g} mg/dl."
     )
+    if report.meals:
+        caption += " Meals stand above the picture, at the times at which they are planned."
+    if report.faults:
+        caption += " The times at which a fault can be present are shaded."
     if any(len(case.bands_t_min) > most for case in cases):
         caption += " Not every sample is drawn."
     return _page.section(

@@ -103,6 +103,10 @@ class TrialReport:
     cases: Mapping[str, CaseReport]
     """Results by label, in the order shown."""
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
+    meals: Sequence[tuple[float, float]] = ()
+    """Planned time in min and carbohydrate in g of each meal."""
+    faults: Sequence[str] = ()
+    """Faults of sensor and pump under every controller, as `registry.fault_text` writes them."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""
 
