@@ -26,7 +26,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
         ("your_own_controller", "glucose from"),
         ("your_own_fault", "readings: 60, 80, 100"),
         ("your_own_sensor", "readings are behind glucose by up to"),
-        ("your_own_metric", "time from 70 to 140 mg/dl: 100.0 %"),
+        ("your_own_metric", "time from 70 to 140 mg/dl: 91.8 %"),
         ("your_own_data", "1 of 576 samples were missing"),
         ("a_guarded_controller", "alone: glucose down to 59.9 mg/dl"),
         ("kanderian", "1.321 U/h hold 120 mg/dl"),

@@ -20,7 +20,7 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps import PARKER_1999_LIMITS, DoseLimits, LimitedPump
+from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits, LimitedPump
 from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate
@@ -137,6 +137,7 @@ class Designed:
     noise_variance: float = 1.45
     sample_time_min: float = 5.0
     limits: DoseLimits = PARKER_1999_LIMITS
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS
     basal_insulin_mU_min: float = 25.0
     identified: StepResponseModel = IDENTIFIED
 

@@ -23,7 +23,7 @@ from glucoloop.control.protocol import gives_boluses
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
@@ -47,6 +47,7 @@ class Designed:
     noise_variance: float = 1.45
     sample_time_min: float = 5.0
     limits: DoseLimits = PARKER_1999_LIMITS
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS
     basal_insulin_mU_min: float = 22.3
     identified: StepResponseModel = MODEL
 

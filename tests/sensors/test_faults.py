@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
 from glucoloop.episodes import Episodes, always, never, once, recurring
+from glucoloop.registry.faults import FAULTS as CATALOGUE
 from glucoloop.sensors import (
     IdealSensor,
     calibration,
@@ -175,6 +176,11 @@ def test_a_fault_does_what_it_should_to_the_very_readings_inside(name, glucose, 
 
 
 @pytest.mark.long
+def test_every_fault_of_a_sensor_in_the_catalogue_is_tried_here():
+    known = {name for name, entry in CATALOGUE.items() if entry.part == "sensor"}
+    assert known <= {name.replace(" ", "-") for name in FAULTS}
+
+
 @pytest.mark.parametrize("name", FAULTS)
 def test_without_an_episode_not_one_bit_changes(name):
     expected = told(NOISY, WALK)

@@ -360,3 +360,8 @@ def guarded(
         basal_mU_min=math.nan if basal_mU_min is None else basal_mU_min,
         settings=GuardSettings() if settings is None else settings,
     )
+
+
+def guard_settings_of(controller: Controller) -> GuardSettings | None:
+    """Limits of a guard; None for a controller without one."""
+    return controller.settings if isinstance(controller, Guard) else None

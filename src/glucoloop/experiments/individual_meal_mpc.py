@@ -7,14 +7,14 @@ basal rate, up and down, each for half an hour, and readings as noisy as in the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller, MealMPC
+from glucoloop.control import Controller
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_records
@@ -48,17 +48,17 @@ def individual_meal_mpc(
     The setting ``individual_by`` is the source of gain and lag. ``"record"``: the person's own record. ``"basal"``: the
     person's basal rate, see `MealMPC.with_basal`. ``"none"``: both are nominal, whatever the basal rate.
     """
-    controller = controller_of(situation, case)
-    if not isinstance(controller, MealMPC):
-        raise TypeError(f"{type(controller).__name__} is no meal-aware controller")
+    controller: Any = controller_of(situation, case)
+    if not hasattr(controller, "for_person"):
+        raise TypeError(f"{type(controller).__name__} cannot be made for a person; it has no method for_person")
     by = case.tuning["individual_by"]
     if by == "basal":
         return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
     known = by_record(situation, example) if by == "record" else _by_none
 
     def design(people: VirtualPeople) -> Controller:
-        gain, lag = known(people)
-        return controller.for_person(people.basal_insulin_mU_min, gain, lag)
+        individual: Controller = controller.for_person(people.basal_insulin_mU_min, *known(people))
+        return individual
 
     return design
 

@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.control import Controller, Guard
+from glucoloop.control import Controller
+from glucoloop.control.guard import guard_settings_of
+from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.designs import with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_people
@@ -59,11 +61,8 @@ class WatchedLoops:
         self._situation = situation = usual_situation() if situation is None else situation
         self._seed, self._order = seed, order
         self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
-        caps = (
-            Caps(settings=controller.settings, limits=limits, boluses=controller.gives_boluses)
-            if isinstance(controller, Guard)
-            else None
-        )
+        settings, boluses = guard_settings_of(controller), gives_boluses(controller)
+        caps = None if settings is None else Caps(settings=settings, limits=limits, boluses=boluses)
         example = draw_people(seed, np.arange(2), situation.patient)
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
         self._loop = PeopleLoop(

@@ -21,9 +21,8 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.control import Controller, Decision, Guard, Observation, Status
+from glucoloop.control import Controller, Decision, Observation, Status, guarded
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.experiments.designs import with_guard
 from glucoloop.experiments.situation import usual_situation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.registry.controllers import CONTROLLERS, controller_entry
@@ -176,9 +175,7 @@ class _Loops:
 
     def __init__(self, name: str, seed: int) -> None:
         self._seed, limits = seed, PARKER_1999_LIMITS
-        guard = with_guard(catalogue_controller(name), {}, limits)
-        if not isinstance(guard, Guard):
-            raise TypeError(f"a guard was asked for around {name}, and {type(guard).__name__} was made")
+        guard = guarded(catalogue_controller(name), limits=limits)
         self._guard, self._caps = guard, Caps(settings=guard.settings, limits=limits, boluses=guard.gives_boluses)
         self._no_bolus = jnp.zeros(()) if guard.gives_boluses else None
         self._setpoint = usual_situation().target_mg_dl
