@@ -15,7 +15,8 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
-from glucoloop.firmware.ladder import INTERPRETED, Rung, chips_for, ladder
+from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
+from glucoloop.firmware.rung import Rung
 from glucoloop.firmware.samples import Init, Record, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.storage.files import read_text
@@ -114,8 +115,8 @@ def check(asked: Export, folder: Path, samples: int, target: str) -> list[Rung]:
     """
     made = _made(asked)
     of_loop = made.recorded(samples, asked.run.situation.seed)
-    rungs = [_same_file(made.exported, folder)]
-    return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(target)), samples=None, deep=True)]
+    rungs, form = [_same_file(made.exported, folder)], made.exported.source.form
+    return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(target)), samples=CHECKED[form], deep=True)]
 
 
 def _same_file(exported: Exported, folder: Path) -> Rung:

@@ -13,7 +13,7 @@ import numpy as np
 from glucoloop.control.protocol import Controller, Decision, Observation, Status
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.evaluate import Evaluation
-from glucoloop.native.targets.c.source import Source, Traced, trace, write_source
+from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
 from glucoloop.pumps import DoseLimits
 
 PRECISIONS = ("float32", "float64")
@@ -27,6 +27,11 @@ class Exported:
     traced: Traced
     precision: str
     limits: DoseLimits
+
+    @property
+    def last(self) -> LastClamp:
+        """Bounds that C applies last."""
+        return _last_clamp(self.limits, np.dtype(self.precision))
 
     def meaning(self) -> tuple[Evaluation, Evaluation]:
         """Init and step of the compact form in NumPy, as a reference."""
@@ -79,11 +84,22 @@ def export(
 
     try:
         traced = trace(of_chip.init, step, seen, precision)
-        bounds = {"insulin_mU_min": (float(least), float(most))}
-        source = write_source(traced, title, form, bounds)
+        source = write_source(traced, title, form, _last_clamp(limits, real))
     except UnsupportedError as error:
         raise ValueError(f"this controller cannot be written in C in the {form} form: it uses {error}") from None
     return Exported(source=source, traced=traced, precision=precision, limits=limits)
+
+
+def _last_clamp(limits: DoseLimits, real: np.dtype[Any]) -> LastClamp:
+    """Limits of the pump as C applies them last, with room for the rounding that controllers and guard allow."""
+    rounding = 8.0 * float(np.finfo(real).eps) * float(limits.max_mU_min)
+    return LastClamp(
+        rate="insulin_mU_min",
+        delivered="delivered_mU_min",
+        least=float(real.type(limits.min_mU_min)),
+        most=float(real.type(limits.max_mU_min)),
+        change=float(real.type(float(limits.max_change_mU_min) + rounding)),
+    )
 
 
 def _finished(decision: Decision, least: Any, most: Any) -> Decision:

@@ -14,7 +14,9 @@ COLUMNS: Final = 10
 
 def _each(line: str, indent: int) -> str:
     """A line for each of the columns."""
-    return "\n".join(f"{' ' * indent}{line.replace('#', str(i))}" for i in range(COLUMNS))
+    # MISRA C:2012, rule 2.2: nothing is added to the first place.
+    texts = (line.replace(" + #", f" + {i}" if i else "").replace("#", str(i)) for i in range(COLUMNS))
+    return "\n".join(f"{' ' * indent}{text}" for text in texts)
 
 
 _SOURCE: Final = {
@@ -99,8 +101,9 @@ static @real@ gl_mantissa(@real@ x)
     "gl_exponent": """
 static @real@ gl_exponent(@real@ x)
 {
-  const int32_t e = (int32_t)((gl_bits(x) >> @shift@) & (@bits@)@mask@@u@);
-  return (@real@)(e - @bias@);
+  const @bits@ b = (gl_bits(x) >> @shift@) & (@bits@)@mask@@u@;
+  const int32_t e = (int32_t)b - (int32_t)@bias@;
+  return (@real@)e;
 }""",
     "gl_power_of_two": """
 /* Two to the whole number that stands in the last bits of x. */

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -44,6 +44,43 @@ class Traced:
     """Trees of shapes of the decision."""
     functions: tuple[Callable[..., Any], Callable[..., Any]]
     precision: str
+
+
+@dataclass(frozen=True)
+class LastClamp:
+    """Bounds of a rate that the step keeps already, and that C applies once more, so that tools can prove them."""
+
+    rate: str
+    """Field of the decision."""
+    delivered: str
+    """Field of the observation: the rate so far."""
+    least: float
+    most: float
+    change: float
+    """Largest change from a delivered rate that is within the bounds, with all rounding of the step."""
+
+    def lines(self, format: Format) -> list[str]:
+        """Last statements of the step."""
+        place = f"decision->{self.rate}"
+        return [
+            f"{place} = gl_limited({place}, observation->{self.delivered});",
+            # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
+            f"{place} = ({place} == {place}) ? {place} : {format.literal(self.least)};",
+        ]
+
+    def function(self, format: Format) -> list[str]:
+        """Definition of the function that is called."""
+        real, low, high, change = format.type, *map(format.literal, (self.least, self.most, self.change))
+        return [
+            "/* The rate, which the limits of the pump have bounded before: once more, so that it can be proved. */",
+            f"static {real} gl_limited({real} rate, {real} delivered)",
+            "{",
+            f"const {real} near = gl_inside(delivered, {low}, {high}) ? "
+            f"gl_clip(rate, delivered - {change}, delivered + {change}) : rate;",
+            f"return gl_clip(near, {low}, {high});",
+            "}",
+            "",
+        ]
 
 
 @dataclass(frozen=True)
@@ -98,7 +135,7 @@ def write_source(
     traced: Traced,
     title: Sequence[str],
     form: str = AUTO,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    last: LastClamp | None = None,
 ) -> Source:
     """Write a controller in C.
 
@@ -108,9 +145,7 @@ def write_source(
     title : sequence of str
         Lines for the comment at the head of the files.
     form : {"auto", "unrolled", "compact"}
-    bounds : mapping, optional
-        Field of the decision -> the least and the largest value that it takes. What the step computes is within them
-        already; C says so once more at its end, so that tools that analyse it can prove it.
+    last : LastClamp, optional
 
     Raises
     ------
@@ -145,8 +180,9 @@ def write_source(
                     {},
                 ),
             ]
-        bodies[1] = Body([*bodies[1].lines, *_bounded(bounds or {}, format)], bodies[1].workspace)
-        code = _code(bodies, tables, format)
+        if last is not None:
+            bodies[1] = Body([*bodies[1].lines, *last.lines(format)], bodies[1].workspace)
+        code = _code(bodies, tables, format, [] if last is None else last.function(format))
     workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in (REAL, WHOLE, TRUTH)}
     records = {"state": state, "observation": observation, "decision": decision}
     design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
@@ -224,27 +260,18 @@ def _before(format: Format) -> list[str]:
     ]  # fmt: skip
 
 
-def _code(bodies: Sequence[Body], tables: Tables, format: Format) -> list[str]:
+def _code(bodies: Sequence[Body], tables: Tables, format: Format, last: Sequence[str]) -> list[str]:
     first, each = (_function(name, body, format) for name, body in zip(("gl_init", "gl_step"), bodies, strict=True))
     functions = elementary([*first, *each], format)
     return [
         *_tables(tables, "\n".join([*first, *each]), format),
-        *helpers([*functions, *first, *each], format),
-        *_indented(functions),
+        *helpers([*functions, *last, *first, *each], format),
+        *_indented([*functions, *last]),
         *first,
         "",
         *each,
         "",
     ]
-
-
-def _bounded(bounds: Mapping[str, tuple[float, float]], format: Format) -> list[str]:
-    lines = []
-    for name, (least, most) in bounds.items():
-        place, low, high = f"decision->{name}", format.literal(least), format.literal(most)
-        # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
-        lines.append(f"{place} = ({place} == {place}) ? gl_clip({place}, {low}, {high}) : {low};")
-    return lines
 
 
 def _function(name: str, body: Body, format: Format) -> list[str]:

@@ -59,7 +59,7 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
 
 
 def _tidy(line: str) -> str:
-    return re.sub(r"\[([^\[\]]*?) \+ 0\]", r"[\1]", line)
+    return re.sub(r" \+ 0\]", "]", line)
 
 
 def _lives(lines: Sequence[str]) -> dict[int, tuple[int, int]]:

@@ -584,6 +584,8 @@ def _conversion(equation: Any, writer: Writer) -> str:
         return f"({{0}} != {writer.literal(0, REAL if real_source else WHOLE)})"
     if source == np.bool_:
         kind = REAL if real_target else WHOLE
+        if kind == WHOLE:  # MISRA C:2012, rule 10.6: a small literal has a narrower type
+            return "({0} ? (int32_t)1 : (int32_t)0)"
         return f"({{0}} ? {writer.literal(1, kind)} : {writer.literal(0, kind)})"
     if real_source and not real_target:
         return "gl_whole({0})"

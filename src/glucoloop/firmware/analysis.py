@@ -1,0 +1,143 @@
+"""Analysis of an exported controller's C without running it: MISRA C:2012 by cppcheck, and proofs by Frama-C EVA."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.rung import Rung, ran, written
+from glucoloop.firmware.samples import Record
+from glucoloop.native.targets.c.numbers import FORMATS
+
+_ADVISORY: Final = frozenset({
+    "1.2", "2.3", "2.4", "2.5", "2.6", "2.7", "5.9", "8.7", "8.9", "8.11", "8.13", "10.5", "11.4", "11.5", "12.1",
+    "12.3", "12.4", "13.3", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "21.12",
+})  # fmt: skip
+"""Advisory rules of MISRA C:2012; the others are required."""
+_ANYTHING: Final = """\
+extern void anything(void *to, unsigned long size);
+/*@ assigns ((char *)to)[0 .. size - 1] \\from \\nothing; */
+void anything(void *to, unsigned long size);
+"""
+_STEP: Final = """\
+static gl_workspace workspace;
+static gl_state state;
+static gl_observation observation;
+static gl_decision decision;
+int main(void)
+{
+@FILL@
+  gl_step(&workspace, &state, &observation, &decision);
+  /*@ assert dose: @LEAST@ <= decision.insulin_mU_min <= @MOST@; */
+  /*@ assert status: 0 <= decision.status <= 11; */
+  return 0;
+}
+"""
+
+
+_SLICES: Final = 512
+"""Number of parts of the range of delivered rates; Frama-C keeps one interval for each number, not their difference."""
+_CHANGE: Final = """\
+#include "controller.c"
+#include "__fc_builtin.h"
+int main(void)
+{
+  const @REAL@ rate = Frama_C_@REAL@_interval(-@MAX@, @MAX@);
+  /*@ loop unroll @SLICES@; */
+  for (int i = 0; i < @SLICES@; i++)
+  {
+    const @REAL@ low = @LEAST@ + ((@REAL@)i * @WIDTH@);
+    const @REAL@ high = @LEAST@ + ((@REAL@)(i + 1) * @WIDTH@);
+    const @REAL@ delivered = Frama_C_@REAL@_interval(low, (high > @MOST@) ? @MOST@ : high);
+    const double change = (double)gl_limited(rate, delivered) - (double)delivered;
+    /*@ assert change: -@BOUND@ <= change <= @BOUND@; */
+  }
+  return 0;
+}
+"""
+_EVA: Final = ("-eva", "-eva-precision", "0", "-eva-auto-loop-unroll", "4", "-warn-special-float", "none")
+_PACKAGE: Final = "frama-c is not installed; Debian's package frama-c-base brings it"
+
+
+def misra(exported: Exported, record: Record) -> Rung:
+    """Findings of cppcheck's add-on; one of a required rule fails the check."""
+    name = "MISRA C:2012, by cppcheck"
+    if shutil.which("cppcheck") is None:
+        return Rung(name, None, "cppcheck is not installed; Debian's package cppcheck brings it", {})
+    with tempfile.TemporaryDirectory(prefix="glucoloop-misra-") as made:
+        folder = Path(made)
+        written(exported, record, None, folder)
+        flags = ["--std=c99", "--enable=style", "--addon=misra", "--quiet", "--template={id}", "--inline-suppr"]
+        code, said = ran(["cppcheck", *flags, "controller.c"], folder)
+    if code == 124:
+        return Rung(name, None, said, {})
+    found: dict[str, int] = {}
+    for rule in re.findall(r"misra-c2012-([\d.]+)", said):
+        found[rule] = found.get(rule, 0) + 1
+    if "misra" in said and not found:
+        return Rung(name, None, f"the add-on does not run: {' '.join(said.split())[:300]}", {})
+    required = {rule: count for rule, count in found.items() if rule not in _ADVISORY}
+    advisory = {rule: count for rule, count in found.items() if rule in _ADVISORY}
+    told = "; ".join(
+        f"{kind} rules: {', '.join(f'{rule} ({count} times)' for rule, count in sorted(of.items())) or 'no finding'}"
+        for kind, of in (("required", required), ("advisory", advisory))
+    )
+    return Rung(name, not required, told, {"required": required, "advisory": advisory})
+
+
+def bounds_proved(exported: Exported, record: Record) -> Rung:
+    """Proof that a step gives a dose and a status within their bounds without a run-time error, for any bits."""
+    name = "bounds of the dose for any state and observation, by Frama-C EVA"
+    lines = []
+    for structure in ("state", "observation"):
+        for field in exported.source.records[structure].fields:
+            if field.size:
+                at = f"&{structure}.{field.name}{'[0]' if field.is_array else ''}"
+                lines.append(f"  anything({at}, sizeof({structure}.{field.name}));")
+    last = exported.last
+    text = '#include "controller.h"\n' + _ANYTHING + _STEP.replace("@FILL@", "\n".join(lines))
+    text = text.replace("@LEAST@", last.least.hex()).replace("@MOST@", last.most.hex())
+    return _analysed(name, exported, record, text, ["controller.c"], "dose and status within bounds", 2)
+
+
+def change_proved(exported: Exported, record: Record) -> Rung:
+    """Proof that the rate changes by no more than the pump may from a delivered rate within its limits."""
+    name = "largest change of the rate, by Frama-C EVA"
+    last, format = exported.last, FORMATS[exported.precision]
+    of_step = exported.source.code.split("void gl_step(")[1].split("\n}")[0].rstrip()
+    if not of_step.endswith("\n  ".join(last.lines(format))):
+        return Rung(name, False, "the step does not end by the function that bounds the rate", {})
+    width = (last.most - last.least) / _SLICES * (1.0 + 1e-6)
+    bound = math.nextafter(last.change + 1.01 * width, math.inf)
+    text = _CHANGE.replace("@SLICES@", str(_SLICES)).replace("@REAL@", format.type)
+    text = text.replace("@MAX@", "FLT_MAX" if format.type == "float" else "DBL_MAX")
+    text = text.replace("@LEAST@", format.literal(last.least)).replace("@MOST@", format.literal(last.most))
+    text = text.replace("@WIDTH@", format.literal(width)).replace("@BOUND@", bound.hex())
+    told = f"at most {bound:.4g} mU/min from any delivered rate within the limits"
+    return _analysed(name, exported, record, text, [], told, 1)
+
+
+def _analysed(
+    name: str, exported: Exported, record: Record, main: str, others: list[str], told: str, assertions: int
+) -> Rung:
+    if shutil.which("frama-c") is None:
+        return Rung(name, None, _PACKAGE, {})
+    with tempfile.TemporaryDirectory(prefix="glucoloop-eva-") as made:
+        folder = Path(made)
+        written(exported, record, None, folder)
+        (folder / "main.c").write_text(main)
+        code, said = ran(["frama-c", *_EVA, *(str(folder / file) for file in ("main.c", *others))], folder)
+    if code:
+        return Rung(name, None, f"Frama-C does not run: {' '.join(said.split())[-300:]}", {})
+    alarms = len(re.findall(r"\[eva:alarm\]", said))
+    valid = re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", said)
+    proved = valid is not None and int(valid[1]) == assertions and valid[2] == valid[3] == "0"
+    if alarms or not proved:
+        said = f"{alarms} alarms are left" + ("" if proved else "; a bound is not proved")
+        return Rung(name, False, said, {"alarms": alarms})
+    return Rung(name, True, f"{told}, and no run-time error", {"alarms": 0})
