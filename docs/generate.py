@@ -20,6 +20,7 @@ import typer.main
 import glucoloop
 from glucoloop import units
 from glucoloop.cli.app import app
+from glucoloop.lab import pack
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.registry.controllers import CONTROLLERS
@@ -352,6 +353,7 @@ def write_all(docs: Path) -> None:
         made / "commands.md": commands(),
         made / "record-columns.md": record_columns(),
         made / "everyday.rst": everyday(),
+        made / "lab.html": pack.page(),
         **api(docs / "api"),
     }
     for folder in (made, docs / "api"):

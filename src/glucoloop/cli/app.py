@@ -21,6 +21,7 @@ from glucoloop.cli import (
     export,
     hil,
     identify,
+    lab,
     patients,
     query,
     reproduce,
@@ -63,6 +64,7 @@ app.command("stress", help=stress.HELP)(stress.command)
 app.command("detect", help=detect.HELP)(detect.command)
 app.command("export", help=export.HELP)(export.command)
 app.command("hil", help=hil.HELP)(hil.command)
+app.command("lab", help=lab.HELP)(lab.command)
 app.command("verify", help=verify.HELP)(verify.command)
 app.command("adversary", help=adversary.HELP)(adversary.command)
 app.command("query", help=query.HELP)(query.command)

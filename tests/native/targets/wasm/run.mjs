@@ -12,6 +12,7 @@ function numbers(group) {
   return new array(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength));
 }
 
-const given = Object.fromEntries(["person", "carry", "own", "shared"].map((group) => [group, numbers(group)]));
-const found = (await load(readFileSync(module), precision)).run(name, sizes, samples, people, given);
-for (const group of ["carry", "outputs"]) writeFileSync(`${folder}/${group}.bin`, found[group]);
+const kernel = (await load(readFileSync(module), precision)).prepare(name, sizes, people, samples);
+for (const group of ["person", "carry", "own", "shared"]) kernel.set(group, numbers(group));
+kernel.run();
+for (const group of ["carry", "outputs"]) writeFileSync(`${folder}/${group}.bin`, kernel.get(group));

@@ -46,6 +46,24 @@ def linker() -> str | None:
     return shutil.which(LINKER)
 
 
+def linker_version() -> str:
+    """Version of the linker, as it tells it.
+
+    Raises
+    ------
+    ValueError
+        If it is absent.
+    """
+    return subprocess.run([_linker(), "--version"], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def _linker() -> str:
+    program = linker()
+    if program is None:
+        raise ValueError(f"{LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
+    return program
+
+
 def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
     """Compile and link lowered functions as one WebAssembly module.
 
@@ -67,9 +85,7 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
     for name in functions:
         if not name.isidentifier() or not name.isascii() or name == _KERNEL:
             raise ValueError(f"{name!r} cannot be the name of a function; give letters, digits and _")
-    program = linker()
-    if program is None:
-        raise ValueError(f"{LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
+    program = _linker()
     with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
         objects = []
         for name, lowered in functions.items():

@@ -1,0 +1,45 @@
+"""``glucoloop lab``: the laboratory as a page, in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from glucoloop.cli.options import Given, Option, with_options
+
+HELP: Final = (
+    "Write the laboratory as a page: one HTML file that simulates the closed loop in the browser, without a server and "
+    "without the network.\n\n"
+    "Meals, controller, tuning, guard, noise and dead time are changed by hand, and the picture follows. The page has "
+    "the patient of Parker, Doyle and Peppas (1999) under PID, IMC, MPC and MPC/SE; its numbers are those of "
+    "glucoloop run within 0.02 mg/dl, and it tells the command that repeats them.\n\n"
+    "  glucoloop lab --out lab.html"
+)
+_OPTIONS: Final = (
+    Option("out", "--out", str, "The file.", "Output", metavar="FILE"),
+    Option("overwrite", "--overwrite", bool, "Replace a file of that name.", "Output"),
+)
+
+
+@with_options(_OPTIONS)
+def command(given: Given) -> None:
+    """Write the page, and say where it is."""
+    out = given.get("out")
+    if not out:
+        raise ValueError("--out is missing; name the file, like --out lab.html")
+    place = Path(str(out))
+    if place.is_dir():
+        raise ValueError(f"{place} is a folder; name a file in it, like --out {place / 'lab.html'}")
+    if place.exists() and not given.get("overwrite"):
+        raise ValueError(f"{place} is there already; choose another file with --out, or add --overwrite to replace it")
+    if not place.parent.is_dir():
+        raise ValueError(f"{place} cannot be written: there is no folder {place.parent}; make it first")
+    from glucoloop.lab.pack import page
+    from glucoloop.storage.disk import put_file
+
+    text = page().encode()
+    try:
+        put_file(place, text)
+    except OSError as error:
+        raise ValueError(f"{place} cannot be written: {error.strerror}") from None
+    print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")

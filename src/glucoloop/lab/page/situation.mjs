@@ -1,0 +1,282 @@
+// @ts-check
+/** A situation: what the page simulates. It is checked, written as a link, as a command and as a file, and read again. */
+
+/** @typedef {{t_min: number, carbs_g: number}} Meal */
+
+/**
+ * @typedef {object} Situation
+ * @property {string} patient operating point of the patient
+ * @property {string} controller
+ * @property {Record<string, number>} tuning settings that are not the usual ones
+ * @property {boolean} guard
+ * @property {Meal[]} meals
+ * @property {number} noise_variance
+ * @property {number} dead_time_min
+ * @property {number} seed
+ * @property {number} duration_min
+ */
+
+/**
+ * @typedef {object} Setting
+ * @property {string} summary
+ * @property {boolean} whole
+ * @property {number} least
+ * @property {number} most
+ * @property {number} step
+ */
+
+/**
+ * @typedef {object} Patient
+ * @property {number[]} numbers of the patient that differ between patients
+ * @property {number[]} matrices of the integrator, without their zeros
+ * @property {number[]} x state at rest
+ * @property {number} basal_insulin_mU_min
+ * @property {number} setpoint_mg_dl
+ * @property {number} glucose_mg_dl
+ * @property {{pid: import("./design.mjs").FirstOrder, imc: import("./design.mjs").FirstOrder}} first_order
+ * @property {number[]} step_response
+ * @property {import("./design.mjs").Linear} linear
+ */
+
+/**
+ * @typedef {object} Data as `glucoloop.lab.build` writes it
+ * @property {string} patient
+ * @property {number} sample_time_min
+ * @property {number[]} inside_min
+ * @property {number} longest_min
+ * @property {import("./design.mjs").Limits} limits
+ * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>>>} functions
+ * @property {Record<string, Patient>} patients
+ * @property {Record<string, string>} summaries
+ * @property {Record<string, {summary: string, settings: Record<string, Setting>,
+ *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers
+ * @property {number[][]} normals
+ * @property {Record<string, string>} statuses
+ */
+
+const MOST_MEALS = 12;
+const LARGEST_MEAL_G = 300;
+const LARGEST_VARIANCE = 900;
+const LONGEST_DEAD_TIME_MIN = 60;
+const SHORTEST_MIN = 30;
+const VERSION = "glucoloop";
+
+/**
+ * The situation that the page begins with: that of `glucoloop run`.
+ * @param {Data} data
+ * @returns {Situation}
+ */
+export function usual(data) {
+  return {
+    patient: Object.keys(data.patients)[0],
+    controller: "mpc",
+    tuning: {},
+    guard: false,
+    meals: [{ t_min: 50, carbs_g: 50 }],
+    noise_variance: 0,
+    dead_time_min: 0,
+    seed: 0,
+    duration_min: 600,
+  };
+}
+
+/**
+ * All settings of the controller: the given ones, and the usual ones for readings with or without noise.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {Record<string, any>}
+ */
+export function tuningOf(situation, data) {
+  const usual = data.controllers[situation.controller].usual[situation.patient];
+  return { ...(situation.noise_variance > 0 ? usual.noisy : usual.noise_free), ...situation.tuning };
+}
+
+/**
+ * @param {string} what
+ * @param {number} value
+ * @param {number} least
+ * @param {number} most
+ * @param {string} unit
+ * @param {number} [step]
+ */
+function within(what, value, least, most, unit, step) {
+  const every = step === undefined ? "" : step === 1 ? "a whole number " : `a multiple of ${step}${unit} `;
+  if (typeof value !== "number" || !(value >= least && value <= most) || (step && value % step !== 0)) {
+    throw new RangeError(`${what} is ${value}${unit}; give ${every}from ${least} to ${most}${unit}`);
+  }
+}
+
+/**
+ * @param {string} what
+ * @param {string} value
+ * @param {string[]} known
+ */
+function among(what, value, known) {
+  if (!known.includes(value)) throw new RangeError(`${what} is '${value}'; the known ones are: ${known.join(", ")}`);
+}
+
+/**
+ * A situation that can be simulated.
+ * @param {Situation} given
+ * @param {Data} data
+ * @returns {Situation} the same, meals in the order of their times
+ * @throws {RangeError} with a sentence, for a value that is not possible
+ */
+export function checked(given, data) {
+  among("the patient", given.patient, Object.keys(data.patients));
+  among("the controller", given.controller, Object.keys(data.controllers));
+  within("the length", given.duration_min, SHORTEST_MIN, data.longest_min, " min", data.sample_time_min);
+  within("the variance of the noise", given.noise_variance, 0, LARGEST_VARIANCE, " (mg/dl)²");
+  within("the dead time", given.dead_time_min, 0, LONGEST_DEAD_TIME_MIN, " min", data.sample_time_min);
+  within("the seed", given.seed, 0, data.normals.length - 1, "", 1);
+  if (given.meals.length > MOST_MEALS) {
+    throw new RangeError(`${given.meals.length} meals are too many; give at most ${MOST_MEALS}`);
+  }
+  for (const meal of given.meals) {
+    within("a meal", meal.carbs_g, 1, LARGEST_MEAL_G, " g");
+    within("the time of a meal", meal.t_min, 0, given.duration_min - 1, " min");
+  }
+  const { settings } = data.controllers[given.controller];
+  for (const [name, value] of Object.entries(given.tuning)) {
+    among("a setting", name, Object.keys(settings));
+    const { least, most, whole } = settings[name];
+    within(name.replaceAll("_", " "), value, least, most, "", whole ? 1 : undefined);
+  }
+  return { ...given, meals: [...given.meals].sort((a, b) => a.t_min - b.t_min) };
+}
+
+/**
+ * Keys and values of the situation, by which a link and a configuration file tell it.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {[string, string | number | boolean | string[]][]}
+ */
+export function keys(situation, data) {
+  return [
+    ["patient", data.patient],
+    ["operating_point", situation.patient],
+    ["controller", situation.controller],
+    ...Object.entries(situation.tuning),
+    // The model of linear MPC on the page is identified from a record without noise.
+    ...(situation.controller === "mpc" ? /** @type {[string, number][]} */ ([["model_noise_variance", 0]]) : []),
+    ...(situation.guard ? /** @type {[string, boolean][]} */ ([["guard", true]]) : []),
+    ["meals", situation.meals.map(mealText)],
+    ["duration_min", situation.duration_min],
+    ["noise_variance", situation.noise_variance],
+    ["dead_time_min", situation.dead_time_min],
+    ["seed", situation.seed],
+  ];
+}
+
+/** @param {Meal} meal */
+function mealText(meal) {
+  return `${meal.carbs_g}g@${meal.t_min}min`;
+}
+
+/**
+ * The situation as a configuration file of `glucoloop run --config`.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @param {string} version
+ */
+export function toml(situation, data, version) {
+  const whole = new Set(["seed"]);
+  for (const [name, setting] of Object.entries(data.controllers[situation.controller].settings)) {
+    if (setting.whole) whole.add(name);
+  }
+  const text = (/** @type {string} */ name, /** @type {unknown} */ value) =>
+    typeof value === "number" && !whole.has(name) && Number.isInteger(value) ? `${value}.0` : JSON.stringify(value);
+  const lines = keys(situation, data).map(([name, value]) => `${name} = ${text(name, value)}`);
+  return `${[`${VERSION} = "${version}"`, ...lines].join("\n")}\n`;
+}
+
+/** Options whose names are not those of the keys. @type {Record<string, string>} */
+const OPTIONS = { duration_min: "duration", noise_variance: "noise", dead_time_min: "dead-time", model_noise_variance: "model-noise" };
+
+/**
+ * The command that computes the same.
+ * @param {Situation} situation
+ * @param {Data} data
+ */
+export function commandLine(situation, data) {
+  const words = ["glucoloop run"];
+  for (const [name, value] of keys(situation, data)) {
+    const option = `--${OPTIONS[name] ?? name.replaceAll("_", "-")}`;
+    if (Array.isArray(value)) words.push(...(value.length ? value.map((meal) => `--meal ${meal}`) : ["--no-meal"]));
+    else words.push(value === true ? option : `${option} ${value}`);
+  }
+  return words.join(" ");
+}
+
+/**
+ * The situation and the version as the part of a link after the #.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @param {string} version
+ */
+export function hash(situation, data, version) {
+  const told = new URLSearchParams([[VERSION, version]]);
+  for (const [name, value] of keys(situation, data)) told.set(name, Array.isArray(value) ? value.join(" ") : `${value}`);
+  return `#${told}`;
+}
+
+/**
+ * The situation of a link.
+ * @param {string} text the part of the link from the # on
+ * @param {Data} data
+ * @returns {{situation: Situation, version: string | null}} which version wrote it, null if the link does not say
+ * @throws {RangeError} with a sentence, for a link that tells no situation of this page
+ */
+export function fromHash(text, data) {
+  const told = new URLSearchParams(text.replace(/^#/, ""));
+  const begun = usual(data);
+  const version = told.get(VERSION);
+  const number = (/** @type {string} */ name, /** @type {string} */ value) => {
+    if (!/^-?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(value)) throw new RangeError(`${name} is '${value}'; give a number`);
+    return Number(value);
+  };
+  const controller = told.get("controller") ?? begun.controller;
+  among("the controller", controller, Object.keys(data.controllers));
+  /** @type {Situation} */
+  const situation = { ...begun, controller };
+  for (const [name, value] of told) {
+    switch (name) {
+      case VERSION:
+      case "controller":
+        break;
+      case "patient":
+        among("the patient", value, [data.patient]);
+        break;
+      case "operating_point":
+        situation.patient = value;
+        break;
+      case "guard":
+        among("guard", value, ["true", "false"]);
+        situation.guard = value === "true";
+        break;
+      case "model_noise_variance":
+        if (value !== "0") throw new RangeError(`the model's noise is ${value}; this page has models without noise only`);
+        break;
+      case "meals":
+        situation.meals = value
+          .split(" ")
+          .filter(Boolean)
+          .map((meal) => {
+            const found = /^([\d.]+)g@([\d.]+)min$/.exec(meal);
+            if (found === null) throw new RangeError(`a meal is '${meal}'; write it like 50g@60min`);
+            return { carbs_g: number("a meal", found[1]), t_min: number("the time of a meal", found[2]) };
+          });
+        break;
+      case "duration_min":
+      case "noise_variance":
+      case "dead_time_min":
+      case "seed":
+        situation[name] = number(name, value);
+        break;
+      default:
+        among("a part of the link", name, Object.keys(data.controllers[controller].settings));
+        situation.tuning = { ...situation.tuning, [name]: number(name, value) };
+    }
+  }
+  return { situation: checked(situation, data), version };
+}

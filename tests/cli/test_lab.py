@@ -1,0 +1,22 @@
+"""``glucoloop lab`` writes the page, and nothing over another file."""
+
+from glucoloop.lab.pack import page
+
+
+def test_the_page_is_written_and_not_over_another_file(glucoloop, refused, tmp_path):
+    place = tmp_path / "lab.html"
+    done = glucoloop("lab", "--out", place)
+    told = "Open it in a browser: it needs neither a server nor the network."
+    assert (done.code, done.out) == (0, f"Wrote {place}, {len(page().encode()) / 1000:.0f} kB. {told}\n")
+    assert place.read_text(encoding="utf-8") == page()
+    place.write_text("mine", encoding="utf-8")
+    assert "is there already; choose another file with --out, or add --overwrite" in refused("lab", "--out", place)
+    assert place.read_text(encoding="utf-8") == "mine"
+    assert glucoloop("lab", "--out", place, "--overwrite").code == 0
+    assert place.read_text(encoding="utf-8") == page()
+
+
+def test_a_place_that_cannot_be_written_is_refused(refused, tmp_path):
+    assert "--out is missing; name the file, like --out lab.html" in refused("lab")
+    assert "is a folder; name a file in it" in refused("lab", "--out", tmp_path)
+    assert f"there is no folder {tmp_path / 'absent'}" in refused("lab", "--out", tmp_path / "absent" / "lab.html")

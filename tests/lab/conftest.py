@@ -1,0 +1,78 @@
+"""Situations simulated by the modules of the page, in node."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from glucoloop.lab.pack import DATA, PAGE
+from glucoloop.native.targets.wasm.module import HOST
+
+NODE = shutil.which("node")
+
+
+@pytest.fixture(scope="session")
+def in_node(tmp_path_factory):
+    """Answers of the page's modules to situations, or to the parts of links after the #."""
+    if NODE is None:
+        pytest.skip("needs node (Debian: apt install nodejs)")
+
+    def ask(situations):
+        folder = tmp_path_factory.mktemp("page")
+        request, answer = folder / "request.json", folder / "answer.json"
+        request.write_text(json.dumps(situations))
+        script = Path(__file__).with_name("simulate.mjs")
+        subprocess.run([NODE, script, PAGE, HOST, request, answer], check=True, timeout=300)
+        return json.loads(answer.read_text())
+
+    return ask
+
+
+@pytest.fixture(scope="session")
+def data():
+    """Data of the page."""
+    return json.loads(DATA.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def corpus(data):
+    """Generated situations: every controller, with and without a guard, on every patient."""
+    import numpy as np
+
+    rng, found = np.random.default_rng(17), []
+    late = {"pid": 5.0, "imc": 10.0, "mpc": 15.0, "mpc-se": 5.0}
+    for i in range(200):
+        controller = list(data["controllers"])[i % 4]
+        noisy, guard = bool(rng.integers(2)), bool(i // 4 % 2)
+        settings = data["controllers"][controller]["settings"]
+        tuning = {}
+        for name in rng.permutation(list(settings))[: rng.integers(0, 3)].tolist():
+            of = settings[name]
+            value = rng.uniform(of["least"], of["most"])
+            tuning[name] = round(value) if of["whole"] else round(float(value), 2)
+        moves, seen = tuning.get("move_horizon", 2), tuning.get("prediction_horizon", 24)
+        if moves > seen:
+            tuning["prediction_horizon"] = 24
+        if moves > 2 and tuning.get("move_weight", 1.0) < 0.5:
+            tuning["move_weight"] = 0.5
+        if tuning.get("derivative_time_min", 0.0) < 0.0:
+            tuning["derivative_time_min"] = -1.0
+        found.append(
+            {
+                "patient": list(data["patients"])[i % 3],
+                "controller": controller,
+                "tuning": tuning,
+                "guard": guard,
+                "meals": [
+                    {"t_min": float(rng.integers(0, 500)), "carbs_g": float(rng.integers(5, 120))}
+                    for _ in range(rng.integers(0, 4))
+                ],
+                "noise_variance": float(rng.integers(1, 40)) / 10.0 if noisy else 0.0,
+                "dead_time_min": late[controller] if guard else 0.0,
+                "seed": int(rng.integers(len(data["normals"]))),
+                "duration_min": 600.0,
+            }
+        )
+    return found

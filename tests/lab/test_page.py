@@ -1,0 +1,188 @@
+"""The page as a file, its links and its texts, and the page in a browser."""
+
+import base64
+import gzip
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from glucoloop import __version__
+from glucoloop.config.run import read_run
+from glucoloop.lab.pack import DATA, MODULE, PAGE, page
+from glucoloop.native.targets.wasm.module import HOST
+
+NODE = shutil.which("node")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+USUAL = {
+    "patient": "setpoint-81",
+    "controller": "mpc",
+    "tuning": {},
+    "guard": False,
+    "meals": [{"t_min": 50.0, "carbs_g": 50.0}],
+    "noise_variance": 0.0,
+    "dead_time_min": 0.0,
+    "seed": 0,
+    "duration_min": 600.0,
+}
+
+
+@pytest.fixture(scope="module")
+def text():
+    return page()
+
+
+def packed(text, name):
+    found = re.search(rf'<script type="application/octet-stream" id="{name}">([^<]*)</script>', text)
+    return gzip.decompress(base64.b64decode(found[1]))
+
+
+def test_the_file_holds_everything_and_is_the_same_again(text):
+    assert packed(text, "module") == MODULE.read_bytes()
+    assert packed(text, "data") == DATA.read_bytes()
+    assert text == page()
+    assert len(text.encode()) <= 500_000
+    assert not re.search(r"\{\{[A-Z]+\}\}", text)
+
+
+def test_every_import_is_in_the_file(text):
+    imports = json.loads(re.search(r'<script type="importmap">(.*?)</script>', text)[1])["imports"]
+    expected = {f"lab/{path.name}" for path in (HOST, *PAGE.glob("*.mjs"))}
+    assert set(imports) == expected
+    for address in imports.values():
+        code = base64.b64decode(address.removeprefix("data:text/javascript;base64,")).decode()
+        named = re.findall(r'^import [^;]*?"([^"]+)";$', code, re.M | re.S)
+        assert set(named) <= expected
+
+
+def test_nothing_in_the_file_can_reach_the_network(text):
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert "default-src 'none'" in policy
+    assert "http" not in policy
+    assert "connect-src" not in policy
+    assert not re.search(r'(?:src|href)="(?!data:)', text)
+
+
+def test_the_licence_of_uplot_lies_beside_it():
+    assert "Permission is hereby granted" in (PAGE / "uPlot.LICENSE").read_text()
+
+
+def test_packing_imports_nothing_that_computes():
+    code = (
+        "import sys, glucoloop.lab.pack as p; p.page(); print(sorted({'jax', 'numpy', 'llvmlite'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_a_link_brings_back_its_situation(in_node, corpus):
+    for answer in in_node(corpus[:40]):
+        assert answer["again"] == {"situation": answer["situation"], "version": "1.2.3"}
+
+
+def test_the_usual_situation_is_that_of_a_run_without_options(in_node):
+    [first, empty] = in_node([USUAL, "#"])
+    assert first["trace"] == empty["trace"]
+    run = read_run({key: value for key, value in tomllib.loads(first["toml"]).items() if key != "glucoloop"})
+    assert run == read_run({})
+
+
+def test_the_lessons_show_what_they_tell(in_node):
+    [links] = in_node(["lessons"])
+    slow, far, late, noisy, guarded = in_node(links)
+    others = ("#controller=pid&closed_loop_min=10", "#prediction_horizon=3", "#move_weight=5", "#")
+    quick, near, weighted, usual = in_node(others)
+    calmer, tuned = in_node(["#dead_time_min=10&move_weight=8", "#noise_variance=1.45"])
+
+    def low_and_peak(answer):
+        return answer["summary"]["minimum_mg_dl"], answer["summary"]["peak_mg_dl"]
+
+    def moved(answer):
+        rates = answer["trace"]["insulin_mU_min"]
+        return sum(abs(b - a) for a, b in itertools.pairwise(rates))
+
+    assert low_and_peak(slow)[0] < low_and_peak(quick)[0]
+    assert low_and_peak(slow)[1] > low_and_peak(quick)[1]
+    assert low_and_peak(far)[1] > low_and_peak(near)[1]
+    assert low_and_peak(weighted)[0] < 50.0
+    assert moved(late) > 5.0 * moved(usual) > moved(calmer)
+    assert low_and_peak(calmer)[0] < low_and_peak(late)[0]
+    assert moved(noisy) > 5.0 * moved(tuned)
+    low, peak = low_and_peak(guarded)
+    assert (round(low), round(peak)) == (79, 113)
+    assert low_and_peak(usual)[0] < 71.0
+
+
+LINKS = {
+    "#controller=fuzzy": "the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se",
+    "#operating_point=__proto__": "the patient is '__proto__'; the known ones are: setpoint-81",
+    "#patient=hovorka-2004": "the patient is 'hovorka-2004'; the known ones are: parker-1999",
+    "#duration_min=12345": "the length is 12345 min; give a multiple of 5 min from 30 to 1440 min",
+    "#duration_min=601": "the length is 601 min; give a multiple of 5 min",
+    "#meals=50": "a meal is '50'; write it like 50g@60min",
+    "#meals=1..5g@3min": "a meal is '1..5'; give a number",
+    "#meals=50g@600min": "the time of a meal is 600 min; give from 0 to 599 min",
+    "#meals=" + "+".join(["5g@5min"] * 13): "13 meals are too many; give at most 12",
+    "#seed=1e400": "the seed is Infinity; give a whole number from 0 to 9",
+    "#seed=0x1": "seed is '0x1'; give a number",
+    "#guard=yes": "guard is 'yes'; the known ones are: true, false",
+    "#horizon=3": "a part of the link is 'horizon'; the known ones are: move_horizon",
+    "#constructor=3": "a part of the link is 'constructor'",
+    "#move_horizon=9": "move horizon is 9; give a whole number from 1 to 8",
+    "#move_horizon=4&prediction_horizon=3": "a prediction horizon of 3 is not possible with a move horizon of 4",
+    "#controller=pid&derivative_time_min=-0.5": "a derivative time of -0.5 min is not possible; give 0 or more, or -1",
+    "#noise_variance=-1": "the variance of the noise is -1 (mg/dl)²; give from 0 to 900",
+    "#dead_time_min=7": "the dead time is 7 min; give a multiple of 5 min from 0 to 60 min",
+    "#model_noise_variance=1.45": "this page has models without noise only",
+}
+
+
+def test_nonsense_in_a_link_is_refused_in_a_sentence(in_node):
+    for (link, told), answer in zip(LINKS.items(), in_node(list(LINKS)), strict=True):
+        assert told in answer.get("refused", "nothing was refused"), link
+
+
+@pytest.mark.long
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (Debian: apt install chromium)")
+def test_the_page_works_in_chromium_from_its_file_without_the_network(text, in_node, tmp_path):
+    place = tmp_path / "lab.html"
+    place.write_text(text, encoding="utf-8")
+    links = [
+        f"#glucoloop={__version__}&controller=mpc-se&guard=true&noise_variance=1.45&seed=3&meals=60g%4045min",
+        "#glucoloop=0.0.1&controller=imc",
+        "#controller=fuzzy",
+        "",
+    ]
+    script = Path(__file__).with_name("browse.mjs")
+    done = subprocess.run(
+        [NODE, script, CHROMIUM, tmp_path / "home", *(f"file://{place}{link}" for link in links)],
+        capture_output=True,
+        text=True,
+        timeout=550,
+        check=True,
+    )
+    shown = json.loads(done.stdout)
+    of_node = in_node([links[0], links[1], "#", "#"])
+    for link, page_there, answer in zip(links, shown, of_node, strict=True):
+        assert page_there["ready"], link
+        assert page_there["errors"] == []
+        assert page_there["requests"] == [f"file://{place}{link}".split("#")[0]]
+        assert page_there["canvases"] == 2
+        summary = answer["summary"]
+        expected = [f"{summary[name]:.1f}" for name in ("mean_mg_dl", "minimum_mg_dl", "peak_mg_dl")]
+        assert page_there["cells"][:3] == expected
+        assert page_there["command"] == answer["command"]
+        assert page_there["hash"] == answer["hash"].replace("1.2.3", __version__)
+    assert [page_there["said"] for page_there in shown] == [
+        "This is the situation of the link.",
+        f"The link was made by glucoloop 0.0.1, and this page is {__version__}; numbers may differ.",
+        "The link was not used: the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se. "
+        "This is the usual situation.",
+        "Change anything; the picture follows at once.",
+    ]
