@@ -75,9 +75,10 @@ def test_all_controllers_have_the_same_axes(page):
 
 def test_meals_and_faults_are_marked(report):
     faults = ["stuck, start_min=60, duration_min=90", "occlusion, start_min=200, latest_min=300, duration_min=60"]
-    page = trial_page(dataclasses.replace(report, meals=[(480.0, 70.0)], faults=faults))
+    page = trial_page(dataclasses.replace(report, meals=[(480.0, 70.0), (1440.0, 30.0)], faults=faults))
     assert page.count('<span class="mark" data-t="4800"') == 4  # bands and the worst, of two controllers
     assert page.count(">70 g</span>") == 4
+    assert ">30 g</span>" not in page  # after the end
     assert page.count('<rect class="fault" x="600"') == page.count('<rect class="fault" x="2000"') == 4
 
 

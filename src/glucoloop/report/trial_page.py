@@ -154,7 +154,7 @@ def _frame(
     end_min = report.horizon_min
     low, high = extent([report.setpoint_mg_dl, report.lowest_glucose_mg_dl], *quantity_low)
     margin = 0.05 * (high - low)
-    marks = [(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in report.meals]
+    marks = [(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in report.meals if t_min < end_min]
     glucose = Panel(GLUCOSE, low - margin, high + margin, 13.0, alts[0], marks=marks)
     glucose.area("target", (0.0, end_min), TARGET_MG_DL)
     glucose.level(report.setpoint_mg_dl, end_min)
