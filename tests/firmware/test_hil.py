@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import threading
 
 import jax
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from glucoloop.cli.app import main
 from glucoloop.control.protocol import Status
-from glucoloop.firmware.hil.build import EMULATED, HOST
+from glucoloop.firmware.hil.build import HOST
 from glucoloop.firmware.hil.exchange import Exchange
 from glucoloop.firmware.hil.faults import Disturbances
 from glucoloop.firmware.hil.link import SerialLink
@@ -238,10 +237,12 @@ def test_closing_the_link_ends_the_chip(on_chip, tmp_path):
     process = link._process
     link.close()
     assert process.poll() is not None
-    assert threading.active_count() < 50
 
 
-@pytest.mark.parametrize("chip", [chip for chip in EMULATED if chip != HOST])
+@pytest.mark.parametrize(
+    "chip",
+    ["cortex-m4f", pytest.param("cortex-m7", marks=pytest.mark.long), pytest.param("rv32", marks=pytest.mark.long)],
+)
 def test_an_emulated_chip_gives_the_bits_of_this_computer(on_chip, undisturbed, tmp_path, chip):
     if not all(map(shutil.which, TOOLS[chip])):
         pytest.skip(f"needs {' and '.join(TOOLS[chip])}: install them from Debian")
