@@ -37,6 +37,7 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plain": (CASES, {}),
     "noise": (("mpc",), {"noise_variance": 1.45}),
     "own meals": (("mpc",), {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}),
+    "under the skin": (("mpc",), {"patient": "hovorka-2004", "noise_variance": 1.45}),
 }
 COMPARED = ("undershoot", "peak", "mean")
 KEYS = {"people": 1000, "seed": 1, "meals": [f"{grams:g}g@{minutes:g}min" for grams, minutes in MEALS]}

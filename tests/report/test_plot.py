@@ -96,7 +96,17 @@ def test_a_person_is_told_by_what_is_farthest_from_the_usual():
     }
 
 
-@pytest.mark.parametrize(("patient", "name"), [("parker-1999", "lognormal"), ("hovorka-2004", "boiroux2017")])
+def test_a_person_with_insulin_under_the_skin_is_told_in_the_unit_of_pumps_too():
+    people = population("boiroux2017", patient="hovorka-2004")
+    drawn = {name: of.centre for name, of in people.distributions().items()}
+    told = person_in_words(people, {"basal_insulin_mU_min": 6.7288, "parameters": drawn})
+    assert told.startswith("basal rate 6.7 mU/min (0.40 U/h); ")
+
+
+@pytest.mark.parametrize(
+    ("patient", "name"),
+    [("parker-1999", "lognormal"), ("hovorka-2004", "boiroux2017"), ("wilinska-2010", "wilinska2010")],
+)
 def test_every_parameter_that_varies_has_words(patient, name):
     of = population(name, patient=patient)
     drawn = {parameter: distribution.upper for parameter, distribution in of.distributions().items()}

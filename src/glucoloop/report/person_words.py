@@ -7,6 +7,8 @@ from typing import Any, Final
 
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
+from glucoloop.registry.patients import patient_entry
+from glucoloop.units import u_h_from_mu_min
 
 _REMARKABLE: Final = 3
 
@@ -27,7 +29,9 @@ def person_in_words(population: Population, person: Mapping[str, Any]) -> str:
         of = distributions[name]
         return (drawn[name] - of.centre) / (of.upper - of.lower)
 
-    told = [f"basal rate {person['basal_insulin_mU_min']:.1f} mU/min"]
+    basal = person["basal_insulin_mU_min"]
+    per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).under_the_skin else ""
+    told = [f"basal rate {basal:.1f} mU/min{per_hour}"]
     for name in sorted(drawn, key=lambda name: -abs(apart(name)))[:_REMARKABLE]:
         centre, way = distributions[name].centre, "above" if apart(name) > 0.0 else "below"
         far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
