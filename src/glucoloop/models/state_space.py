@@ -285,58 +285,6 @@ def step_response(model: LinearModel, samples: int) -> Array:
     return jnp.cumsum(impulse_response(model, samples))
 
 
-def simulate_linear(
-    model: LinearModel,
-    insulin_mU_min: ArrayLike,
-    disturbance: ArrayLike | None = None,
-    state_deviation: ArrayLike | None = None,
-) -> Array:
-    """Run a linear model through a record of inputs.
-
-    Parameters
-    ----------
-    model
-        The model.
-    insulin_mU_min : (N,)
-        Infusion held over each sample, absolute (not a deviation).
-    disturbance : (N,), optional
-        Disturbance held over each sample, as a deviation from the operating point.
-    state_deviation : (n,), optional
-        Initial state less x0; zero by default.
-
-    Returns
-    -------
-    (N + 1,)
-        Glucose concentration, absolute, mg/dl: at the start, then after each sample.
-
-    Raises
-    ------
-    ValueError
-        If the inputs are not a vector, the disturbances do not match them, or the model has no disturbance.
-    """
-    u = jnp.asarray(insulin_mU_min, dtype=float)
-    if u.ndim != 1:
-        raise ValueError(f"The insulin infusion must be a vector over samples, but its shape is {u.shape}.")
-    if disturbance is None:
-        d, Psi = jnp.zeros_like(u), jnp.zeros_like(model.Gamma)
-    else:
-        d = jnp.asarray(disturbance, dtype=float)
-        if model.Psi is None:
-            raise ValueError("The model has no disturbance input; linearise it with one, or leave the disturbance out.")
-        if d.shape != u.shape:
-            raise ValueError(f"The disturbance must have the shape {u.shape} of the infusion, but it has {d.shape}.")
-        Psi = model.Psi
-    x = jnp.zeros_like(model.state) if state_deviation is None else jnp.asarray(state_deviation, dtype=float)
-
-    def step(x: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
-        u_k, d_k = inputs
-        x = model.Phi @ x + model.Gamma * (u_k - model.insulin_mU_min) + Psi * d_k
-        return x, model.C @ x
-
-    _, y = jax.lax.scan(step, x, (u, d))
-    return model.glucose_mg_dl + jnp.concatenate([(model.C @ x)[None], y])
-
-
 def _check_sample_time(sample_time_min: float) -> None:
     if not 0.0 < sample_time_min < float("inf"):
         raise ValueError(f"The sample time must be positive and finite, but it is {sample_time_min} min.")
