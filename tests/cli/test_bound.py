@@ -38,7 +38,7 @@ def test_folder_repeats_the_bound(glucoloop, tmp_path):
 
 def test_noise_adds_what_it_lets_one_know(glucoloop, monkeypatch, tmp_path):
     from glucoloop.bounds import HedgedDoses, optimal_doses
-    from glucoloop.cli import bounded
+    from glucoloop.studies import bounded
 
     def hedged(person, scenario, noise_variance, limits, **more):
         assert (scenario.meals[0].carbs_g, noise_variance) == (50.0, 1.45)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from concurrent.futures import CancelledError
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -322,9 +323,10 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
     [(OSError(errno.EIO, "Input/output error"), 2, "Input/output error"), (KeyboardInterrupt(), 130, "interrupted")],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: None)
-    monkeypatch.setattr("glucoloop.cli.run._write", lambda folder, *_: folder.write("a.txt", "a"))
-    monkeypatch.setattr("glucoloop.cli.run._tell", raising(error))
+    outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: outcome)
+    monkeypatch.setattr("glucoloop.cli.run.write_outcome", lambda folder, *_: folder.write("a.txt", "a"))
+    monkeypatch.setattr("glucoloop.cli.run.tell", raising(error))
     answer = glucoloop("run", "--out", "out")
     assert (answer.code, answer.err) == (code, f"glucoloop: {told}, the results are in out.\n")
     assert (tmp_path / "out/a.txt").read_text() == "a"
