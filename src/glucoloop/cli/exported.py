@@ -37,7 +37,9 @@ class Written:
 
 
 @dataclass(frozen=True)
-class _Made:
+class Made:
+    """Designed controller, its C, and the situation of its samples."""
+
     exported: Exported
     controller: Controller
     situation: Situation
@@ -54,12 +56,13 @@ class _Made:
         return record(self.exported, self.controller, self.situation, init, step, samples=samples, seed=seed)
 
 
-def _made(asked: Export) -> _Made:
+def made_of(asked: Export) -> Made:
+    """Design a controller and write it in C."""
     situation = asked.run.situation.situation()
     model = model_for(asked.run, situation)
     controller = controller_for(asked.run, situation, model)
     exported = exported_controller(asked.run, asked.chip, situation, controller, stepper_of(situation, 0))
-    return _Made(exported, controller, situation, model)
+    return Made(exported, controller, situation, model)
 
 
 def write(asked: Export, folder: OutputFolder) -> Written:
@@ -70,7 +73,7 @@ def write(asked: Export, folder: OutputFolder) -> Written:
     ValueError
         If the controller cannot be designed or exported.
     """
-    made, chip = _made(asked), chip_of(asked.chip.target)
+    made, chip = made_of(asked), chip_of(asked.chip.target)
     exported = made.exported
     of_loop = made.recorded(asked.chip.samples, asked.run.situation.seed)
     chips = [] if chip is None else [chip]
@@ -113,7 +116,7 @@ def check(asked: Export, folder: Path, samples: int, target: str) -> list[Rung]:
     ValueError
         If the design of the folder is not possible any more.
     """
-    made = _made(asked)
+    made = made_of(asked)
     of_loop = made.recorded(samples, asked.run.situation.seed)
     rungs, form = [_same_file(made.exported, folder)], made.exported.source.form
     return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(target)), samples=CHECKED[form], deep=True)]

@@ -49,7 +49,7 @@ def ladder(exported: Exported, record: Record, chips: list[Chip], *, samples: in
     yield _native(exported, record)
     yield _here(exported, record)
     for chip in chips:
-        yield _emulated(exported, record, chip)
+        yield emulated(exported, record, chip)
     if deep:
         yield misra(exported, record)
         yield bounds_proved(exported, record)
@@ -105,7 +105,8 @@ def _here(exported: Exported, record: Record) -> Rung:
     return _compared(name, record, replayed(record, library.init, library.step))
 
 
-def _emulated(exported: Exported, record: Record, chip: Chip) -> Rung:
+def emulated(exported: Exported, record: Record, chip: Chip) -> Rung:
+    """Run the self-test on an emulated chip, and measure its size and its instructions."""
     name = f"C on an emulated {chip.name}"
     for tool, package in ((chip.compiler, chip.package), (chip.emulator, chip.emulator_package)):
         if shutil.which(tool) is None:
