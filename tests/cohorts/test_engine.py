@@ -18,7 +18,6 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise
 from glucoloop.patients.population import virtual_people
-from glucoloop.pumps import dose_limits
 from glucoloop.registry.metrics import RESULTS
 from glucoloop.simulation import Exponential, simulate
 
@@ -150,7 +149,7 @@ def test_each_person_is_a_run_of_his_own(trial, prepared, result):
             one,
             controller.with_basal(one.basal_insulin_mU_min),
             sensor_of(trial),
-            pump_of(dose_limits(), None),
+            pump_of(trial),
             Scenario([Meal(float(meals.carbs_g[0, i]), float(meals.t_min[0, i]))], 100.0, setpoint_mg_dl=120.0),
             keys[i],
             integrator=Exponential(substeps=4),
