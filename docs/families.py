@@ -1,9 +1,10 @@
 """Run each command on a patient of each family, and write the table that ``guide/patients.md`` shows.
 
-    python docs/families.py
+    python docs/families.py                    # every patient: more than an hour on two processors
+    python docs/families.py wilinska-2010      # this patient alone; the other columns stay
 
-It takes more than an hour on two processors and rewrites ``guide/families.md``. Each cell is what came of one short
-run of the command; a command that fails stops the script.
+It rewrites ``guide/families.md`` after each command. Each cell is what came of one short run of the command; a command
+that fails stops the script.
 """
 
 import json
@@ -92,15 +93,23 @@ def carried_out(command, arguments, patient, folder):
     return json.loads(done.stdout)
 
 
-def row(command):
+def cell(command, patient):
     arguments, said_of = COMMANDS[command]
-    cells = [f"`{command}`"]
-    for patient in PATIENTS:
-        with tempfile.TemporaryDirectory() as folder:
-            shutil.copy(DOCS.parent / "examples" / "kanderian.py", folder)
-            cells.append(said_of(carried_out(command, arguments, patient, Path(folder))))
-        print(f"{command}, {patient}: {cells[-1]}", flush=True)
-    return f"| {' | '.join(cells)} |"
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(DOCS.parent / "examples" / "kanderian.py", folder)
+        said = said_of(carried_out(command, arguments, patient, Path(folder)))
+    print(f"{command}, {patient}: {said}", flush=True)
+    return said
+
+
+def cells_of(page):
+    """The cells of a table that was written before, by command and patient."""
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    head = next((line for line in page.splitlines() if line.startswith("| Command")), "| Command")
+    patients = [name.strip("` ") for name in head.strip("| ").split(" | ")[1:]]
+    return {
+        (name.strip("`"), patient): said for name, *cells in rows for patient, said in zip(patients, cells, strict=True)
+    }
 
 
 def written(command):
@@ -108,12 +117,16 @@ def written(command):
     return f"glucoloop {command} {COMMANDS[command][0].replace('OUT', 'kept')}".strip()
 
 
-def main():
+def table(cells):
+    """The page: a row for each command, in which a cell that was never made is empty."""
     version = subprocess.run(["glucoloop", "--version"], capture_output=True, text=True, check=True).stdout.split()[-1]
     lines = [
         f"| Command | {' | '.join(f'`{patient}`' for patient in PATIENTS)} |",
         f"| :--- |{' :--- |' * len(PATIENTS)}",
-        *map(row, COMMANDS),
+        *(
+            f"| `{command}` | {' | '.join(cells.get((command, patient), '') for patient in PATIENTS)} |"
+            for command in COMMANDS
+        ),
         "",
         "The commands, each with `--patient`:",
         "",
@@ -124,7 +137,19 @@ def main():
         f"Made with glucoloop {version}.",
         "",
     ]
-    (DOCS / "guide" / "families.md").write_text("\n".join(lines), encoding="utf-8")
+    return "\n".join(lines)
+
+
+def main():
+    unknown = set(sys.argv[1:]) - set(PATIENTS)
+    if unknown:
+        sys.exit(f"{', '.join(sorted(unknown))} has no column; the columns are: {', '.join(PATIENTS)}")
+    page = DOCS / "guide" / "families.md"
+    cells = cells_of(page.read_text(encoding="utf-8")) if page.exists() else {}
+    for command in COMMANDS:
+        for patient in sys.argv[1:] or PATIENTS:
+            cells[command, patient] = cell(command, patient)
+            page.write_text(table(cells), encoding="utf-8")
 
 
 if __name__ == "__main__":
