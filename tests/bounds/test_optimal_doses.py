@@ -42,6 +42,7 @@ def test_the_paper_s_meal_could_be_held_so_close(best, known_after_min, least, m
     np.testing.assert_allclose(plan.insulin_mU_min[before], BASAL, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_simulation_does_what_the_plan_says(best, scenario):
     plan = best(10.0)
     trace = gl.simulate(gl.patient(), Replay(doses=jnp.asarray(plan.insulin_mU_min)), scenario=scenario)

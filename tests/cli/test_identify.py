@@ -112,6 +112,7 @@ def test_rates_in_another_unit_are_asked_about(refused, tmp_path, moved):
     assert "or add --allow-unusual" in told
 
 
+@pytest.mark.long
 def test_an_experiment_that_drowns_in_noise_gives_no_model_to_use(glucoloop):
     out = glucoloop("identify", "--noise", 100, "--noise-bound", 50, "--seed", 1).out
     assert "DO NOT USE THIS MODEL" in out

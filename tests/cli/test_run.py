@@ -59,6 +59,7 @@ def test_run_says_what_the_library_says(glucoloop):
     assert glucoloop("run", "--json").json["metrics"] == gl.summarise(trace).as_dict()
 
 
+@pytest.mark.long
 def test_seed_is_that_of_the_library(glucoloop, tmp_path):
     """The readings of seed 3 are those of ``simulate(key=3)``; the model's record has noise of its own."""
     assert glucoloop("run", "--noise", 1.45, "--seed", 3, "--model-noise", 0, "--out", "run").code == 0

@@ -136,6 +136,7 @@ def test_json_is_the_summary_and_a_finished_trial_is_told_again(glucoloop, tmp_p
     assert glucoloop("trial", *SMALL, "--seed", 1, "--out", "a", "--overwrite", "--json").json["config"]["seed"] == 1
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
     answer = glucoloop("trial", *SMALL, "--setpoint", 180, "--out", "a", "--mmol")

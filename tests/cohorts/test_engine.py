@@ -91,6 +91,7 @@ def test_threads_make_no_difference(prepared, result):
     np.testing.assert_array_equal(again.insulin_counts, result.insulin_counts)
 
 
+@pytest.mark.long
 def test_counts_of_parts_add_up(prepared, result):
     parts = [run_people(prepared, "mpc-se", part, threads=1) for part in (NUMBERS[:3], NUMBERS[3:])]
     for name in ("glucose_counts", "insulin_counts"):

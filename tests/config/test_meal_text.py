@@ -20,6 +20,7 @@ def test_a_meal_comes_back_to_the_last_bit(carbs_g, t_min, eating_min):
     assert parse_meal(meal_text(meal)) == meal
 
 
+@pytest.mark.long
 @given(st.text())
 def test_any_text_is_a_meal_or_refused(text):
     with contextlib.suppress(ValueError):

@@ -71,6 +71,7 @@ def test_a_known_dead_time_is_bridged(unannounced):
     assert np.abs(there[-60:]).max() < 0.1
 
 
+@pytest.mark.long
 def test_no_lasting_error_is_left_for_somebody_whom_the_model_does_not_fit():
     """Offset-free: a person who needs another basal rate than the controller was told."""
     slow = design_meal_mpc(MODEL, MealTuning(anticipation=0.0))

@@ -51,6 +51,7 @@ def test_a_changed_dose_is_found(folder, tmp_path):
     assert "differs" in ran.stdout
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not all(map(shutil.which, QEMU)), reason=f"needs {' and '.join(QEMU)}: install them from Debian")
 def test_an_emulated_chip_gives_the_same_bits(folder):
     manifest = json.loads((folder / "manifest.json").read_text())

@@ -42,6 +42,7 @@ def undisturbed(on_chip, tmp_path_factory):
     return on_chip.run(on_chip.link(tmp_path_factory.mktemp("chip"), HOST, "-Werror"))
 
 
+@pytest.mark.long
 def test_decisions_from_outside_give_the_trace_of_the_simulation(on_chip):
     controller, state = on_chip.controller, None
 

@@ -250,6 +250,7 @@ def test_a_key_gives_one_trace_and_another_key_another(controller, alone):
     assert np.all(np.asarray(alone[0].reading_mg_dl) != np.asarray(alone[1].reading_mg_dl))
 
 
+@pytest.mark.long
 def test_the_loop_is_worth_closing(controller, alone):
     """A meal raises glucose less than without a controller; so what is compared above is at work."""
     peak = float(alone[0].fine_glucose_mg_dl.max())

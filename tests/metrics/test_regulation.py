@@ -64,6 +64,7 @@ def test_what_is_not_finite_has_no_measure(measured, bad):
     assert not found.settled_2pct
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=50)
 @given(hnp.arrays(float, (61, 3), elements=st.floats(70.0, 90.0)), st.floats(70.0, 90.0), st.integers(0, 60))
 def test_settling_agrees_with_a_search_backwards(glucose, setpoint, start):

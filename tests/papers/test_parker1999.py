@@ -149,6 +149,7 @@ class TestStudy:
             assert np.all(prompt > quiet)
             assert np.all(late > prompt)
 
+    @pytest.mark.long
     def test_a_run_is_the_same_whatever_is_carried_out_beside_it(self, study):
         wanted = FIGURES["4"].experiments
         again = experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None)
@@ -222,6 +223,7 @@ class TestReport:
         assert page.used <= set(page.ids)
         assert not re.search(r"<script|<link|src=", files["report.html"])
 
+    @pytest.mark.long
     def test_every_cell_names_its_column_for_a_narrow_screen(self, files):
         cells = re.findall(r"<td([^>]*)>", files["report.html"])
         assert cells

@@ -181,6 +181,7 @@ def test_every_fault_of_a_sensor_in_the_catalogue_is_tried_here():
     assert known <= {name.replace(" ", "-") for name in FAULTS}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAULTS)
 def test_without_an_episode_not_one_bit_changes(name):
     expected = told(NOISY, WALK)

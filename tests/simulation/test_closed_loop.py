@@ -17,6 +17,7 @@ def loop(patient_81, identified_81):
     return lambda key: simulate(patient_81, controller, white_noise(), scenario=SHORT, key=key)
 
 
+@pytest.mark.long
 def test_a_key_gives_one_trace(loop):
     first, again = loop(3), loop(jax.random.key(3))
     jax.tree.map(np.testing.assert_array_equal, first, again)

@@ -228,6 +228,7 @@ def test_single_precision_is_near_enough(day):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0.0, atol=0.1, err_msg=name)
 
 
+@pytest.mark.long
 def test_everybody_is_himself_among_others(day, varied):
     cohort, run = day[0]["float64"], day[1]["float64"]
     numbers = np.random.default_rng(0).permutation(PEOPLE)
@@ -331,6 +332,7 @@ def test_both_engines_agree(noisy):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_controller_of_ones_own_is_ones_own(noisy, nominal):
     """Somebody with the nominal patient's basal rate in his controller doses otherwise."""
     people, made, runs = noisy

@@ -84,6 +84,7 @@ def test_glucose_between_samples_is_as_good_as_at_them(patient_81, script, varie
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, varied.fine_glucose_mg_dl, rtol=0.0, atol=1e-3)
 
 
+@pytest.mark.long
 def test_exponential_carries_insulin_exactly(patient_81, script, varied):
     trace = simulate(patient_81, script(VARYING), scenario=VARIED)
     np.testing.assert_allclose(trace.states[:, 8:15], varied.states[:, 8:15], rtol=1e-9)

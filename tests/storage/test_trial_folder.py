@@ -115,6 +115,7 @@ def test_shard_and_summary_that_were_taken_away_are_made_again(tmp_path, make_tr
     assert contents(tmp_path / "out") == whole
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("file", "told"),
     [

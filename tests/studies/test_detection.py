@@ -161,6 +161,7 @@ def test_the_example_is_the_first_day(asked, result):
     assert 5.0 * held.estimated_emptying_mg_min.sum() / 1000.0 == pytest.approx(eaten, rel=0.08)
 
 
+@pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(result):
     (of,) = result.estimators
     summary = of.summary()

@@ -66,6 +66,7 @@ def test_the_page_is_whole_and_needs_nothing_else(files):
     assert page.text.count("does not hold") == 1
 
 
+@pytest.mark.long
 def test_all_files_tell_the_same(files):
     told = {claim["id"]: claim for claim in json.loads(files["claims.json"])["claims"]}
     table = pl.read_csv(io.BytesIO(files["claims.csv"]))
