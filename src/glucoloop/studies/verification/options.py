@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 from glucoloop.config.key import Key
 from glucoloop.config.options.situation import PatientKey
@@ -12,6 +12,7 @@ from glucoloop.registry.controllers import CONTROLLERS
 from glucoloop.registry.patients import USUAL_PATIENT
 
 CAMPAIGN_PANEL = "Campaign"
+_ONE_OF: Final = f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more."
 _campaign = functools.partial(Key, panel=CAMPAIGN_PANEL)
 
 
@@ -25,11 +26,7 @@ class CampaignKeys:
     seed: Annotated[int, _campaign("The same seed gives the same loops.")] = 1
     controllers: Annotated[
         tuple[str, ...],
-        _campaign(
-            f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more.",
-            flag="--controller",
-            told="all",
-        ),
+        _campaign(_ONE_OF, flag="--controller", told="all"),
     ] = tuple(CONTROLLERS)
     patient: PatientKey = USUAL_PATIENT.name
     person: Annotated[int | None, _campaign("Only the loops of this person, with their faults.")] = None
