@@ -1,6 +1,6 @@
 """Run each command on a patient of each family, and write the table that ``guide/patients.md`` shows.
 
-    python docs/families.py                    # every patient: more than an hour on two processors
+    python docs/families.py                    # every patient: half an hour on two idle processors
     python docs/families.py wilinska-2010      # this patient alone; the other columns stay
 
 It rewrites ``guide/families.md`` after each command. Each cell is what came of one short run of the command; a command
