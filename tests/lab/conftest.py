@@ -65,6 +65,9 @@ def corpus(data):
                 "controller": controller,
                 "tuning": tuning,
                 "guard": guard,
+                "guard_limits": {},
+                "pump_limits": {"max_insulin_mU_min": 45.0, "max_change_mU_min": 8.0} if i % 10 == 7 else {},
+                "faults": [],
                 "meals": [
                     {"t_min": float(rng.integers(0, 500)), "carbs_g": float(rng.integers(5, 120))}
                     for _ in range(rng.integers(0, 4))

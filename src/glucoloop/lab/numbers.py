@@ -53,6 +53,12 @@ OFFERED: Final[dict[str, dict[str, tuple[float, float, float]]]] = {
     },
 }
 """Settings of each controller on the page, with least and largest value and step of their sliders."""
+OFFERED_LIMITS: Final = {
+    "max_change_mU_min": ("Largest change of the rate from one sample to the next.", (1.0, 100.0, 0.1)),
+    "min_insulin_mU_min": ("Least rate of the pump.", (0.0, 20.0, 0.1)),
+    "max_insulin_mU_min": ("Greatest rate of the pump.", (21.0, 200.0, 0.1)),
+}
+"""Limits of the pump on the page, by the keys of a configuration: meaning, and bounds and step likewise."""
 
 
 def numbers() -> dict[str, Any]:
@@ -72,10 +78,26 @@ def numbers() -> dict[str, Any]:
             point.name: _patient(point.name, everybody[point.name]) for point in USUAL_PATIENT.operating_points
         },
         "summaries": {point.name: point.summary for point in USUAL_PATIENT.operating_points},
+        "guard_limits": {},
+        "pump_limits": _pump_limits(),
+        "faults": {},
         "controllers": {name: _controller(name) for name in CONTROLLERS},
         "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
         "statuses": {status.value: status.text for status in Status},
     }
+
+
+def _pump_limits() -> dict[str, Any]:
+    """Limits of the pump by the keys of a configuration, with their bounds on the page."""
+    return {
+        name: {**_offered(summary, False, bounds), "usual": getattr(USUAL_PATIENT, name)}
+        for name, (summary, bounds) in OFFERED_LIMITS.items()
+    }
+
+
+def _offered(summary: str, whole: bool, bounds: tuple[float, float, float]) -> dict[str, Any]:
+    """A setting with its bounds on the page."""
+    return {"summary": summary, "whole": whole, **dict(zip(("least", "most", "step"), bounds, strict=True))}
 
 
 def _patient(operating_point: str, patient: SemilinearPatient) -> dict[str, Any]:
@@ -120,11 +142,7 @@ def _controller(name: str) -> dict[str, Any]:
     """A controller's settings on the page, and the usual values of all of its settings."""
     entry = controller_entry(name)
     offered = {
-        setting.name: {
-            "summary": setting.summary,
-            "whole": setting.type is int,
-            **dict(zip(("least", "most", "step"), OFFERED[name][setting.name], strict=True)),
-        }
+        setting.name: _offered(setting.summary, setting.type is int, OFFERED[name][setting.name])
         for setting in entry.settings
         if setting.name in OFFERED[name]
     }

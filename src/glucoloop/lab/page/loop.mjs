@@ -2,7 +2,7 @@
 /** The closed loop, sample by sample, with the functions of the module: as `glucoloop.simulation.loop` defines it. */
 
 import * as design from "./design.mjs";
-import { tuningOf } from "./situation.mjs";
+import { limitsOf, tuningOf } from "./situation.mjs";
 
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Kernels} Kernels */
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Prepared} Prepared */
@@ -117,11 +117,11 @@ export class Lab {
   controllerNumbers(situation) {
     const inner = { ...this.designed(situation) };
     const planned = situation.controller.startsWith("mpc") ? "plan." : "";
-    for (const [name, value] of Object.entries(this.data.limits)) inner[`${planned}limits.${name}`] = value;
+    for (const [name, value] of Object.entries(limitsOf(situation, this.data))) inner[`${planned}limits.${name}`] = value;
     if (!situation.guard) return inner;
     /** @type {design.Numbers} */
     const numbers = { basal_mU_min: NaN }; // a guard that is told no basal rate takes the one at the start
-    for (const [name, value] of Object.entries(this.data.limits)) numbers[`limits.${name}`] = value;
+    for (const [name, value] of Object.entries(limitsOf(situation, this.data))) numbers[`limits.${name}`] = value;
     for (const [name, value] of Object.entries(inner)) numbers[`inner.${name}`] = value;
     return numbers;
   }
@@ -169,7 +169,8 @@ export class Lab {
 
     start.set("person", inOrder(data.functions[`${name}_start`].person, numbers));
     controller.set("person", inOrder(data.functions[`${name}_step`].person, numbers));
-    const limits = Object.fromEntries(Object.entries(data.limits).map(([key, value]) => [`limits.${key}`, value]));
+    const of_pump = limitsOf(situation, data);
+    const limits = Object.fromEntries(Object.entries(of_pump).map(([key, value]) => [`limits.${key}`, value]));
     const own = Object.fromEntries(patient.numbers.map((value, i) => [`patient.${i}`, value]));
     plant.set("person", inOrder(data.functions.plant.person, { ...limits, ...own, matrices: patient.matrices }));
     noise.set("person", inOrder(data.functions.noise.person, { variance: situation.noise_variance, bound_mg_dl: 5 }));
@@ -199,7 +200,7 @@ export class Lab {
     start.set("own", observed(first, delivered));
     start.run();
     controller.set("carry", start.get("outputs"));
-    const { min_mU_min, max_mU_min } = data.limits;
+    const { min_mU_min, max_mU_min } = of_pump;
     const state = { x: patient.x, delivered_mU_min: Math.min(Math.max(delivered, min_mU_min), max_mU_min) };
     plant.set("carry", inOrder(data.functions.plant.carry, state));
     const places = offsets(data.functions.plant.outputs);

@@ -4,11 +4,22 @@
 /** @typedef {{t_min: number, carbs_g: number}} Meal */
 
 /**
+ * @typedef {object} Fault a fault of sensor or pump, around the earlier ones
+ * @property {string} name in `Data.faults`
+ * @property {number} start_min
+ * @property {number | null} duration_min null for a fault that lasts to the end
+ * @property {Record<string, number | boolean>} settings that are not the usual ones
+ */
+
+/**
  * @typedef {object} Situation
  * @property {string} patient operating point of the patient
  * @property {string} controller
  * @property {Record<string, number>} tuning settings that are not the usual ones
  * @property {boolean} guard
+ * @property {Record<string, number>} guard_limits limits of the guard that are not the usual ones, by their keys
+ * @property {Record<string, number>} pump_limits limits of the pump that are not the patient's, by their keys
+ * @property {Fault[]} faults
  * @property {Meal[]} meals
  * @property {number} noise_variance
  * @property {number} dead_time_min
@@ -23,6 +34,14 @@
  * @property {number} least
  * @property {number} most
  * @property {number} step
+ */
+
+/**
+ * @typedef {object} FaultEntry
+ * @property {"sensor" | "pump"} part
+ * @property {string} summary
+ * @property {boolean} timed whether the fault has times; otherwise it is always present
+ * @property {Record<string, Setting & {usual: number | boolean}>} settings
  */
 
 /**
@@ -44,12 +63,15 @@
  * @property {number} sample_time_min
  * @property {number[]} inside_min
  * @property {number} longest_min
- * @property {import("./design.mjs").Limits} limits
+ * @property {import("./design.mjs").Limits} limits of the usual pump
  * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>>>} functions
  * @property {Record<string, Patient>} patients
  * @property {Record<string, string>} summaries
  * @property {Record<string, {summary: string, settings: Record<string, Setting>,
  *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers
+ * @property {Record<string, Setting & {usual: number}>} guard_limits
+ * @property {Record<string, Setting & {usual: number}>} pump_limits
+ * @property {Record<string, FaultEntry>} faults those that this page has
  * @property {number[][]} normals
  * @property {Record<string, string>} statuses
  */
@@ -57,6 +79,7 @@
 const MOST_MEALS = 12;
 const LARGEST_MEAL_G = 300;
 const LARGEST_VARIANCE = 900;
+const MOST_FAULTS = 4;
 const LONGEST_DEAD_TIME_MIN = 60;
 const SHORTEST_MIN = 30;
 const VERSION = "glucoloop";
@@ -72,6 +95,9 @@ export function usual(data) {
     controller: "mpc",
     tuning: {},
     guard: false,
+    guard_limits: {},
+    pump_limits: {},
+    faults: [],
     meals: [{ t_min: 50, carbs_g: 50 }],
     noise_variance: 0,
     dead_time_min: 0,
@@ -89,6 +115,21 @@ export function usual(data) {
 export function tuningOf(situation, data) {
   const usual = data.controllers[situation.controller].usual[situation.patient];
   return { ...(situation.noise_variance > 0 ? usual.noisy : usual.noise_free), ...situation.tuning };
+}
+
+/**
+ * Limits of the pump.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {import("./design.mjs").Limits}
+ */
+export function limitsOf(situation, data) {
+  const { max_change_mU_min, min_insulin_mU_min, max_insulin_mU_min } = situation.pump_limits;
+  return {
+    max_change_mU_min: max_change_mU_min ?? data.limits.max_change_mU_min,
+    min_mU_min: min_insulin_mU_min ?? data.limits.min_mU_min,
+    max_mU_min: max_insulin_mU_min ?? data.limits.max_mU_min,
+  };
 }
 
 /**
@@ -116,6 +157,30 @@ function among(what, value, known) {
 }
 
 /**
+ * Refuse settings that are unknown or out of their bounds.
+ * @param {Record<string, number | boolean>} given
+ * @param {Record<string, Setting>} settings
+ * @param {string} what
+ */
+function allowed(given, settings, what) {
+  for (const [name, value] of Object.entries(given)) {
+    among(what, name, Object.keys(settings));
+    const { least, most, whole } = settings[name];
+    if (typeof value === "boolean" && least === 0 && most === 1 && whole) continue;
+    within(name.replaceAll("_", " "), Number(value), least, most, "", whole ? 1 : undefined);
+  }
+}
+
+/** @param {Fault} fault @param {number} duration_min of the run @param {Data} data */
+function checkedFault(fault, duration_min, data) {
+  among("a fault", fault.name, Object.keys(data.faults));
+  const { settings, timed } = data.faults[fault.name];
+  if (timed) within("the start of a fault", fault.start_min, 0, duration_min - 1, " min");
+  if (timed && fault.duration_min !== null) within("the duration of a fault", fault.duration_min, 1, duration_min, " min");
+  allowed(fault.settings, settings, `a setting of the fault ${fault.name}`);
+}
+
+/**
  * A situation that can be simulated.
  * @param {Situation} given
  * @param {Data} data
@@ -136,12 +201,13 @@ export function checked(given, data) {
     within("a meal", meal.carbs_g, 1, LARGEST_MEAL_G, " g");
     within("the time of a meal", meal.t_min, 0, given.duration_min - 1, " min");
   }
-  const { settings } = data.controllers[given.controller];
-  for (const [name, value] of Object.entries(given.tuning)) {
-    among("a setting", name, Object.keys(settings));
-    const { least, most, whole } = settings[name];
-    within(name.replaceAll("_", " "), value, least, most, "", whole ? 1 : undefined);
+  allowed(given.tuning, data.controllers[given.controller].settings, "a setting");
+  allowed(given.guard_limits, data.guard_limits, "a limit of the guard");
+  allowed(given.pump_limits, data.pump_limits, "a limit of the pump");
+  if (given.faults.length > MOST_FAULTS) {
+    throw new RangeError(`${given.faults.length} faults are too many; give at most ${MOST_FAULTS}`);
   }
+  for (const fault of given.faults) checkedFault(fault, given.duration_min, data);
   return { ...given, meals: [...given.meals].sort((a, b) => a.t_min - b.t_min) };
 }
 
@@ -164,8 +230,23 @@ export function keys(situation, data) {
     ["duration_min", situation.duration_min],
     ["noise_variance", situation.noise_variance],
     ["dead_time_min", situation.dead_time_min],
+    ...Object.entries(situation.guard ? situation.guard_limits : {}),
+    ...Object.entries(situation.pump_limits),
+    ...(situation.faults.length ? /** @type {[string, string[]][]} */ ([["faults", situation.faults.map((fault) => faultText(fault, data))]]) : []),
     ["seed", situation.seed],
   ];
+}
+
+/**
+ * A fault as `glucoloop` reads it.
+ * @param {Fault} fault
+ * @param {Data} data
+ */
+export function faultText(fault, data) {
+  const times = { start_min: fault.start_min, duration_min: fault.duration_min };
+  const told = { ...(data.faults[fault.name].timed ? times : {}), ...fault.settings };
+  const given = Object.entries(told).filter(([, value]) => value !== null);
+  return [fault.name, ...given.map(([name, value]) => `${name}=${value}`)].join(", ");
 }
 
 /** @param {Meal} meal */
@@ -191,7 +272,15 @@ export function toml(situation, data, version) {
 }
 
 /** Options whose names are not those of the keys. @type {Record<string, string>} */
-const OPTIONS = { duration_min: "duration", noise_variance: "noise", dead_time_min: "dead-time", model_noise_variance: "model-noise" };
+const OPTIONS = {
+  duration_min: "duration",
+  noise_variance: "noise",
+  dead_time_min: "dead-time",
+  model_noise_variance: "model-noise",
+  max_change_mU_min: "max-rate-change",
+  min_insulin_mU_min: "min-insulin",
+  max_insulin_mU_min: "max-insulin",
+};
 
 /**
  * The command that computes the same.
@@ -202,7 +291,8 @@ export function commandLine(situation, data) {
   const words = ["glucoloop run"];
   for (const [name, value] of keys(situation, data)) {
     const option = `--${OPTIONS[name] ?? name.replaceAll("_", "-")}`;
-    if (Array.isArray(value)) words.push(...(value.length ? value.map((meal) => `--meal ${meal}`) : ["--no-meal"]));
+    if (name === "faults" && Array.isArray(value)) words.push(...value.map((fault) => `--fault '${fault}'`));
+    else if (Array.isArray(value)) words.push(...(value.length ? value.map((meal) => `--meal ${meal}`) : ["--no-meal"]));
     else words.push(value === true ? option : `${option} ${value}`);
   }
   return words.join(" ");
@@ -216,8 +306,41 @@ export function commandLine(situation, data) {
  */
 export function hash(situation, data, version) {
   const told = new URLSearchParams([[VERSION, version]]);
-  for (const [name, value] of keys(situation, data)) told.set(name, Array.isArray(value) ? value.join(" ") : `${value}`);
+  for (const [name, value] of keys(situation, data)) {
+    told.set(name, Array.isArray(value) ? value.join(name === "faults" ? ";" : " ") : `${value}`);
+  }
   return `#${told}`;
+}
+
+/** @param {string} name @param {string} value */
+function numberOf(name, value) {
+  if (!/^-?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(value)) throw new RangeError(`${name} is '${value}'; give a number`);
+  return Number(value);
+}
+
+/**
+ * A fault from its text.
+ * @param {string} text
+ * @param {Data} data
+ * @returns {Fault}
+ */
+function faultOf(text, data) {
+  const [name, ...given] = text.split(",").map((part) => part.trim());
+  among("a fault", name, Object.keys(data.faults));
+  /** @type {Fault} */
+  const fault = { name, start_min: 0, duration_min: null, settings: {} };
+  const { settings, timed } = data.faults[name];
+  for (const part of given) {
+    const [key, value] = part.split("=");
+    if (timed && (key === "start_min" || key === "duration_min")) {
+      fault[key] = numberOf(`${key} of a fault`, value);
+      continue;
+    }
+    among(`a setting of the fault ${name}`, key, Object.keys(settings));
+    const told = { true: true, false: false }[value];
+    fault.settings[key] = told ?? numberOf(`${key} of a fault`, value);
+  }
+  return fault;
 }
 
 /**
@@ -231,10 +354,6 @@ export function fromHash(text, data) {
   const told = new URLSearchParams(text.replace(/^#/, ""));
   const begun = usual(data);
   const version = told.get(VERSION);
-  const number = (/** @type {string} */ name, /** @type {string} */ value) => {
-    if (!/^-?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(value)) throw new RangeError(`${name} is '${value}'; give a number`);
-    return Number(value);
-  };
   const controller = told.get("controller") ?? begun.controller;
   among("the controller", controller, Object.keys(data.controllers));
   /** @type {Situation} */
@@ -264,18 +383,29 @@ export function fromHash(text, data) {
           .map((meal) => {
             const found = /^([\d.]+)g@([\d.]+)min$/.exec(meal);
             if (found === null) throw new RangeError(`a meal is '${meal}'; write it like 50g@60min`);
-            return { carbs_g: number("a meal", found[1]), t_min: number("the time of a meal", found[2]) };
+            return { carbs_g: numberOf("a meal", found[1]), t_min: numberOf("the time of a meal", found[2]) };
           });
+        break;
+      case "faults":
+        situation.faults = value.split(";").map((fault) => faultOf(fault, data));
         break;
       case "duration_min":
       case "noise_variance":
       case "dead_time_min":
       case "seed":
-        situation[name] = number(name, value);
+        situation[name] = numberOf(name, value);
         break;
-      default:
-        among("a part of the link", name, Object.keys(data.controllers[controller].settings));
-        situation.tuning = { ...situation.tuning, [name]: number(name, value) };
+      default: {
+        /** @type {[Record<string, unknown>, "guard_limits" | "pump_limits" | "tuning"][]} */
+        const parts = [
+          [data.guard_limits, "guard_limits"],
+          [data.pump_limits, "pump_limits"],
+          [data.controllers[controller].settings, "tuning"],
+        ];
+        const [, part] = parts.find(([known]) => Object.hasOwn(known, name)) ?? [];
+        if (part === undefined) among("a part of the link", name, Object.keys(data.controllers[controller].settings));
+        else situation[part] = { ...situation[part], [name]: numberOf(name, value) };
+      }
     }
   }
   return { situation: checked(situation, data), version };
