@@ -339,11 +339,11 @@ def judge(heading: str, command: Sequence[str], code: int) -> None:
     stop(f"'{heading}' failed (exit status {code}).", code if code > 0 else 1)
 
 
-def tests(env: Environment, which: str) -> None:
-    """The tests that a mark chooses, on two processors."""
+def tests(env: Environment, which: str, workers: int = 2) -> None:
+    """The tests that a mark chooses."""
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
-    check(env, f"pytest -m '{which}'", [env.program("pytest"), "-n", "2", "--dist", "worksteal", "-m", which])
+    check(env, f"pytest -m '{which}'", [env.program("pytest"), "-n", str(workers), "--dist", "worksteal", "-m", which])
 
 
 def quick_checks(env: Environment) -> None:
@@ -359,7 +359,7 @@ def long_checks(env: Environment) -> None:
     docs = ROOT / "docs"
     sphinx = [env.program("sphinx-build"), "-W", "-q", "-b", "html", str(docs), str(docs / "_build/html")]
     with check_beside(env, "documentation", sphinx):  # most of which is computed by one processor
-        tests(env, "long")
+        tests(env, "long", workers=3)  # some of them wait: for a disk, an interrupt, an emulator
     say("\nAll long checks passed.")
 
 

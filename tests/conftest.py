@@ -83,6 +83,10 @@ LONG = {
 """Modules all of whose tests are `long`, by their folder."""
 
 
+def pytest_collection_finish():
+    gc.freeze()  # modules stay
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.stem in LONG.get(item.path.parent.name, ()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import json
 from collections.abc import Iterator, Mapping
@@ -44,6 +45,11 @@ class Header:
         return json_text({"format": _KIND, "format_version": FORMAT, **vars(self)}) + "\n"
 
 
+@functools.cache
+def _version_of_tables() -> str:
+    return importlib.metadata.version(_TABLES)
+
+
 def header_of(trial: Trial) -> Header:
     """The header of a trial that begins now."""
     here = arithmetic.identity()
@@ -53,7 +59,7 @@ def header_of(trial: Trial) -> Header:
         fingerprint=fingerprint(trial),
         people=trial.people,
         shards=trial.shards,
-        libraries={**libraries, _TABLES: importlib.metadata.version(_TABLES)},
+        libraries={**libraries, _TABLES: _version_of_tables()},
         arithmetic={name: value for name, value in here.items() if name not in libraries},
         config={key: value for key, value in trial_keys(trial).items() if value is not None},
     )
