@@ -339,7 +339,7 @@ def judge(heading: str, command: Sequence[str], code: int) -> None:
     stop(f"'{heading}' failed (exit status {code}).", code if code > 0 else 1)
 
 
-def tests(env: Environment, which: str, workers: int = 2) -> None:
+def tests(env: Environment, which: str, workers: int) -> None:
     """The tests that a mark chooses."""
     if not any((ROOT / "tests").rglob("test_*.py")):
         stop("pytest found no tests.", 5)
@@ -351,7 +351,7 @@ def quick_checks(env: Environment) -> None:
     check(env, "ruff check", [env.program("ruff"), "check"])
     check(env, "mypy", [env.program("mypy")])
     check(env, "lint-imports", [env.program("lint-imports"), "--no-logo"])
-    tests(env, QUICK)
+    tests(env, QUICK, workers=2)
     say("\nAll quick checks passed.")
 
 
@@ -476,7 +476,7 @@ def main(arguments: list[str]) -> int:
     elif rest:
         check(env, "pytest", [env.program("pytest"), *rest])
     elif chosen:
-        tests(env, QUICK)
+        tests(env, QUICK, workers=2)
     else:
         quick_checks(env)
     return 0
