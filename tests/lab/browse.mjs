@@ -46,7 +46,7 @@ async function shown(address) {
   const answer = {
     ready: (await ask("document.documentElement.dataset.ready")) === "true",
     said: await text("#said"),
-    command: await text("#command"),
+    same: await text("#same"),
     cells: JSON.parse(cells),
     canvases: await ask('document.querySelectorAll("canvas").length'),
     hash: await ask("location.hash"),

@@ -7,6 +7,9 @@ const [page, kernels, request, answer] = process.argv.slice(2);
 const { load } = await import(pathToFileURL(kernels).href);
 const { Lab, summary } = await import(pathToFileURL(`${page}/loop.mjs`).href);
 const situations = await import(pathToFileURL(`${page}/situation.mjs`).href);
+const links = await import(pathToFileURL(`${page}/links.mjs`).href);
+const { usualUnits } = await import(pathToFileURL(`${page}/units.mjs`).href);
+const repeat = await import(pathToFileURL(`${page}/repeat.mjs`).href);
 
 const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
 
@@ -16,18 +19,23 @@ const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), dat
 function answered(asked) {
   try {
     if (asked === "lessons") return texts.lessons.map(({ hash }) => hash);
-    const situation = typeof asked === "string" ? situations.fromHash(asked, data).situation : situations.checked(asked, data);
+    const found = typeof asked === "string" ? links.fromLink(asked, data) : { situation: asked, units: usualUnits() };
+    const situation = situations.checked(found.situation, data);
     const trace = lab.simulate(situation);
     const hash = situations.hash(situation, data, "1.2.3");
+    const link = links.link(situation, found.units, data, "1.2.3");
     return {
       situation,
       numbers: lab.controllerNumbers(situation),
       trace,
       summary: summary(trace),
       hash,
+      link,
+      units: found.units,
       again: situations.fromHash(hash, data),
-      toml: situations.toml(situation, data, "1.2.3"),
-      command: situations.commandLine(situation, data),
+      toml: repeat.toml(situation, data, "1.2.3"),
+      command: repeat.commandLine(situation, data),
+      python: repeat.python(situation, data),
     };
   } catch (error) {
     if (!(error instanceof RangeError)) throw error;

@@ -55,13 +55,22 @@ def test_the_file_holds_everything_and_is_the_same_again(text):
 
 
 def test_every_import_is_in_the_file(text):
-    imports = json.loads(re.search(r'<script type="importmap">(.*?)</script>', text)[1])["imports"]
-    expected = {f"lab/{path.name}" for path in (HOST, *PAGE.glob("*.mjs"))}
-    assert set(imports) == expected
-    for address in imports.values():
-        code = base64.b64decode(address.removeprefix("data:text/javascript;base64,")).decode()
-        named = re.findall(r'^import [^;]*?"([^"]+)";$', code, re.M | re.S)
+    code = json.loads(packed(text, "code"))
+    expected = {f"lab/{path.name}" for path in (HOST, *PAGE.rglob("*.mjs"))}
+    assert set(code["modules"]) == expected
+    assert code["first"] in expected
+    for module in code["modules"].values():
+        named = re.findall(r'^import [^;]*?"([^"]+)";$', module, re.M | re.S)
         assert set(named) <= expected
+
+
+def test_every_text_that_the_page_names_is_there_once(text):
+    texts = (PAGE / "texts.mjs").read_text(encoding="utf-8")
+    of_page = re.search(r"^  page: \{$(.*?)^  \},$", texts, re.M | re.S)[1]
+    known = re.findall(r"^    (\w+): ", of_page, re.M)
+    named = re.findall(r'data-(?:text|label)="(\w+)"', (PAGE / "lab.html").read_text(encoding="utf-8"))
+    assert set(named) == set(known)
+    assert len(known) == len(set(known))
 
 
 def test_nothing_in_the_file_can_reach_the_network(text):
@@ -70,6 +79,9 @@ def test_nothing_in_the_file_can_reach_the_network(text):
     assert "http" not in policy
     assert "connect-src" not in policy
     assert not re.search(r'(?:src|href)="(?!data:)', text)
+    code = json.loads(packed(text, "code"))
+    for module in (*code["modules"].values(), *code["scripts"]):
+        assert not re.search(r"\b(?:fetch|XMLHttpRequest|WebSocket|EventSource|sendBeacon|importScripts)\b", module)
 
 
 def test_the_licence_of_uplot_lies_beside_it():
@@ -180,7 +192,7 @@ def test_the_page_works_in_chromium_from_its_file_without_the_network(text, in_n
         summary = answer["summary"]
         expected = [f"{summary[name]:.1f}" for name in ("mean_mg_dl", "minimum_mg_dl", "peak_mg_dl")]
         assert page_there["cells"][:3] == expected
-        assert page_there["command"] == answer["command"]
+        assert page_there["same"] == answer["command"]
         assert page_there["hash"] == answer["hash"].replace("1.2.3", __version__)
     assert [page_there["said"] for page_there in shown] == [
         "This is the situation of the link.",

@@ -1,7 +1,8 @@
 """Packing of the page: one HTML file with its modules, styles, numbers and WebAssembly, which asks the network nothing.
 
-The modules of the page import one another by relative paths, so that node runs them as they are. In the file they
-become addresses ``data:`` of an import map, and the policy of the page forbids every connection.
+The modules of the page import one another by relative paths, so that node runs them as they are. In the file they are
+compressed; ``start.js`` unpacks them into addresses ``data:`` of an import map. The policy of the page forbids every
+connection.
 """
 
 from __future__ import annotations
@@ -28,19 +29,22 @@ _IMPORT: Final = re.compile(r'(?P<before>\b(?:from|import)\s*)"(?P<path>\.\.?/[^
 
 def page() -> str:
     """The whole page as the text of an HTML file."""
-    modules = dict(_modules(_FIRST))
-    imports = {_name(path): _data("text/javascript", code.encode()) for path, code in modules.items()}
+    modules = {_name(path): code for path, code in sorted(_modules(_FIRST))}
+    code = {"scripts": [_read("uPlot.iife.min.js")], "modules": modules, "first": _name(_FIRST)}
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
-        "STYLE": (PAGE / "uPlot.min.css").read_text(encoding="utf-8") + (PAGE / "lab.css").read_text(encoding="utf-8"),
-        "UPLOT": (PAGE / "uPlot.iife.min.js").read_text(encoding="utf-8"),
-        "IMPORTS": json.dumps({"imports": imports}),
-        "FIRST": _name(_FIRST),
+        "STYLE": _read("uPlot.min.css") + _read("lab.css"),
+        "START": _read("start.js"),
+        "CODE": _packed(json.dumps(code).encode()),
         "MODULE": _packed(MODULE.read_bytes()),
         "DATA": _packed(DATA.read_bytes()),
     }
-    template = (PAGE / "lab.html").read_text(encoding="utf-8")
+    template = _read("lab.html")
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], template)
+
+
+def _read(name: str) -> str:
+    return (PAGE / name).read_text(encoding="utf-8")
 
 
 def _modules(path: Path) -> Iterator[tuple[Path, str]]:
@@ -65,10 +69,6 @@ def _renamed(folder: Path, found: re.Match[str]) -> str:
 def _name(path: Path) -> str:
     """Name of a module in the import map."""
     return f"lab/{path.name}"
-
-
-def _data(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def _packed(content: bytes) -> str:

@@ -1,130 +1,205 @@
 // @ts-check
-/** The picture: glucose with its band and readings above, insulin below, pinned runs dashed. */
+/** The picture on the screen: axes by uPlot, and everything else drawn on its canvas. */
 
-import { texts } from "./texts.mjs";
+/** @typedef {import("./scene.mjs").Scene} Scene */
+/** @typedef {import("./scene.mjs").Panel} Panel */
+/** @typedef {import("./scene.mjs").Line} Line */
 
-/** @typedef {import("./loop.mjs").Trace} Trace */
-/** @typedef {import("./situation.mjs").Data} Data */
-/** @typedef {{name: string, trace: Trace}} Drawn */
-
-const LOW = 70;
-const HIGH = 180;
-/** The least range of the axis, so that small changes are seen and not taken for large ones. */
-const SHOWN = [60, 130];
 const NARROW_PX = 600;
-/** Colours that colour-blind people tell apart (Okabe and Ito), and darker or lighter by the page. */
-const LIGHT = ["#0b5cad", "#b34700", "#00704f", "#8a3d75", "#5c5200"];
-const DARK = ["#7ab8ff", "#ffa05c", "#4fd1a5", "#e59bd0", "#e6d96a"];
+const GUARD_PX = 5;
 
-const isDark = () => matchMedia("(prefers-color-scheme: dark)").matches;
-const style = (/** @type {string} */ name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** @param {string} name of a colour of the style sheet */
+const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-/** @type {{destroy: () => void}[]} */
-let charts = [];
+/** A panel with its axes, made again only when its size or colours change. */
+class Chart {
+  /**
+   * @param {HTMLElement} place
+   * @param {{wide: number, narrow: number}} height in pixels
+   */
+  constructor(place, height) {
+    this.place = place;
+    this.height = height;
+    this.made = "";
+    /** @type {any} */
+    this.plot = null;
+    /** @type {{end: number, moment: number | null, panel: Panel} | null} */
+    this.shown = null;
+  }
 
-/** @param {number[]} values each held until the next time */
-function held(values) {
-  return values.flatMap((value) => [value, value]);
-}
+  /** @param {{end: number, moment: number | null, panel: Panel}} shown */
+  draw(shown) {
+    this.shown = shown;
+    const width = this.place.clientWidth;
+    const height = width < NARROW_PX ? this.height.narrow : this.height.wide;
+    const make = [width, height, devicePixelRatio, style("--ink"), style("--paper")].join(" ");
+    if (make !== this.made) {
+      this.plot?.destroy();
+      this.plot = this.axes(width, height);
+      this.made = make;
+    } else {
+      this.plot.setData(this.ends());
+    }
+  }
 
-/**
- * Draw runs, the first of which is the present one.
- * @param {{glucose: HTMLElement, insulin: HTMLElement}} places
- * @param {Drawn[]} runs
- * @param {Data} data
- * @param {(sample: number | null) => void} tell called with the sample under the cursor
- */
-export function draw(places, runs, data, tell) {
-  const uPlot = /** @type {any} */ (globalThis).uPlot;
-  for (const chart of charts) chart.destroy();
-  const width = places.glucose.clientWidth;
-  const narrow = width < NARROW_PX;
-  const colours = draw.colours();
-  const every = data.sample_time_min;
-  const end = Math.max(...runs.map(({ trace }) => trace.fine_t_min[trace.fine_t_min.length - 1]));
-  const axis = {
-    stroke: style("--ink"),
-    grid: { stroke: style("--rule"), width: 0.5 },
-    ticks: { stroke: style("--rule") },
-    font: "12px system-ui, sans-serif",
-  };
-  const sample = (/** @type {any} */ chart) => {
-    const left = chart.cursor.left;
-    return left === undefined || left < 0 ? null : Math.max(0, Math.floor(chart.posToVal(left, "x") / every));
-  };
-  const common = {
-    width,
-    scales: { x: { time: false, range: [0, end] } },
-    legend: { show: false },
-    cursor: { y: false, sync: { key: "lab" }, drag: { x: false, y: false }, points: { show: false } },
-    hooks: { setCursor: [(/** @type {any} */ chart) => tell(sample(chart))] },
-  };
-  const line = (/** @type {Drawn} */ run, /** @type {number} */ i) => ({
-    label: run.name,
-    stroke: colours[i],
-    width: i === 0 ? 2.2 : 1.6,
-    dash: i === 0 ? undefined : [3 + 3 * i, 4],
-    points: { show: false },
-  });
-  const [{ trace }] = runs;
-  // One axis of time for curves on the fine grid and readings at samples.
-  // Readings without noise and dead time are the curve itself, which they would hide.
-  const told = trace.reading_mg_dl.map((reading, i) => (reading === trace.glucose_mg_dl[i] ? null : reading));
-  const glucose = uPlot.join([
-    ...runs.map((run) => [run.trace.fine_t_min, run.trace.fine_glucose_mg_dl]),
-    [trace.t_min, told],
-  ]);
-  const values = [...SHOWN, ...glucose.slice(1).flat().filter((/** @type {any} */ v) => v != null)];
-  const least = Math.max(0, Math.min(...values));
-  const most = Math.max(...values);
-  const band = (/** @type {any} */ chart) => {
-    const { left, top, width: wide } = chart.bbox;
-    const from = Math.max(top, chart.valToPos(HIGH, "y", true));
-    chart.ctx.save();
-    chart.ctx.fillStyle = style("--band");
-    chart.ctx.fillRect(left, from, wide, chart.valToPos(LOW, "y", true) - from);
-    chart.ctx.restore();
-  };
-  charts = [
-    new uPlot(
+  /** @returns {[number[], null[]]} */
+  ends() {
+    return [[0, this.shown?.end ?? 1], [null, null]];
+  }
+
+  /** @param {number} width @param {number} height */
+  axes(width, height) {
+    const uPlot = /** @type {any} */ (globalThis).uPlot;
+    const axis = {
+      stroke: style("--ink"),
+      grid: { stroke: style("--rule"), width: 0.5 },
+      ticks: { stroke: style("--rule") },
+      font: "12px system-ui, sans-serif",
+    };
+    return new uPlot(
       {
-        ...common,
-        height: narrow ? 180 : 320,
-        scales: { ...common.scales, y: { range: [least, most + 5] } },
-        axes: [{ ...axis, size: 30 }, { ...axis, size: 44 }],
-        hooks: { ...common.hooks, drawClear: [band] },
-        series: [
-          { label: texts.time },
-          ...runs.map(line),
-          {
-            label: texts.reading,
-            stroke: style("--soft"),
-            paths: () => null,
-            points: { show: true, size: 4, fill: style("--soft"), stroke: style("--soft") },
-          },
+        width,
+        height,
+        scales: {
+          x: { time: false, range: () => [0, this.shown?.end] },
+          y: { auto: true, range: () => this.shown?.panel.range },
+        },
+        legend: { show: false },
+        cursor: { show: false },
+        axes: [
+          { ...axis, size: 30, incrs: [5, 10, 15, 30, 60, 120, 180, 240] },
+          { ...axis, size: 44 },
         ],
+        series: [{}, { points: { show: false } }],
+        hooks: {
+          drawClear: [(/** @type {any} */ plot) => this.within(plot, () => this.behind(plot))],
+          draw: [(/** @type {any} */ plot) => this.within(plot, () => this.curves(plot))],
+        },
       },
-      glucose,
-      places.glucose,
-    ),
-    new uPlot(
-      {
-        ...common,
-        height: narrow ? 100 : 170,
-        scales: { ...common.scales, y: { range: [0, data.limits.max_mU_min * 1.05] } },
-        axes: [{ ...axis, size: 30 }, { ...axis, size: 44 }],
-        series: [{ label: texts.time }, ...runs.map(line)],
-      },
-      uPlot.join(
-        runs.map((run) => [
-          run.trace.t_min.flatMap((t) => [t, t + every - 1e-6]),
-          held(run.trace.insulin_mU_min),
-        ]),
-      ),
-      places.insulin,
-    ),
-  ];
+      this.ends(),
+      this.place,
+    );
+  }
+
+  /** Draw within the axes only. @param {any} plot @param {() => void} drawing */
+  within(plot, drawing) {
+    const { left, top, width, height } = plot.bbox;
+    plot.ctx.save();
+    plot.ctx.beginPath();
+    plot.ctx.rect(left, top, width, height);
+    plot.ctx.clip();
+    drawing();
+    plot.ctx.restore();
+  }
+
+  /** Places on the canvas of times and values. @param {any} plot */
+  places(plot) {
+    return {
+      x: (/** @type {number} */ t) => plot.valToPos(t, "x", true),
+      y: (/** @type {number} */ value) => plot.valToPos(value, "y", true),
+      pixel: devicePixelRatio,
+    };
+  }
+
+  /** @param {any} plot */
+  behind(plot) {
+    if (this.shown === null) return;
+    const { panel } = this.shown;
+    const { x, y, pixel } = this.places(plot);
+    const { left, top, width, height } = plot.bbox;
+    const { ctx } = plot;
+    if (panel.band !== null) {
+      const [low, high] = panel.band;
+      ctx.fillStyle = style("--band");
+      ctx.fillRect(left, y(high), width, y(low) - y(high));
+    }
+    for (const { from, to, kind } of panel.spans) {
+      ctx.fillStyle = style(kind === "guard" ? "--guard" : "--fault");
+      ctx.fillRect(x(from), top, x(to) - x(from), kind === "guard" ? GUARD_PX * pixel : height);
+    }
+    for (const area of panel.areas) {
+      ctx.beginPath();
+      area.x.forEach((t, i) => ctx.lineTo(x(t), y(area.high[i])));
+      for (let i = area.x.length - 1; i >= 0; i--) ctx.lineTo(x(area.x[i]), y(area.low[i]));
+      ctx.globalAlpha = area.opacity;
+      ctx.fillStyle = style("--accent");
+      ctx.fill();
+      ctx.globalAlpha = 1;
+    }
+    ctx.strokeStyle = style("--soft");
+    ctx.lineWidth = pixel;
+    ctx.setLineDash([2 * pixel, 4 * pixel]);
+    for (const level of panel.rules) {
+      ctx.beginPath();
+      ctx.moveTo(left, y(level));
+      ctx.lineTo(left + width, y(level));
+      ctx.stroke();
+    }
+  }
+
+  /** @param {any} plot */
+  curves(plot) {
+    if (this.shown === null) return;
+    const { panel, moment } = this.shown;
+    const { x, y, pixel } = this.places(plot);
+    const { ctx } = plot;
+    const { top, height } = plot.bbox;
+    if (moment !== null) {
+      ctx.strokeStyle = style("--soft");
+      ctx.lineWidth = pixel;
+      ctx.beginPath();
+      ctx.moveTo(x(moment), top);
+      ctx.lineTo(x(moment), top + height);
+      ctx.stroke();
+    }
+    // The present run comes last, so that it lies above the others.
+    for (const line of [...panel.lines].reverse()) {
+      ctx.strokeStyle = line.colour;
+      ctx.lineWidth = line.width * pixel;
+      ctx.setLineDash(line.dash.map((length) => length * pixel));
+      ctx.lineJoin = "round";
+      ctx.beginPath();
+      corners(line).forEach(([t, value]) => ctx.lineTo(x(t), y(value)));
+      ctx.stroke();
+    }
+    ctx.setLineDash([]);
+    ctx.fillStyle = style("--soft");
+    for (let i = 0; i < panel.dots.x.length; i++) {
+      ctx.beginPath();
+      ctx.arc(x(panel.dots.x[i]), y(panel.dots.y[i]), 2 * pixel, 0, 2 * Math.PI);
+      ctx.fill();
+    }
+  }
 }
 
-/** Colours of the present run and of the pinned ones. */
-draw.colours = () => (isDark() ? DARK : LIGHT);
+/** Corners of a line, which goes in steps where each value is held. @param {Line} line @returns {[number, number][]} */
+export function corners({ x, y, steps }) {
+  if (!steps) return x.map((t, i) => [t, y[i]]);
+  return x.flatMap((t, i) => /** @type {[number, number][]} */ (i === 0 ? [[t, y[0]]] : [[t, y[i - 1]], [t, y[i]]]));
+}
+
+/** The two panels. */
+export class Picture {
+  /** @param {{glucose: HTMLElement, insulin: HTMLElement}} places */
+  constructor(places) {
+    this.glucose = new Chart(places.glucose, { wide: 320, narrow: 180 });
+    this.insulin = new Chart(places.insulin, { wide: 170, narrow: 100 });
+  }
+
+  /** @param {Scene} scene */
+  draw({ end, moment, glucose, insulin }) {
+    this.glucose.draw({ end, moment, panel: glucose });
+    this.insulin.draw({ end, moment, panel: insulin });
+  }
+
+  /** The element above the axes' inside, for pointers. @returns {HTMLElement[]} */
+  insides() {
+    return [this.glucose.plot.over, this.insulin.plot.over];
+  }
+
+  /** Where the inside of the axes lies in its place, in pixels. */
+  inside() {
+    const { left, width } = this.glucose.plot.bbox;
+    return { left: left / devicePixelRatio, width: width / devicePixelRatio };
+  }
+}

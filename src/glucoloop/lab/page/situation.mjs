@@ -82,7 +82,8 @@ const LARGEST_VARIANCE = 900;
 const MOST_FAULTS = 4;
 const LONGEST_DEAD_TIME_MIN = 60;
 const SHORTEST_MIN = 30;
-const VERSION = "glucoloop";
+/** Key under which links and files tell the version. */
+export const VERSION = "glucoloop";
 
 /**
  * The situation that the page begins with: that of `glucoloop run`.
@@ -252,50 +253,6 @@ export function faultText(fault, data) {
 /** @param {Meal} meal */
 function mealText(meal) {
   return `${meal.carbs_g}g@${meal.t_min}min`;
-}
-
-/**
- * The situation as a configuration file of `glucoloop run --config`.
- * @param {Situation} situation
- * @param {Data} data
- * @param {string} version
- */
-export function toml(situation, data, version) {
-  const whole = new Set(["seed"]);
-  for (const [name, setting] of Object.entries(data.controllers[situation.controller].settings)) {
-    if (setting.whole) whole.add(name);
-  }
-  const text = (/** @type {string} */ name, /** @type {unknown} */ value) =>
-    typeof value === "number" && !whole.has(name) && Number.isInteger(value) ? `${value}.0` : JSON.stringify(value);
-  const lines = keys(situation, data).map(([name, value]) => `${name} = ${text(name, value)}`);
-  return `${[`${VERSION} = "${version}"`, ...lines].join("\n")}\n`;
-}
-
-/** Options whose names are not those of the keys. @type {Record<string, string>} */
-const OPTIONS = {
-  duration_min: "duration",
-  noise_variance: "noise",
-  dead_time_min: "dead-time",
-  model_noise_variance: "model-noise",
-  max_change_mU_min: "max-rate-change",
-  min_insulin_mU_min: "min-insulin",
-  max_insulin_mU_min: "max-insulin",
-};
-
-/**
- * The command that computes the same.
- * @param {Situation} situation
- * @param {Data} data
- */
-export function commandLine(situation, data) {
-  const words = ["glucoloop run"];
-  for (const [name, value] of keys(situation, data)) {
-    const option = `--${OPTIONS[name] ?? name.replaceAll("_", "-")}`;
-    if (name === "faults" && Array.isArray(value)) words.push(...value.map((fault) => `--fault '${fault}'`));
-    else if (Array.isArray(value)) words.push(...(value.length ? value.map((meal) => `--meal ${meal}`) : ["--no-meal"]));
-    else words.push(value === true ? option : `${option} ${value}`);
-  }
-  return words.join(" ");
 }
 
 /**

@@ -1,7 +1,44 @@
 // @ts-check
-/** The page's texts in English, in one place. */
+/** The page's texts in English, in one place; names of settings, patients and statuses come with the data. */
 
 export const texts = {
+  /** Texts of the elements that name them in lab.html. */
+  page: {
+    picture: "Picture",
+    loading: "Loading the simulator.",
+    about: "Close the loop of a virtual person with type 1 diabetes. Research software, not a medical device.",
+    laneHelp: "Drag a meal to another time, or up and down to another size; or use the arrow keys, and Delete.",
+    momentTitle: "Moment that is explained",
+    results: "Numbers",
+    numbersTitle: "Numbers of the runs",
+    acts: "What the guard did",
+    pin: "Pin this run",
+    undo: "Undo",
+    reset: "Begin again",
+    copyLink: "Copy link",
+    save: "Save",
+    same: "The same as",
+    copy: "Copy",
+    formCommand: "command line",
+    formToml: "configuration file (TOML)",
+    formPython: "program in Python",
+    situation: "Situation",
+    lessons: "Lessons",
+    patient: "Patient",
+    point: "Operating point of parker-1999",
+    meals: "Meals",
+    addMeal: "Add a meal",
+    duration: "Length of the run",
+    controller: "Controller",
+    usual: "Usual tuning",
+    guard: "Guard around the controller",
+    sensor: "Sensor",
+    seed: "Seed of the noise",
+    units: "Units",
+    glucoseUnit: "Glucose",
+    insulinUnit: "Insulin",
+    remark: "The same definitions as the program, compiled to WebAssembly with portable arithmetic; this page asks the network nothing. Drawn with uPlot, MIT licence.",
+  },
   ready: "Change anything; the picture follows at once.",
   fromLink: "This is the situation of the link.",
   otherVersion: (/** @type {string} */ there, /** @type {string} */ here) =>
@@ -9,8 +46,11 @@ export const texts = {
   noVersion: "The link does not say which version made it; numbers may differ.",
   refusedLink: (/** @type {string} */ why) => `The link was not used: ${why}. This is the usual situation.`,
   refused: (/** @type {string} */ why) => `${why}. The picture is still that of the last possible situation.`,
+  link: "link",
+  forms: { command: "command", toml: "configuration", python: "program" },
   copied: (/** @type {string} */ what) => `The ${what} was copied.`,
   notCopied: "The browser does not allow copying; mark the text and copy it by hand.",
+  saved: (/** @type {string} */ name) => `${name} was saved.`,
   lessons: [
     {
       title: "Feedback alone",
@@ -40,6 +80,21 @@ export const texts = {
   ],
   now: "Now",
   run: (/** @type {number} */ number) => `Run ${number}`,
+  runOf: (/** @type {string} */ name, /** @type {string} */ controller, /** @type {boolean} */ guarded) =>
+    `${name}: ${controller}${guarded ? ", guarded" : ""}`,
+  columns: (/** @type {string} */ glucose) => [
+    "Run",
+    `Mean\n${glucose}`,
+    `Lowest\n${glucose}`,
+    `Highest\n${glucose}`,
+    "In range\n%",
+    "Low\n%",
+    "Insulin\nU",
+    "Pinned",
+  ],
+  grams: (/** @type {number} */ carbs_g) => `${carbs_g} g`,
+  meal: (/** @type {number} */ number, /** @type {number} */ carbs_g, /** @type {number} */ t_min) =>
+    `Meal ${number}: ${carbs_g} g at ${t_min} min`,
   mealTime: (/** @type {number} */ number) => `Meal ${number} at, min`,
   mealSize: (/** @type {number} */ number) => `Meal ${number}, g`,
   removeMeal: (/** @type {number} */ number) => `Remove meal ${number}`,
@@ -50,13 +105,26 @@ export const texts = {
   numberOf: (/** @type {string} */ name) => `${name}, as a number`,
   noise: "Variance of the noise, (mg/dl)²",
   deadTime: "Dead time of the readings, min; the controller does not know it",
-  time: "Time, min",
-  glucose: "Glucose",
-  reading: "Readings",
-  insulin: "Insulin",
-  at: (/** @type {number} */ t, /** @type {string} */ glucose, /** @type {string} */ reading, /** @type {string} */ rate) =>
-    `At ${t} min: glucose ${glucose}, reading ${reading} mg/dl, insulin ${rate} mU/min.`,
+  pictureTitle: "Glucose and insulin of a simulated person",
+  glucoseIn: (/** @type {string} */ unit, /** @type {string} */ low, /** @type {string} */ high) =>
+    `Glucose in ${unit}; the shaded band is ${low} to ${high}, dots are readings; time in min`,
+  insulinIn: (/** @type {string} */ unit, /** @type {string} */ most) =>
+    `Insulin delivered in ${unit}, fine dashes where another rate was commanded; the pump gives at most ${most}`,
+  commanded: "Commanded",
+  moment: (
+    /** @type {number} */ t,
+    /** @type {string} */ glucose,
+    /** @type {string} */ glucose_unit,
+    /** @type {string} */ rate,
+    /** @type {string} */ insulin_unit,
+  ) => `${t} min: glucose ${glucose} ${glucose_unit}, insulin ${rate} ${insulin_unit}`,
+  noMoment: "Point at the picture, or move the slider below it, to learn why a dose was given.",
+  at: (/** @type {Record<string, string>} */ of) =>
+    `At ${of.t} min: glucose ${of.glucose}, reading ${of.reading} ${of.glucose_unit}; ` +
+    `insulin commanded ${of.commanded}, delivered ${of.delivered} ${of.insulin_unit}.`,
+  act: (/** @type {number} */ from, /** @type {number} */ to, /** @type {string} */ status) => `${from} to ${to} min: ${status}`,
+  noActs: "The guard let every dose pass.",
   told: (/** @type {Record<string, string>} */ of) =>
-    `Glucose goes from ${of.minimum} to ${of.peak} mg/dl, with a mean of ${of.mean}; ${of.inside} % of the time it is ` +
-    `between 70 and 180 mg/dl. ${of.insulin} U of insulin are delivered.`,
+    `Glucose goes from ${of.minimum} to ${of.peak} ${of.unit}, with a mean of ${of.mean}; ${of.inside} % of the time it is ` +
+    `in the band. ${of.insulin} U of insulin are delivered.`,
 };

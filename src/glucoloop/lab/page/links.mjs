@@ -1,0 +1,44 @@
+// @ts-check
+/** The part of the page's address after the #: the situation with its version, and the units in which it is shown. */
+
+import { fromHash, hash } from "./situation.mjs";
+import { unitOf, usualUnits, UNITS } from "./units.mjs";
+
+/** @typedef {import("./situation.mjs").Data} Data */
+/** @typedef {import("./situation.mjs").Situation} Situation */
+/** @typedef {import("./units.mjs").Units} Units */
+
+/** Keys of the units in a link. */
+const KEYS = { glucose: "shown_glucose", insulin: "shown_insulin" };
+
+/**
+ * @param {Situation} situation
+ * @param {Units} units
+ * @param {Data} data
+ * @param {string} version
+ */
+export function link(situation, units, data, version) {
+  const told = new URLSearchParams(hash(situation, data, version).slice(1));
+  for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
+    if (units[quantity] !== UNITS[quantity][0]) told.set(KEYS[quantity], units[quantity].name);
+  }
+  return `#${told}`;
+}
+
+/**
+ * What a link tells.
+ * @param {string} text from the # on
+ * @param {Data} data
+ * @returns {{situation: Situation, version: string | null, units: Units}}
+ * @throws {RangeError} with a sentence, for a link that tells nothing possible
+ */
+export function fromLink(text, data) {
+  const told = new URLSearchParams(text.replace(/^#/, ""));
+  const units = usualUnits();
+  for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
+    const name = told.get(KEYS[quantity]);
+    if (name !== null) units[quantity] = unitOf(quantity, name);
+    told.delete(KEYS[quantity]);
+  }
+  return { ...fromHash(`#${told}`, data), units };
+}

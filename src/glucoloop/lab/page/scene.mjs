@@ -1,0 +1,142 @@
+// @ts-check
+/** What the picture shows, in the units of the screen: two panels over one axis of time. The chart and the file draw it. */
+
+import { limitsOf } from "./situation.mjs";
+import { texts } from "./texts.mjs";
+import { shown } from "./units.mjs";
+
+/** @typedef {import("./session.mjs").Session} Session */
+/** @typedef {{name: string, x: number[], y: number[], colour: string, width: number, dash: number[], steps?: boolean}} Line */
+/** @typedef {{x: number[], low: number[], high: number[], opacity: number}} Area */
+/** @typedef {{from: number, to: number, kind: "guard" | "fault", text: string}} Span */
+
+/**
+ * @typedef {object} Panel
+ * @property {string} title
+ * @property {string} unit
+ * @property {[number, number]} range
+ * @property {[number, number] | null} band
+ * @property {number[]} rules levels of thin lines
+ * @property {Line[]} lines
+ * @property {{x: number[], y: number[]}} dots
+ * @property {Area[]} areas
+ * @property {Span[]} spans
+ */
+
+/**
+ * @typedef {object} Scene
+ * @property {number} end in min
+ * @property {number | null} moment time that is explained
+ * @property {Panel} glucose
+ * @property {Panel} insulin
+ */
+
+const LOW = 70;
+const HIGH = 180;
+/** The least range of the axis, so that small changes are seen and not taken for large ones. */
+const SHOWN = [60, 130];
+/** Statuses by which a guard says that it acted. */
+const GUARD = [5, 6, 7, 8, 9, 10];
+/** Colours that colour-blind people tell apart (Okabe and Ito), darker or lighter by the page. */
+const COLOURS = {
+  light: ["#0b5cad", "#b34700", "#00704f", "#8a3d75", "#5c5200"],
+  dark: ["#7ab8ff", "#ffa05c", "#4fd1a5", "#e59bd0", "#e6d96a"],
+};
+
+/** Colours of the present run and of the pinned ones. @param {boolean} dark */
+export function colours(dark) {
+  return dark ? COLOURS.dark : COLOURS.light;
+}
+
+/** Dashes of a run: the present one is solid. @param {number} place */
+export function dashes(place) {
+  return place === 0 ? [] : [3 + 3 * place, 4];
+}
+
+/** Times and values of numbers that are each held until the next. @param {number[]} t @param {number[]} values @param {number} every */
+function held(t, values, every) {
+  const last = t.length - 1;
+  return { x: [...t, t[last] + every], y: [...values, values[last]], steps: true };
+}
+
+/**
+ * Stretches of samples at which the guard acted, each with its reason.
+ * @param {import("./loop.mjs").Trace} trace
+ * @param {number} every
+ * @returns {{from: number, to: number, status: number}[]}
+ */
+export function guardActs(trace, every) {
+  /** @type {{from: number, to: number, status: number}[]} */
+  const found = [];
+  trace.status.forEach((status, k) => {
+    if (!GUARD.includes(status)) return;
+    const last = found.at(-1);
+    const t = trace.t_min[k];
+    if (last !== undefined && last.status === status && last.to === t) last.to = t + every;
+    else found.push({ from: t, to: t + every, status });
+  });
+  return found;
+}
+
+/**
+ * @param {Session} session
+ * @param {boolean} dark
+ * @returns {Scene}
+ */
+export function scene(session, dark) {
+  const { data, runs, units } = session;
+  const every = data.sample_time_min;
+  const [{ trace }] = runs;
+  const colour = colours(dark);
+  const end = Math.max(...runs.map(({ trace }) => trace.fine_t_min[trace.fine_t_min.length - 1]));
+  const glucose = (/** @type {number} */ value) => value * units.glucose.factor;
+  const insulin = (/** @type {number} */ value) => value * units.insulin.factor;
+  const level = (/** @type {number} */ value) => shown(value, units.glucose, units.glucose.digits - 1);
+  const { max_mU_min } = limitsOf(session.situation, data);
+  const line = (/** @type {number} */ place) => ({
+    name: runs[place].name,
+    colour: colour[place],
+    width: place === 0 ? 2.2 : 1.6,
+    dash: dashes(place),
+  });
+
+  // Readings without noise and dead time are the curve itself, which they would hide.
+  const own = trace.t_min.map((_, k) => k).filter((k) => trace.reading_mg_dl[k] !== trace.glucose_mg_dl[k]);
+  let [least, most] = SHOWN;
+  for (const { trace } of runs) for (const value of trace.fine_glucose_mg_dl) [least, most] = [Math.min(least, value), Math.max(most, value)];
+  for (const k of own) [least, most] = [Math.min(least, trace.reading_mg_dl[k]), Math.max(most, trace.reading_mg_dl[k])];
+
+  const rates = (/** @type {import("./loop.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
+    held(trace.t_min, values.map(insulin), every);
+  const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
+  const commanded = { name: texts.commanded, colour: colour[0], width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
+  return {
+    end,
+    moment: session.moment === null ? null : session.moment * every,
+    glucose: {
+      title: texts.glucoseIn(units.glucose.name, level(LOW), level(HIGH)),
+      unit: units.glucose.name,
+      range: [glucose(Math.max(0, least)), glucose(most + 5)],
+      band: [glucose(LOW), glucose(HIGH)],
+      rules: [],
+      lines: runs.map(({ trace }, i) => ({ ...line(i), x: trace.fine_t_min, y: trace.fine_glucose_mg_dl.map(glucose) })),
+      dots: { x: own.map((k) => trace.t_min[k]), y: own.map((k) => glucose(trace.reading_mg_dl[k])) },
+      areas: [],
+      spans: [],
+    },
+    insulin: {
+      title: texts.insulinIn(units.insulin.name, shown(max_mU_min, units.insulin)),
+      unit: units.insulin.name,
+      range: [0, insulin(max_mU_min * 1.05)],
+      band: null,
+      rules: [insulin(max_mU_min)],
+      lines: [
+        ...runs.map(({ trace }, i) => ({ ...line(i), ...rates(trace, trace.insulin_mU_min) })),
+        ...(differs ? [commanded] : []),
+      ],
+      dots: { x: [], y: [] },
+      areas: [],
+      spans: guardActs(trace, every).map(({ from, to, status }) => ({ from, to, kind: "guard", text: data.statuses[status] })),
+    },
+  };
+}

@@ -1,0 +1,117 @@
+// @ts-check
+/** What the page has at the moment: the situation with its run, runs that are pinned, units, and what undo goes back to. */
+
+import { checked, usual } from "./situation.mjs";
+import { texts } from "./texts.mjs";
+import { usualUnits } from "./units.mjs";
+
+/** @typedef {import("./loop.mjs").Lab} Lab */
+/** @typedef {import("./loop.mjs").Trace} Trace */
+/** @typedef {import("./situation.mjs").Data} Data */
+/** @typedef {import("./situation.mjs").Situation} Situation */
+/** @typedef {{name: string, situation: Situation | null, trace: Trace}} Run a run from elsewhere may have no situation */
+
+export const MOST_PINNED = 4;
+/** Changes by the same control that follow one another this quickly are one step of undo. */
+const ONE_STEP_MS = 1000;
+
+export class Session {
+  /**
+   * @param {Lab} lab
+   * @param {Data} data
+   * @param {string} version
+   */
+  constructor(lab, data, version) {
+    this.lab = lab;
+    this.data = data;
+    this.version = version;
+    this.situation = usual(data);
+    /** @type {Run} */
+    this.run = { name: texts.now, situation: this.situation, trace: lab.simulate(this.situation) };
+    /** @type {Run[]} */
+    this.pinned = [];
+    this.units = usualUnits();
+    /** Sample that is explained. @type {number | null} */
+    this.moment = null;
+    /** @type {Situation[]} */
+    this.before = [];
+    /** The control that changed last, and when. */
+    this.last = { by: "", at: 0 };
+    this.numbered = 0;
+    /** @type {(() => void)[]} */
+    this.listeners = [];
+  }
+
+  get runs() {
+    return [this.run, ...this.pinned];
+  }
+
+  /** Call a function after each change. @param {() => void} listener */
+  onChange(listener) {
+    this.listeners.push(listener);
+  }
+
+  changed() {
+    for (const listener of this.listeners) listener();
+  }
+
+  /**
+   * Take another situation; the earlier one is kept for undo.
+   * @param {Partial<Situation>} change
+   * @param {string} [by] name of the control, whose quick changes are one step of undo
+   * @throws {RangeError} with a sentence, for a situation that is not possible; everything stays as it was
+   */
+  change(change, by = "") {
+    const before = this.situation;
+    const last = this.last;
+    this.take({ ...before, ...change });
+    const now = performance.now();
+    if (!by || by !== last.by || now - last.at > ONE_STEP_MS) this.before.push(before);
+    this.last = { by, at: now };
+    this.changed();
+  }
+
+  /** @param {Situation} situation */
+  take(situation) {
+    const next = checked(situation, this.data);
+    const trace = this.lab.simulate(next);
+    this.situation = next;
+    this.run = { name: texts.now, situation: next, trace };
+    if (this.moment !== null) this.moment = Math.min(this.moment, trace.t_min.length - 1);
+  }
+
+  undo() {
+    const before = this.before.pop();
+    if (before === undefined) return;
+    this.take(before);
+    this.last = { by: "", at: 0 };
+    this.changed();
+  }
+
+  /** Keep a run beside the present one; the oldest makes room. @param {Run} [run] the present one, if not given */
+  pin(run) {
+    if (run === undefined) this.numbered += 1;
+    const kept = run ?? { ...this.run, name: texts.run(this.numbered) };
+    this.pinned = [...this.pinned, kept].slice(-MOST_PINNED);
+    this.changed();
+  }
+
+  /** @param {Run} run */
+  unpin(run) {
+    this.pinned = this.pinned.filter((other) => other !== run);
+    this.changed();
+  }
+
+  /** @param {Partial<import("./units.mjs").Units>} units */
+  show(units) {
+    this.units = { ...this.units, ...units };
+    this.changed();
+  }
+
+  /** Explain a sample. @param {number | null} sample */
+  explain(sample) {
+    const most = this.run.trace.t_min.length - 1;
+    this.moment = sample === null ? null : Math.max(0, Math.min(sample, most));
+    this.changed();
+  }
+}

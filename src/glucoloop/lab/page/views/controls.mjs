@@ -1,0 +1,145 @@
+// @ts-check
+/** The controls of the situation and of the units. */
+
+import { button, byId, choices, element, input, say, select, setSlider, slider } from "../dom.mjs";
+import { tuningOf, usual } from "../situation.mjs";
+import { texts } from "../texts.mjs";
+import { unitOf, UNITS } from "../units.mjs";
+
+/** @typedef {import("../session.mjs").Session} Session */
+/** @typedef {import("../situation.mjs").Situation} Situation */
+/** @typedef {import("../situation.mjs").Meal} Meal */
+
+const DURATIONS_MIN = [300, 600, 720, 1440];
+
+/** @param {Session} session */
+export function controlsView(session) {
+  const { data } = session;
+  const names = (/** @type {Record<string, unknown>} */ of) =>
+    Object.keys(of).map((name) => /** @type {[string, string]} */ ([name, name]));
+  choices(select("patient"), names(data.patients));
+  choices(select("controller"), names(data.controllers));
+  choices(select("seed"), data.normals.map((_, seed) => [`${seed}`, `${seed}`]));
+
+  /** @param {Partial<Situation>} change @param {string} [by] */
+  const change = (change, by) => {
+    try {
+      session.change(change, by);
+      say(texts.ready);
+    } catch (error) {
+      if (!(error instanceof RangeError)) throw error;
+      say(texts.refused(error.message), true);
+    }
+  };
+  /** @param {string} id @param {(value: string) => Partial<Situation>} changed */
+  const chosen = (id, changed) => select(id).addEventListener("change", () => change(changed(select(id).value)));
+  chosen("patient", (patient) => ({ patient }));
+  chosen("controller", (controller) => ({ controller, tuning: {} }));
+  chosen("seed", (seed) => ({ seed: Number(seed) }));
+  chosen("duration", (value) => {
+    const duration_min = Number(value);
+    return { duration_min, meals: session.situation.meals.filter((meal) => meal.t_min < duration_min) };
+  });
+  input("guard").addEventListener("change", () => change({ guard: input("guard").checked }));
+  byId("controls").addEventListener("submit", (event) => event.preventDefault());
+  button("usual").addEventListener("click", () => change({ tuning: {} }));
+  button("reset").addEventListener("click", () => change(usual(data)));
+  button("add-meal").addEventListener("click", () => {
+    const { meals, duration_min } = session.situation;
+    change({ meals: [...meals, { t_min: Math.min((meals.at(-1)?.t_min ?? 0) + 120, duration_min - 5), carbs_g: 40 }] });
+  });
+  for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
+    const list = select(`${quantity}-unit`);
+    choices(list, UNITS[quantity].map(({ name }) => [name, name]));
+    list.addEventListener("change", () => session.show({ [quantity]: unitOf(quantity, list.value) }));
+  }
+
+  byId("sensor").replaceChildren(
+    slider("noise", texts.noise, { least: 0, most: 20, step: 0.05 }, 0, (noise_variance) =>
+      change({ noise_variance }, "noise"),
+    ),
+    slider("dead-time", texts.deadTime, { least: 0, most: 60, step: data.sample_time_min }, 0, (dead_time_min) =>
+      change({ dead_time_min }, "dead time"),
+    ),
+  );
+  /** The controller whose sliders are there. */
+  let tuned = "";
+  return () => {
+    const now = session.situation;
+    const tuning = tuningOf(now, data);
+    const { settings } = data.controllers[now.controller];
+    select("patient").value = now.patient;
+    byId("patient-hint").textContent = data.summaries[now.patient];
+    select("controller").value = now.controller;
+    byId("controller-hint").textContent = data.controllers[now.controller].summary;
+    select("seed").value = `${now.seed}`;
+    input("guard").checked = now.guard;
+    choices(
+      select("duration"),
+      [...new Set([...DURATIONS_MIN, now.duration_min])].sort((a, b) => a - b).map((of) => [`${of}`, texts.hours(of)]),
+    );
+    select("duration").value = `${now.duration_min}`;
+    select("glucose-unit").value = session.units.glucose.name;
+    select("insulin-unit").value = session.units.insulin.name;
+    if (tuned !== now.controller) {
+      tuned = now.controller;
+      byId("tuning").replaceChildren(
+        ...Object.entries(settings).map(([name, setting]) =>
+          slider(`tuning-${name}`, setting.summary, setting, tuning[name], (value) =>
+            change({ tuning: { ...session.situation.tuning, [name]: value } }, name),
+          ),
+        ),
+      );
+    }
+    Object.keys(settings).forEach((name, i) => setSlider(byId("tuning").children[i], tuning[name]));
+    setSlider(byId("sensor").children[0], now.noise_variance);
+    setSlider(byId("sensor").children[1], now.dead_time_min);
+    mealRows(session, change);
+  };
+}
+
+/**
+ * @param {Session} session
+ * @param {(change: Partial<Situation>, by?: string) => void} change
+ */
+function mealRows(session, change) {
+  const place = byId("meals");
+  const { meals, duration_min } = session.situation;
+  while (place.childElementCount > meals.length) place.lastElementChild?.remove();
+  while (place.childElementCount < meals.length) place.append(mealRow(session, change, place.childElementCount));
+  meals.forEach((meal, i) => {
+    const [t, g] = place.children[i].querySelectorAll("input");
+    t.max = `${duration_min - 1}`;
+    if (document.activeElement !== t) t.value = `${meal.t_min}`;
+    if (document.activeElement !== g) g.value = `${meal.carbs_g}`;
+  });
+}
+
+/**
+ * @param {Session} session
+ * @param {(change: Partial<Situation>, by?: string) => void} change
+ * @param {number} place
+ */
+function mealRow(session, change, place) {
+  const field = (/** @type {keyof Meal} */ name, /** @type {string} */ text, /** @type {string} */ max) => {
+    const made = element("input", { type: "number", min: "0", max, step: "5" });
+    // When the field is left: a time that is half typed would move the meal past another.
+    made.addEventListener("change", () => {
+      const meals = session.situation.meals.map((meal, i) => (i === place ? { ...meal, [name]: Number(made.value) } : meal));
+      change({ meals });
+    });
+    return element("label", {}, text, made);
+  };
+  const remove = element("button", { type: "button", "aria-label": texts.removeMeal(place + 1) }, texts.remove);
+  remove.addEventListener("click", () => {
+    change({ meals: session.situation.meals.filter((_, i) => i !== place) });
+    byId("add-meal").focus();
+  });
+  return element(
+    "div",
+    { class: "meal" },
+    field("t_min", texts.mealTime(place + 1), "1439"),
+    field("carbs_g", texts.mealSize(place + 1), "300"),
+    remove,
+  );
+}

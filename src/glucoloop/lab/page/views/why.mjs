@@ -1,0 +1,29 @@
+// @ts-check
+/** Why this dose: what happened at the moment that is explained. */
+
+import { byId } from "../dom.mjs";
+import { texts } from "../texts.mjs";
+import { shown } from "../units.mjs";
+
+/** @param {import("../session.mjs").Session} session */
+export function whyView(session) {
+  return () => {
+    const k = session.moment;
+    if (k === null) {
+      byId("why").textContent = texts.noMoment;
+      return;
+    }
+    const { trace } = session.run;
+    const { glucose, insulin } = session.units;
+    const told = texts.at({
+      t: `${trace.t_min[k]}`,
+      glucose: shown(trace.glucose_mg_dl[k], glucose),
+      reading: shown(trace.reading_mg_dl[k], glucose),
+      glucose_unit: glucose.name,
+      commanded: shown(trace.command_mU_min[k], insulin),
+      delivered: shown(trace.insulin_mU_min[k], insulin),
+      insulin_unit: insulin.name,
+    });
+    byId("why").textContent = `${told} ${session.data.statuses[trace.status[k]]}`;
+  };
+}

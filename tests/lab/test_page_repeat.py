@@ -1,0 +1,76 @@
+"""What the page prints to repeat a run - a command, a file, a program - is run, and gives the page's trace."""
+
+import shlex
+import tomllib
+
+import numpy as np
+import pytest
+
+from glucoloop.cli.app import main
+from glucoloop.config.run import read_run
+from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
+
+LINK = "#controller=mpc&guard=true&move_weight=2&meals=60g%4045min+20g%40300min&noise_variance=1.45&seed=3"
+
+
+@pytest.fixture(scope="module")
+def answer(in_node):
+    [answer] = in_node([LINK])
+    return answer
+
+
+def same(found, answer):
+    for name, tolerance in {"t_min": 0.0, "glucose_mg_dl": 0.02, "insulin_mU_min": 0.02}.items():
+        expected = np.asarray(answer["trace"][name], float)
+        np.testing.assert_allclose(np.asarray(found[name], float), expected, rtol=0.0, atol=tolerance, err_msg=name)
+
+
+def run(*words):
+    with pytest.raises(SystemExit) as left:
+        main([*words])
+    assert not left.value.code
+
+
+def table(place):
+    return np.genfromtxt(place, delimiter=",", names=True)
+
+
+@pytest.mark.long
+def test_the_printed_command_file_and_program_give_the_trace_of_the_page(answer, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    program, *words = shlex.split(answer["command"])
+    assert program == "glucoloop"
+    run(*words, "--out", "by-command")
+    same(table(tmp_path / "by-command" / "trace.csv"), answer)
+
+    (tmp_path / "lab.toml").write_text(answer["toml"], encoding="utf-8")
+    run("run", "--config", "lab.toml", "--out", "by-file")
+    same(table(tmp_path / "by-file" / "trace.csv"), answer)
+
+    names = {}
+    exec(compile(answer["python"], "printed", "exec"), names)
+    same(vars(names["outcome"].trace), answer)
+    assert "Insulin delivered" in capsys.readouterr().out
+
+
+def test_the_program_and_the_file_hold_the_same_keys(in_node, corpus):
+    for answer in in_node(corpus[:20]):
+        names = {}
+        program, _, _ = answer["python"].partition("outcome = ")
+        exec(compile(program, "printed", "exec"), names)
+        keys = tomllib.loads(answer["toml"])
+        del keys["glucoloop"]
+        assert names["keys"] == keys
+        assert read_run(names["keys"]) == read_run(keys)
+
+
+def test_units_are_remembered_by_the_link_and_change_no_number(in_node):
+    asked = "#controller=imc&shown_glucose=mmol%2Fl&shown_insulin=U%2Fh"
+    shown, plain, unknown = in_node([asked, "#controller=imc", "#shown_glucose=g%2Fl"])
+    assert shown["trace"] == plain["trace"]
+    assert shown["command"] == plain["command"]
+    assert shown["link"] == plain["link"] + "&shown_glucose=mmol%2Fl&shown_insulin=U%2Fh"
+    assert [unit["name"] for unit in shown["units"].values()] == ["mmol/l", "U/h"]
+    assert shown["units"]["glucose"]["factor"] == 1.0 / MG_DL_PER_MMOL_L
+    assert shown["units"]["insulin"]["factor"] == u_h_from_mu_min(1.0)
+    assert unknown["refused"] == "the unit of glucose is 'g/l'; the known ones are: mg/dl, mmol/l"
