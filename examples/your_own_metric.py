@@ -1,14 +1,15 @@
-"""A metric of your own: the time from 70 to 140 mg/dl.
+"""A metric of your own: the time in a narrow range of glucose.
 
 A metric is a fold: a state before the run, the state after each point of its grid of one minute or after each sample,
 and the results. Its entry, at the end, says how they are shown, and makes the metric known to runs and trials.
 
     python examples/your_own_metric.py
-    glucoloop run --metric your_own_metric:ENTRY
+    glucoloop run --metric 'your_own_metric:ENTRY, low_mg_dl=63'
     glucoloop trial --metric your_own_metric:ENTRY --people 200 --out people
 """
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +18,23 @@ import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.metrics import Course, Ended, Metric
 from glucoloop.registry.metrics import MetricEntry, Result
+from glucoloop.registry.settings import About, settings_record
 
 
+@settings_record
+class RangeSettings:
+    """Settings of the metric; keys, help and checks follow from this declaration."""
+
+    low_mg_dl: Annotated[int, About("Lower end of the range, in mg/dl.", at_least=0)] = 70
+    high_mg_dl: Annotated[int, About("Upper end of the range, in mg/dl.", at_least=0)] = 140
+
+
+@dataclass(frozen=True)
 class TightRange(Metric):
-    """Counts the points of the grid at which glucose is from 70 to 140 mg/dl."""
+    """Counts the points of the grid at which glucose is within the range; made with the settings by name."""
+
+    low_mg_dl: int
+    high_mg_dl: int
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Number of points before the run."""
@@ -28,25 +42,27 @@ class TightRange(Metric):
 
     def point(self, course: Course, state: jax.Array, glucose_mg_dl: jax.Array, t_min: jax.Array) -> jax.Array:
         """Number with a further point."""
-        return state + ((glucose_mg_dl >= 70.0) & (glucose_mg_dl <= 140.0)).astype(state.dtype)
+        within = (glucose_mg_dl >= self.low_mg_dl) & (glucose_mg_dl <= self.high_mg_dl)
+        return state + within.astype(state.dtype)
 
     def finish(self, course: Course, state: jax.Array, ended: Ended) -> dict[str, Any]:
         """Share of the points; NaN where glucose was not finite."""
-        return {"time_70_140_pct": ended.pct(state)}
+        return {f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct": ended.pct(state)}
+
+
+def results(low_mg_dl: int, high_mg_dl: int) -> tuple[Result, ...]:
+    """Names and texts of the results; a metric without settings has a tuple in place of this function."""
+    within = f"from {low_mg_dl} to {high_mg_dl} mg/dl"
+    name, summary = f"time_{low_mg_dl}_{high_mg_dl}_pct", f"Percentage of time with glucose {within}."
+    return (Result(name, summary, title=f"Time {within}", unit="%"),)
 
 
 ENTRY = MetricEntry(
     name="tight-range",
-    summary="time in the tight range",
-    fold="your_own_metric:TightRange",
-    results=(
-        Result(
-            "time_70_140_pct",
-            "Percentage of time with glucose from 70 to 140 mg/dl.",
-            title="Time from 70 to 140 mg/dl",
-            unit="%",
-        ),
-    ),
+    summary="time in a narrow range",
+    make="your_own_metric:TightRange",
+    record=RangeSettings,
+    results=results,
 )
 
 if __name__ == "__main__":

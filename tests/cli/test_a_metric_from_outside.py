@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 
 from glucoloop.metrics import RunningMetrics
-from glucoloop.registry.metrics import METRICS, RESULTS, MetricEntry, Result, metric_entry
+from glucoloop.registry.metrics import METRICS, RESULTS, MetricEntry, Result, metrics_with
 
 NAME = "your_own_metric:ENTRY"
 SHORT = ("--controller", "basal", "--duration", "60", "--meal", "50g@10min", "--metric")
@@ -21,14 +21,14 @@ def outside(install, tmp_path):
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     assert "tight-range" in METRICS.names()
-    assert metric_entry("tight-range") == metric_entry(NAME)
+    assert METRICS.find("tight-range") == METRICS.find(NAME)
 
 
 @pytest.mark.parametrize("name", ["tight-range", NAME])
 def test_it_is_in_the_table_and_in_json(outside, glucoloop, name):
     told = glucoloop("run", *SHORT, name, "--json")
     assert told.code == 0, told.err
-    assert told.json["config"]["metrics"] == [name]
+    assert told.json["config"]["metrics"] == [f"{name}, low_mg_dl=70, high_mg_dl=140"]
     metrics = told.json["metrics"]
     assert list(metrics) == [*(result.name for result in RESULTS), "time_70_140_pct"]
     # glucose begins at 81 mg/dl and rises after the meal, without falling below 70
@@ -59,6 +59,8 @@ def test_it_is_a_column_of_a_trial_and_agrees_with_the_run(outside, glucoloop, t
         ("no_such_module:X", "no_such_module cannot be imported"),
         ("your_own_metric:TightRange", "it has to be one of MetricEntry"),
         ("nothing", "unknown metric 'nothing'"),
+        (f"{NAME}, low=1", "the metric tight-range has no setting 'low'; the known ones are: low_mg_dl, high_mg_dl"),
+        (f"{NAME}, low_mg_dl=-1", "a low of -1 mg/dl is not possible; give a whole number of 0 or more"),
     ],
 )
 def test_what_is_wrong_is_told(outside, refused, name, told):
@@ -68,6 +70,18 @@ def test_what_is_wrong_is_told(outside, refused, name, told):
 def test_a_metric_that_is_asked_for_twice_is_refused(outside, refused):
     told = refused("run", *SHORT, NAME, "--metric", "tight-range")
     assert "the metric tight-range gives time_70_140_pct, which the metric tight-range gives already" in told
+
+
+def test_two_ranges_are_two_metrics(outside):
+    fold = RunningMetrics(setpoint_mg_dl=80.0, inside_min=(1.0,), further=(NAME, f"{NAME}, low_mg_dl=140"))
+    assert [metric.results[0].title for metric in metrics_with(fold.further)][-2:] == [
+        "Time from 70 to 140 mg/dl",
+        "Time from 140 to 140 mg/dl",
+    ]
+    tally = fold.init(jnp.array([139.0, 140.0]), jnp.zeros(2))  # the first of two points
+    found = fold.finish(tally, samples=1, sample_time_min=1.0, meal_t_min=0.0)
+    np.testing.assert_array_equal(found.time_70_140_pct, [50.0, 50.0])
+    np.testing.assert_array_equal(found.time_140_140_pct, [0.0, 50.0])
 
 
 def test_it_is_computed_from_python_too(outside):
@@ -82,7 +96,11 @@ def test_it_is_computed_from_python_too(outside):
 def test_results_that_the_entry_does_not_say_are_refused(outside, monkeypatch):
     module = __import__("your_own_metric")
     entry = MetricEntry(
-        name="other", summary="", fold="your_own_metric:TightRange", results=(Result("something_else", ""),)
+        name="other",
+        summary="",
+        make="your_own_metric:TightRange",
+        record=module.RangeSettings,
+        results=(Result("something_else", ""),),
     )
     monkeypatch.setattr(module, "OTHER", entry, raising=False)
     fold = RunningMetrics(setpoint_mg_dl=80.0, inside_min=(1.0,), further=("your_own_metric:OTHER",))

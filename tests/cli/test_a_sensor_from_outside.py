@@ -10,7 +10,7 @@ from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
-from glucoloop.registry.sensors import SENSORS, SensorEntry, parse_sensor, sensor_entry
+from glucoloop.registry.sensors import SENSORS, SensorEntry
 from glucoloop.sensors.protocol import site_of
 
 NAME = "your_own_sensor:ENTRY"
@@ -25,7 +25,7 @@ def outside(install, tmp_path):
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     assert "late-steps" in SENSORS.names()
-    assert sensor_entry("late-steps") == sensor_entry(NAME)
+    assert SENSORS.find("late-steps") == SENSORS.find(NAME)
 
 
 @pytest.mark.parametrize("name", ["late-steps", NAME])
@@ -93,7 +93,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
 )
 def test_sensors_of_this_package_are_those_of_the_options(text, by_keys):
     assert sensor_of(Situation(sensor=text)) == sensor_of(Situation(**by_keys))
-    assert parse_sensor(parse_sensor(text).text) == parse_sensor(text)
+    assert SENSORS.choose(SENSORS.choose(text).text) == SENSORS.choose(text)
 
 
 def test_an_entry_without_a_place_is_refused():

@@ -24,21 +24,23 @@ from glucoloop.config.unusual import (
     ask_about_pump,
     ask_about_settings,
 )
-from glucoloop.experiments.surroundings import sensor_of
+from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.entries import Choice
 from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import START
 from glucoloop.registry.guard import GUARD, complete_guard
-from glucoloop.registry.metrics import entries_with
+from glucoloop.registry.metrics import METRICS, metrics_with
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.sensors import parse_sensor, sensor_entry
+from glucoloop.registry.pumps import LIMITS, PUMPS, USUAL_PUMP
+from glucoloop.registry.sensors import SENSORS
 from glucoloop.registry.settings import Value, refuse_unknown_keys
 
-_OF_PATIENT: Final = ("operating_point", "max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
-"""Keys whose usual values are the patient's."""
+_OF_PATIENT: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
+"""Limits of the pump whose usual values are the patient's, unless the pump has its own."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
         For an unknown key, or a value of the wrong type or out of bounds.
     """
     refuse_unknown(keys)
-    situation = checked(SituationKeys, own_keys(of_patient(keys), SituationKeys), names)
+    situation = checked(SituationKeys, own_keys(completed(keys), SituationKeys), names)
     if not situation.allow_unusual:
         ask_about_surroundings(situation, situation.eaten(), names)
         ask_about_clock(situation.meals, situation.duration_min)
@@ -80,24 +82,30 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
-    situation = dataclasses.replace(situation, meals=meals, faults=faults, sensor=sensor_told(situation))
+    situation = dataclasses.replace(situation, meals=meals, faults=faults, **parts_told(situation))
     return Run(situation=situation, case=read_case(keys, situation, names))
 
 
-def of_patient(keys: Mapping[str, object]) -> dict[str, object]:
-    """Flat keys completed with those that are usual for the patient.
+def completed(keys: Mapping[str, object]) -> dict[str, object]:
+    """Flat keys completed with those that are usual for the patient and the pump.
 
     Raises
     ------
     ValueError
-        For an unknown patient or operating point.
+        For an unknown patient, operating point or pump.
     """
     entry = patient_of(keys)
     told = keys.get("operating_point")
     if isinstance(told, str):
         entry.operating_point(told)
-    usual = {key: getattr(entry, key) for key in _OF_PATIENT if key != "operating_point"}
-    return {"operating_point": entry.usual_point, **usual, **keys}
+    return {"operating_point": entry.usual_point, **_usual_limits(keys), **keys}
+
+
+def _usual_limits(keys: Mapping[str, object]) -> dict[str, object]:
+    """Limits of the pump that flat keys leave out: those usual for the patient, or the pump's own."""
+    entry, pump = patient_of(keys), keys.get("pump", USUAL_PUMP)
+    own = PUMPS.choose(pump).entry.limits if isinstance(pump, str) else {}
+    return {**{key: getattr(entry, key) for key in _OF_PATIENT}, **own}
 
 
 def patient_of(keys: Mapping[str, object]) -> PatientEntry:
@@ -114,7 +122,7 @@ def refuse_impossible(situation: SituationKeys) -> None:
     ValueError
         For the first one.
     """
-    for _ in entries_with(situation.metrics):  # refuses one that is unknown, or at odds with another
+    for _ in metrics_with(situation.metrics):  # refuses one that is unknown, or at odds with another
         pass
     if situation.miscounts and not situation.announce_meals:
         raise ValueError(
@@ -221,22 +229,24 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
     return tuple(fault_text(told) for told in faults)
 
 
-def sensor_told(situation: SituationKeys) -> str:
-    """The sensor with all its settings.
+def parts_told(situation: SituationKeys) -> dict[str, Any]:
+    """Sensor, pump and metrics of a situation by key, each with all its settings.
 
     Raises
     ------
     ValueError
-        For a text that is no sensor, one that is not possible here, or an unusual setting, unless that is allowed.
+        For a text that is no such part, one that is not possible here, or an unusual setting, unless that is allowed.
     """
-    told = parse_sensor(situation.sensor)
+    sensor, pump = SENSORS.choose(situation.sensor), PUMPS.choose(situation.pump)
+    metrics = [METRICS.choose(text) for text in situation.metrics]
+    parts: list[Choice[Any]] = [sensor, pump, *metrics]
     if not situation.allow_unusual:
-        settings = sensor_entry(told.name).settings
-        ask_about_settings(
-            settings, told.settings, {setting.name: f"{setting.name} of the sensor {told.name}" for setting in settings}
-        )
+        for part in parts:
+            settings, whose = part.entry.settings, f"of the {part.entry.kind} {part.name}"
+            ask_about_settings(settings, part.settings, {one.name: f"{one.name} {whose}" for one in settings})
     sensor_of(situation.situation())
-    return told.text
+    pump_of(situation.situation())
+    return {"sensor": sensor.text, "pump": pump.text, "metrics": tuple(metric.text for metric in metrics)}
 
 
 def _identification(situation: SituationKeys) -> dict[str, object]:
@@ -276,6 +286,9 @@ def overlay(
         own = {setting.name for setting in entry.settings}
         foreign = catalogue.setting_names(*controllers_of(lower)) - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
+    if "pump" in upper and upper["pump"] != lower.get("pump", USUAL_PUMP):
+        of_pump = {**{key: declared(SituationKeys)[key].default for key in LIMITS}, **_usual_limits(lower)}
+        kept = {key: value for key, value in kept.items() if not (key in of_pump and of_pump[key] == value)}
     if "patient" in upper and upper["patient"] != lower.get("patient", USUAL_PATIENT.name):
         kept = _without_usual(kept)
     if upper.get("guard") is False:
@@ -286,7 +299,7 @@ def overlay(
 def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
     """Keys without those that were usual for their patient, since another patient has its own."""
     entry = patient_of(lower)
-    usual: dict[str, object] = {key: getattr(entry, key) for key in _OF_PATIENT if key != "operating_point"}
+    usual: dict[str, object] = {key: getattr(entry, key) for key in _OF_PATIENT}
     sample_time = lower.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
     if isinstance(sample_time, int | float) and sample_time > 0.0:
         usual |= entry.identification(float(sample_time))

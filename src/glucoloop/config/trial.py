@@ -20,13 +20,13 @@ from glucoloop.config.population import named_population, population_keys, read_
 from glucoloop.config.run import (
     ask_about_surroundings,
     case_key_names,
+    completed,
     controllers_of,
     faults_told,
-    of_patient,
     overlay,
+    parts_told,
     read_case,
     refuse_impossible,
-    sensor_told,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
@@ -72,7 +72,7 @@ def read_trial(
     if all(key in keys for key in _LENGTHS):
         raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
     own = checked(TrialKeys, own_keys(keys, TrialKeys), names)
-    situation = checked(SituationKeys, of_patient({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
+    situation = checked(SituationKeys, completed({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
         ask_about(own, names)
@@ -91,7 +91,7 @@ def read_trial(
     sample_grid(plan.horizon_min, situation.sample_time_min)  # refuses a part of a sample
     traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
-    surroundings = dataclasses.replace(situation.situation(), faults=faults, sensor=sensor_told(situation))
+    surroundings = dataclasses.replace(situation.situation(), faults=faults, **parts_told(situation))
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
         population=_population(own.population, called.get("population", "population"), situation.patient),

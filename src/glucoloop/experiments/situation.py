@@ -10,6 +10,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients import patient as named_patient
 from glucoloop.pumps import BolusLimits, DoseLimits, bolus_limits, dose_limits
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.registry.pumps import USUAL_PUMP
 from glucoloop.registry.sensors import USUAL_SENSOR
 
 
@@ -47,6 +48,8 @@ class Situation:
     dead_time_samples: int = 0
     site: str | None = None
     """Site of the sensor, or None for the site at which glucose is controlled."""
+    pump: str = USUAL_PUMP
+    """Pump, which is given the limits below, and around which is the resolution; see `registry.pumps`."""
     max_change_mU_min: float = USUAL_PATIENT.max_change_mU_min
     min_insulin_mU_min: float = USUAL_PATIENT.min_insulin_mU_min
     max_insulin_mU_min: float = USUAL_PATIENT.max_insulin_mU_min
@@ -57,7 +60,7 @@ class Situation:
     faults: tuple[str, ...] = ()
     """Faults of sensor and pump, the first innermost; see `registry.fault_text`."""
     metrics: tuple[str, ...] = ()
-    """Names of metrics of other packages, which are computed beside those of this one."""
+    """Metrics that are computed beside the usual ones; see `registry.metrics`."""
     sample_time_min: float = 5.0
     seed: int = 0
 

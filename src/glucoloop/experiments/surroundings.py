@@ -21,7 +21,8 @@ from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.situation import Situation
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.registry.fault_text import parse_fault
-from glucoloop.registry.sensors import parse_sensor
+from glucoloop.registry.pumps import PUMPS
+from glucoloop.registry.sensors import SENSORS
 from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
 from glucoloop.sensors.protocol import site_of
 
@@ -52,7 +53,7 @@ def sensor_of(situation: Situation) -> Sensor:
         For a sensor that is not possible, or one that cannot be put at the site that is asked for.
     """
     site = situation.site
-    sensor: Sensor = parse_sensor(situation.sensor).made(
+    sensor: Sensor = SENSORS.choose(situation.sensor).made(
         site=site, inner=IdealSensor(site=site), sample_time_min=situation.sample_time_min
     )
     if site is not None and site_of(sensor) != site:
@@ -70,15 +71,22 @@ def record_sensor(situation: Situation, noise_variance: float) -> Sensor:
 
 
 def pump_of(situation: Situation) -> Pump:
-    """Pump with the limits of a situation, and with a smallest step of its rate if there is one.
+    """Pump of a situation without its faults: the one that is named, and the smallest step of its rate around it.
 
     Raises
     ------
     ValueError
-        If the limits are not possible.
+        For a pump that is not possible, or impossible limits.
     """
-    resolution, pump = situation.pump_resolution_mU_min, LimitedPump(limits=situation.limits, bolus=situation.bolus)
-    return pump if resolution is None else with_resolution(resolution, pump)
+    limits, bolus = situation.limits, situation.bolus
+    pump: Pump = PUMPS.choose(situation.pump).made(
+        inner=LimitedPump(limits=limits, bolus=bolus),
+        limits=limits,
+        bolus=bolus,
+        sample_time_min=situation.sample_time_min,
+    )
+    resolution = situation.pump_resolution_mU_min
+    return pump if resolution is None else with_resolution(resolution, pump, limits=limits)
 
 
 def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroundings:

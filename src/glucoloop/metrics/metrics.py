@@ -25,7 +25,7 @@ class Metrics:
     names: tuple[str, ...] = static()
     values: tuple[jax.Array, ...]
     further: tuple[str, ...] = static(default=())
-    """Names of the metrics of other packages, whose results are among the names."""
+    """Texts of the metrics of other packages, whose results are among the names."""
 
     @classmethod
     def of(cls, by_name: Mapping[str, Any], further: tuple[str, ...] = ()) -> Self:

@@ -15,7 +15,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.metrics.metrics import Metrics
 from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.registry.metrics import entries_with
+from glucoloop.registry.metrics import metrics_with
 from glucoloop.simulation.loop import Sampled
 
 _ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
@@ -42,7 +42,7 @@ class RunningMetrics:
     inside_min: tuple[jax.Array | float, ...]
     """Moments of the fine grid between samples; see `SampleGrid.inside_min`."""
     further: tuple[str, ...] = static(default=())
-    """Names of metrics beside those of this package."""
+    """Texts of metrics beside those of this package: name and settings."""
 
     @property
     def _course(self) -> Course:
@@ -134,12 +134,12 @@ class RunningMetrics:
         return Metrics.of(dict(self._results(tally, ended)), self.further)
 
     def _results(self, tally: Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
-        entries = entries_with(self.further)
-        for entry, metric, state in zip(entries, self._metrics, tally.states, strict=True):
-            found, names = metric.finish(self._course, state, ended), [result.name for result in entry.results]
+        chosen = metrics_with(self.further)
+        for choice, metric, state in zip(chosen, self._metrics, tally.states, strict=True):
+            found, names = metric.finish(self._course, state, ended), [result.name for result in choice.results]
             if sorted(found) != sorted(names):
                 raise ValueError(
-                    f"the metric {entry.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
+                    f"the metric {choice.entry.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
                     f"{', '.join(sorted(names))}; let both say the same"
                 )
             yield from ((name, found[name]) for name in names)
@@ -151,5 +151,5 @@ class RunningMetrics:
 
 @functools.lru_cache(maxsize=8)
 def _made(further: tuple[str, ...]) -> tuple[Metric, ...]:
-    """All metrics of this package, and further ones by name."""
-    return tuple(entry.make() for entry in entries_with(further))
+    """All metrics of this package, and further ones."""
+    return tuple(choice.made() for choice in metrics_with(further))

@@ -48,7 +48,8 @@ def summarise(
     lowest_glucose_mg_dl : array_like
         Bound of the constraint (19).
     metrics : sequence of str
-        Names of metrics of other packages, which are computed beside those of this one; see `registry.metrics`.
+        Metrics of other packages, which are computed beside those of this one: name and settings, see
+        `registry.metrics`.
 
     Returns
     -------

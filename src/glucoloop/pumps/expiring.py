@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
+from glucoloop.registry.pumps import ExpiringSettings
 
 
 def rate_in_force(
@@ -91,6 +92,5 @@ def expiring(samples: int = 2, inner: Pump | None = None) -> Expiring:
     ValueError
         Unless `samples` is a whole number of 1 or more.
     """
-    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
-        raise ValueError(f"a command that holds for {samples!r} samples is not possible; give a whole number from 1 on")
+    ExpiringSettings(samples)
     return Expiring(inner=LimitedPump() if inner is None else inner, samples=float(samples))

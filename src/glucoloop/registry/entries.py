@@ -8,12 +8,12 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from glucoloop.registry.keyed_values import keyed_values
-from glucoloop.registry.plugins import loaded, made_by
+from glucoloop.registry.plugins import Catalogue, loaded, made_by
 from glucoloop.registry.settings import Setting, Value, known_names, settings_of
 
 
@@ -112,11 +112,11 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class PartEntry(Entry):
-    """Description of a sensor or a fault, which a function makes of its settings."""
+    """Description of a sensor, pump, fault or metric, which a function makes of its settings."""
 
     make: str
-    """``module:function`` that makes the part. It is called by name with all settings, and with whatever else is known
-    if it has a parameter of that name.
+    """``module:function`` that makes the part; a class will do. It is called by name with all settings, and with
+    whatever else is known if it has a parameter of that name.
     """
 
     @property
@@ -142,6 +142,56 @@ class PartEntry(Entry):
         maker: Callable[..., Any] = loaded(self.make)
         taken = inspect.signature(maker).parameters
         return made_by(maker, **settings, **{name: value for name, value in known.items() if name in taken})
+
+
+P = TypeVar("P", bound=PartEntry)
+
+
+@dataclass(frozen=True)
+class Choice(Generic[P]):
+    """A part that was asked for, with all its settings."""
+
+    name: str
+    """Name by which it was asked for."""
+    entry: P
+    settings: Mapping[str, Value]
+
+    @property
+    def text(self) -> str:
+        """Text from which the same choice is read."""
+        return part_text(self.name, self.settings)
+
+    def made(self, **known: Any) -> Any:
+        """The part; see `PartEntry.made`."""
+        return self.entry.made(self.settings, **known)
+
+
+class PartCatalogue(Catalogue[P]):
+    """Catalogue of parts, each of which is chosen by a text of its name and its settings.
+
+    Parameters
+    ----------
+    what, kind, entries : optional
+        As for `Catalogue`.
+    example : str
+        Text of a choice, for messages.
+    """
+
+    def __init__(self, what: str, kind: type[P], entries: Iterable[P], *, example: str) -> None:
+        super().__init__(what, kind, entries)
+        self._example = example
+
+    def choose(self, text: str) -> Choice[P]:
+        """Read a choice from its text; settings that it does not give have their defaults.
+
+        Raises
+        ------
+        ValueError
+            For a text that is no choice, an unknown part or setting, or a value of the wrong type or out of its bounds.
+        """
+        name, given = parsed(text, self._what, self._example)
+        entry = self.find(name)
+        return Choice(name, entry, entry.complete(given))
 
 
 def parsed(text: str, what: str, example: str) -> tuple[str, dict[str, object]]:

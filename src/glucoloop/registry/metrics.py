@@ -8,12 +8,12 @@ where it is asked for by name. Nothing here imports a numerical library.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
-from glucoloop.registry.entries import Entry
-from glucoloop.registry.plugins import Catalogue, loaded
+from glucoloop.registry.entries import Choice, PartCatalogue, PartEntry
+from glucoloop.registry.plugins import made_by
 from glucoloop.units import MU_PER_U
 
 REGULATION: Final = "Regulation"
@@ -65,32 +65,32 @@ class Result:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricEntry(Entry):
-    """A metric of the catalogue."""
+class MetricEntry(PartEntry):
+    """A metric of the catalogue; `make` names the `metrics.protocol.Metric`, a class or a function."""
 
     kind: ClassVar = "metric"
 
-    fold: str
-    """Place ``module:class`` of the `metrics.protocol.Metric`, which is made without arguments."""
-    results: tuple[Result, ...]
-    """Numbers that it gives."""
+    results: tuple[Result, ...] | Callable[..., tuple[Result, ...]]
+    """Numbers that it gives, or a function of all its settings by name that returns them."""
     section: str = FURTHER
     """Heading of its rows in tables."""
 
-    @property
-    def places(self) -> tuple[object, ...]:
-        """Names of functions, each to be written as ``module:function``."""
-        return (self.fold,)
 
-    def make(self) -> Any:
-        """The metric; importing it imports JAX.
+@dataclass(frozen=True)
+class MetricChoice(Choice[MetricEntry]):
+    """A metric that was asked for, with all its settings."""
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Numbers that it gives with these settings.
 
         Raises
         ------
         ValueError
-            If there is no such class.
+            For settings with which the name of a number is not possible.
         """
-        return loaded(self.fold)()
+        results = self.entry.results
+        return made_by(results, **self.settings) if callable(results) else results
 
 
 _METRICS: Final = "glucoloop.metrics"
@@ -112,14 +112,14 @@ def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Resu
     return Result(f"samples_{name}", f"Samples {where}.", title, digits=0, seldom=seldom)
 
 
-METRICS: Final = Catalogue(
+METRICS: Final = PartCatalogue(
     "metric",
     MetricEntry,
     (
         MetricEntry(
             name="extremes",
             summary="least and greatest glucose",
-            fold=f"{_METRICS}.extremes:Extremes",
+            make=f"{_METRICS}.extremes:Extremes",
             section=REGULATION,
             results=(
                 Result(
@@ -153,7 +153,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="settling",
             summary="time until glucose stays near the setpoint",
-            fold=f"{_METRICS}.settling:Settling",
+            make=f"{_METRICS}.settling:Settling",
             section=REGULATION,
             results=(
                 Result(
@@ -182,7 +182,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="squared-error",
             summary="sum of squared errors",
-            fold=f"{_METRICS}.squared_error:SquaredError",
+            make=f"{_METRICS}.squared_error:SquaredError",
             section=REGULATION,
             results=(
                 Result(
@@ -197,7 +197,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="time-in-ranges",
             summary="times in ranges of glucose, and the risk index that follows from them",
-            fold=f"{_METRICS}.time_in_ranges:TimeInRanges",
+            make=f"{_METRICS}.time_in_ranges:TimeInRanges",
             section=GLYCEMIA,
             results=(
                 _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
@@ -225,7 +225,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="low-events",
             summary="events of low glucose",
-            fold=f"{_METRICS}.low_events:LowEvents",
+            make=f"{_METRICS}.low_events:LowEvents",
             section=GLYCEMIA,
             results=(
                 _events("low_events", 70),
@@ -235,7 +235,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="mean-and-variation",
             summary="mean glucose and its variation",
-            fold=f"{_METRICS}.mean_and_variation:MeanAndVariation",
+            make=f"{_METRICS}.mean_and_variation:MeanAndVariation",
             section=GLYCEMIA,
             results=(
                 Result("mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", everyday=True),
@@ -252,7 +252,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="risk-indices",
             summary="risk of low and of high glucose",
-            fold=f"{_METRICS}.risk_indices:RiskIndices",
+            make=f"{_METRICS}.risk_indices:RiskIndices",
             section=GLYCEMIA,
             results=(
                 Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
@@ -262,7 +262,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="insulin",
             summary="insulin delivered and its changes",
-            fold=f"{_METRICS}.insulin:Insulin",
+            make=f"{_METRICS}.insulin:Insulin",
             section=INSULIN,
             results=(
                 Result(
@@ -286,7 +286,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="constraints",
             summary="constraints of Parker, Doyle and Peppas (1999)",
-            fold=f"{_METRICS}.constraints:Constraints",
+            make=f"{_METRICS}.constraints:Constraints",
             section=CONSTRAINTS,
             results=(
                 Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Rate of change"),
@@ -298,7 +298,7 @@ METRICS: Final = Catalogue(
         MetricEntry(
             name="samples",
             summary="samples at which the controller or its guard met a difficulty",
-            fold=f"{_METRICS}.samples:Samples",
+            make=f"{_METRICS}.samples:Samples",
             section=SAMPLES,
             results=(
                 _samples("saturated", "at which the controller wanted a dose beyond its limits", "Dose beyond limits"),
@@ -331,34 +331,34 @@ METRICS: Final = Catalogue(
             ),
         ),
     ),
+    example="NAME, setting=value",
 )
 
-RESULTS: Final = tuple(result for entry in METRICS.values() for result in entry.results)
+_USUAL: Final = tuple(MetricChoice(name, entry, {}) for name, entry in METRICS.items())
+RESULTS: Final = tuple(result for metric in _USUAL for result in metric.results)
 """Results of all metrics of this package, in the order of tables and columns."""
-metric_entry: Final = METRICS.find
-"""Function that returns a metric by name: of this package, of another one, or ``module:attribute``."""
-metric_names: Final = METRICS.names
-"""Function that returns the names of all metrics, those of other packages included."""
 
 
-def entries_with(further: Iterable[str] = ()) -> Iterator[MetricEntry]:
-    """Entries of all metrics of this package, and of further ones by name.
+def metrics_with(further: Iterable[str] = ()) -> Iterator[MetricChoice]:
+    """All metrics of this package, and further ones by their texts: name and settings.
 
     Raises
     ------
     ValueError
-        For an unknown metric, or one with a result of a name that another one has.
+        For an unknown metric or setting, or one with a result of a name that another one has.
     """
     seen: dict[str, str] = {}
-    for entry in (*METRICS.values(), *(metric_entry(name) for name in further if name not in METRICS)):
-        for result in entry.results:
+    asked = (METRICS.choose(text) for text in further)
+    others = (MetricChoice(**vars(choice)) for choice in asked if choice.name not in METRICS)
+    for metric in (*_USUAL, *others):
+        for result in metric.results:
             if result.name in seen:
                 raise ValueError(
-                    f"the metric {entry.name} gives {result.name}, which the metric {seen[result.name]} gives already; "
-                    "leave one of them out, or rename it"
+                    f"the metric {metric.entry.name} gives {result.name}, which the metric {seen[result.name]} gives "
+                    "already; leave one of them out, or rename it"
                 )
-            seen[result.name] = entry.name
-        yield entry
+            seen[result.name] = metric.entry.name
+        yield metric
 
 
 def described(name: str, further: Iterable[str] = ()) -> Result:
@@ -369,7 +369,7 @@ def described(name: str, further: Iterable[str] = ()) -> Result:
     ValueError
         For a name that no metric has.
     """
-    known = {result.name: result for entry in entries_with(further) for result in entry.results}
+    known = {result.name: result for metric in metrics_with(further) for result in metric.results}
     if name not in known:
         raise ValueError(f"unknown metric {name!r}; use one of {', '.join(known)}")
     return known[name]

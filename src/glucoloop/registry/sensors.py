@@ -7,14 +7,12 @@ numerical library.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from glucoloop.plausible import NOISE_BOUND, NOISE_VARIANCE
-from glucoloop.registry.entries import PartEntry, parsed, part_text
-from glucoloop.registry.plugins import Catalogue
-from glucoloop.registry.settings import About, Value, settings_record
+from glucoloop.registry.entries import PartCatalogue, PartEntry
+from glucoloop.registry.settings import About, settings_record
 
 LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
 
@@ -63,7 +61,7 @@ class DeadTimeSettings:
     ] = 1
 
 
-SENSORS: Final = Catalogue(
+SENSORS: Final = PartCatalogue(
     "sensor",
     SensorEntry,
     (
@@ -81,46 +79,6 @@ SENSORS: Final = Catalogue(
             record=DeadTimeSettings,
         ),
     ),
+    example="white-noise, variance=1.45",
 )
 USUAL_SENSOR: Final = "ideal"
-sensor_entry: Final = SENSORS.find
-"""Function that returns a sensor by name: of this package, of another one, or ``module:attribute``."""
-
-
-@dataclass(frozen=True)
-class SensorChoice:
-    """A sensor with all its settings."""
-
-    name: str
-    settings: Mapping[str, Value]
-
-    @property
-    def text(self) -> str:
-        """Text from which the same sensor is read."""
-        return part_text(self.name, self.settings)
-
-    def made(self, **known: Any) -> Any:
-        """The sensor; see `PartEntry.made`."""
-        return sensor_entry(self.name).made(self.settings, **known)
-
-
-def chosen_sensor(name: str, given: Mapping[str, object]) -> SensorChoice:
-    """A sensor by name, with the given settings and defaults for the others.
-
-    Raises
-    ------
-    ValueError
-        For an unknown sensor or setting, or a value of the wrong type or out of its bounds.
-    """
-    return SensorChoice(name, sensor_entry(name).complete(given))
-
-
-def parse_sensor(text: str) -> SensorChoice:
-    """Read a sensor from its text.
-
-    Raises
-    ------
-    ValueError
-        For a text that is not a sensor, an unknown one, or settings that it does not have.
-    """
-    return chosen_sensor(*parsed(text, "sensor", "white-noise, variance=1.45"))

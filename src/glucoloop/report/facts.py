@@ -15,6 +15,7 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.fault_text import parse_fault
+from glucoloop.registry.pumps import USUAL_PUMP
 from glucoloop.registry.sensors import USUAL_SENSOR
 from glucoloop.registry.settings import Value
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
@@ -104,6 +105,7 @@ def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
     ]
     limits, bolus = situation.limits, situation.bolus
     pump = [
+        *([situation.pump] if situation.pump != USUAL_PUMP else []),
         f"{float(limits.min_mU_min):g} to {float(limits.max_mU_min):g} mU/min{_per_hour(situation)}",
         f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
         *([f"steps of {situation.pump_resolution_mU_min:g} mU/min"] if situation.pump_resolution_mU_min else []),

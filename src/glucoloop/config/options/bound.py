@@ -18,6 +18,7 @@ NOT_OF_A_BOUND: Final = (
     "start",
     "noise_bound_mg_dl",
     "site",
+    "pump",
     "pump_resolution_mU_min",
     "max_bolus_U",
     "min_bolus_U",

@@ -24,6 +24,7 @@ from glucoloop.plausible import (
 )
 from glucoloop.registry.faults import FAULTS
 from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.registry.pumps import PUMPS, USUAL_PUMP
 from glucoloop.registry.sensors import SENSORS, USUAL_SENSOR
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ _POINTS: Final = " ".join(
     f"Of {entry.name}: {'; '.join(f'{point.name}: {point.summary}' for point in entry.operating_points)}."
     for entry in PATIENTS.values()
 )
+PUMPS_TOLD: Final = "; ".join(f"{entry.name}: {entry.summary}" for entry in PUMPS.values())
 SENSORS_TOLD: Final = "; ".join(f"{entry.name}: {entry.summary}" for entry in SENSORS.values())
 
 
@@ -189,6 +191,15 @@ class SituationKeys:
             told="the site at which glucose is controlled",
         ),
     ] = None
+    pump: Annotated[
+        str,
+        _pump(
+            f"{PUMPS_TOLD}; or one of another package, or module:attribute; with its settings, like 'expiring, "
+            "samples=3'. It gets the limits below, which are by default its own, or those usual for the patient; the "
+            "resolution is put around it.",
+            metavar="PUMP",
+        ),
+    ] = USUAL_PUMP
     max_change_mU_min: Annotated[
         float,
         _pump(
@@ -254,9 +265,10 @@ class SituationKeys:
     metrics: Annotated[
         tuple[str, ...],
         _run(
-            "A metric of another package, or module:attribute, beside the usual ones; repeat it for more.",
+            "A metric of another package, or module:attribute, beside the usual ones, with its settings, like 'NAME, "
+            "setting=value'; repeat it for more.",
             flag="--metric",
-            metavar="NAME",
+            metavar="METRIC",
         ),
     ] = ()
     duration_min: Annotated[
