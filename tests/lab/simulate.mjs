@@ -1,5 +1,6 @@
 // Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER.
-// A request is a JSON list of situations, or of texts, which are the parts of links after the #.
+// A request is a JSON list of situations; of texts, which are the parts of links after the #; or of {link, samples}, for
+// what the controller expects at these samples.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
@@ -13,15 +14,20 @@ const repeat = await import(pathToFileURL(`${page}/repeat.mjs`).href);
 
 const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
 
+const { predicted } = await import(pathToFileURL(`${page}/prediction.mjs`).href);
+
 const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
 const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
 
 function answered(asked) {
   try {
     if (asked === "lessons") return texts.lessons.map(({ hash }) => hash);
-    const found = typeof asked === "string" ? links.fromLink(asked, data) : { situation: asked, units: usualUnits() };
+    const found = typeof asked === "string" ? links.fromLink(asked, data)
+      : asked.link !== undefined ? { ...links.fromLink(asked.link, data), samples: asked.samples }
+        : { situation: asked, units: usualUnits() };
     const situation = situations.checked(found.situation, data);
     const trace = lab.simulate(situation);
+    const predictions = (found.samples ?? []).map((sample) => predicted(lab, situation, sample));
     const hash = situations.hash(situation, data, "1.2.3");
     const link = links.link(situation, found.units, data, "1.2.3");
     return {
@@ -29,6 +35,7 @@ function answered(asked) {
       numbers: lab.controllerNumbers(situation),
       trace,
       summary: summary(trace),
+      predictions,
       hash,
       link,
       units: found.units,

@@ -20,6 +20,7 @@ import { limitsOf, tuningOf } from "./situation.mjs";
  * @property {number[]} status
  * @property {number[]} fine_t_min a grid of one minute, both ends included
  * @property {number[]} fine_glucose_mg_dl
+ * @property {{before: ArrayLike<number>, after: ArrayLike<number>}} [watched] what the controller keeps, about one sample
  */
 
 /**
@@ -152,9 +153,10 @@ export class Lab {
 
   /**
    * @param {Situation} situation that `checked` returned
+   * @param {number} [watch] sample about which the memory of the controller is told
    * @returns {Trace}
    */
-  simulate(situation) {
+  simulate(situation, watch) {
     const { data } = this;
     const patient = data.patients[situation.patient];
     const every = data.sample_time_min;
@@ -221,7 +223,9 @@ export class Lab {
       line.push(read(glucose, k));
       const reading = /** @type {number} */ (line.shift());
       controller.set("own", observed(reading, delivered));
+      const before = k === watch ? controller.get("carry") : undefined;
       controller.run();
+      if (before !== undefined) trace.watched = { before, after: controller.get("carry") };
       const [command, status] = controller.get("outputs");
       plant.set("own", [command, ...moments.subarray(k * per_sample, (k + 1) * per_sample)]);
       plant.run();

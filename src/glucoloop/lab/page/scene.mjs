@@ -106,10 +106,29 @@ export function scene(session, dark) {
   for (const { trace } of runs) for (const value of trace.fine_glucose_mg_dl) [least, most] = [Math.min(least, value), Math.max(most, value)];
   for (const k of own) [least, most] = [Math.min(least, trace.reading_mg_dl[k]), Math.max(most, trace.reading_mg_dl[k])];
 
+  const prediction = session.prediction;
+  const expected = (/** @type {string} */ name, /** @type {number[]} */ values, /** @type {number[]} */ dash) => ({
+    name,
+    colour: colour[0],
+    width: 1.4,
+    dash,
+    x: prediction?.t_min ?? [],
+    y: values.map(glucose),
+  });
   const rates = (/** @type {import("./loop.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
     held(trace.t_min, values.map(insulin), every);
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
   const commanded = { name: texts.commanded, colour: colour[0], width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
+  /** @param {"sensor" | "pump"} part @returns {Span[]} */
+  const faulty = (part) =>
+    session.situation.faults
+      .filter(({ name }) => data.faults[name].part === part)
+      .map(({ name, start_min, duration_min }) => ({
+        from: start_min,
+        to: duration_min === null ? session.situation.duration_min : start_min + duration_min,
+        kind: "fault",
+        text: texts.faultSpan(name),
+      }));
   return {
     end,
     moment: session.moment === null ? null : session.moment * every,
@@ -119,10 +138,18 @@ export function scene(session, dark) {
       range: [glucose(Math.max(0, least)), glucose(most + 5)],
       band: [glucose(LOW), glucose(HIGH)],
       rules: [],
-      lines: runs.map(({ trace }, i) => ({ ...line(i), x: trace.fine_t_min, y: trace.fine_glucose_mg_dl.map(glucose) })),
+      lines: [
+        ...runs.map(({ trace }, i) => ({ ...line(i), x: trace.fine_t_min, y: trace.fine_glucose_mg_dl.map(glucose) })),
+        ...(prediction === null
+          ? []
+          : [expected(texts.ifKept, prediction.free_mg_dl, [2, 3]), expected(texts.ifDosed, prediction.dosed_mg_dl, [7, 3])]),
+      ],
       dots: { x: own.map((k) => trace.t_min[k]), y: own.map((k) => glucose(trace.reading_mg_dl[k])) },
-      areas: [],
-      spans: [],
+      areas:
+        prediction === null
+          ? []
+          : [{ x: prediction.t_min, low: prediction.dosed_mg_dl.map(glucose), high: prediction.free_mg_dl.map(glucose), opacity: 0.14 }],
+      spans: faulty("sensor"),
     },
     insulin: {
       title: texts.insulinIn(units.insulin.name, shown(max_mU_min, units.insulin)),
@@ -136,7 +163,10 @@ export function scene(session, dark) {
       ],
       dots: { x: [], y: [] },
       areas: [],
-      spans: guardActs(trace, every).map(({ from, to, status }) => ({ from, to, kind: "guard", text: data.statuses[status] })),
+      spans: [
+        ...faulty("pump"),
+        ...guardActs(trace, every).map(({ from, to, status }) => ({ from, to, kind: /** @type {const} */ ("guard"), text: data.statuses[status] })),
+      ],
     },
   };
 }

@@ -1,6 +1,7 @@
 // @ts-check
 /** What the page has at the moment: the situation with its run, runs that are pinned, units, and what undo goes back to. */
 
+import { predicted } from "./prediction.mjs";
 import { checked, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { usualUnits } from "./units.mjs";
@@ -40,6 +41,11 @@ export class Session {
     this.numbered = 0;
     /** @type {(() => void)[]} */
     this.listeners = [];
+  }
+
+  /** What the controller of the present run expected at the moment that is explained; null if it does not predict. */
+  get prediction() {
+    return this.moment === null ? null : predicted(this.lab, this.situation, this.moment);
   }
 
   get runs() {

@@ -32,6 +32,11 @@ export const texts = {
     controller: "Controller",
     usual: "Usual tuning",
     guard: "Guard around the controller",
+    guardLimits: "Limits of the guard",
+    pumpLimits: "Limits of the pump",
+    faults: "Faults",
+    faultKind: "Kind of fault",
+    addFault: "Add this fault",
     sensor: "Sensor",
     seed: "Seed of the noise",
     units: "Units",
@@ -99,6 +104,11 @@ export const texts = {
   mealSize: (/** @type {number} */ number) => `Meal ${number}, g`,
   removeMeal: (/** @type {number} */ number) => `Remove meal ${number}`,
   remove: "Remove",
+  fault: (/** @type {number} */ number, /** @type {string} */ name) => `Fault ${number}: ${name}`,
+  faultStart: "From, min",
+  faultDuration: "For, min; nothing: to the end",
+  removeFault: (/** @type {number} */ number) => `Remove fault ${number}`,
+  faultSpan: (/** @type {string} */ name) => `Fault: ${name}`,
   unpin: (/** @type {string} */ name) => `Unpin ${name}`,
   unpinShort: "Unpin",
   hours: (/** @type {number} */ minutes) => `${minutes / 60} h`,
@@ -111,6 +121,11 @@ export const texts = {
   insulinIn: (/** @type {string} */ unit, /** @type {string} */ most) =>
     `Insulin delivered in ${unit}, fine dashes where another rate was commanded; the pump gives at most ${most}`,
   commanded: "Commanded",
+  ifKept: "Expected without this dose",
+  ifDosed: "Expected with this dose",
+  expects: (/** @type {Record<string, string>} */ of) =>
+    `Its model expects ${of.kept} ${of.glucose_unit} at ${of.t} min if insulin stayed at ${of.rate} ${of.insulin_unit} (dotted), ` +
+    `and ${of.dosed} with the delivered rate (dashed); the setpoint is ${of.setpoint}.`,
   moment: (
     /** @type {number} */ t,
     /** @type {string} */ glucose,

@@ -5,6 +5,7 @@ import { button, byId, choices, element, input, say, select, setSlider, slider }
 import { tuningOf, usual } from "../situation.mjs";
 import { texts } from "../texts.mjs";
 import { unitOf, UNITS } from "../units.mjs";
+import { faultRows, faultsOffered } from "./faults.mjs";
 
 /** @typedef {import("../session.mjs").Session} Session */
 /** @typedef {import("../situation.mjs").Situation} Situation */
@@ -48,6 +49,9 @@ export function controlsView(session) {
     const { meals, duration_min } = session.situation;
     change({ meals: [...meals, { t_min: Math.min((meals.at(-1)?.t_min ?? 0) + 120, duration_min - 5), carbs_g: 40 }] });
   });
+  faultsOffered(session, change);
+  limits(session, "guard_limits", change);
+  limits(session, "pump_limits", change);
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
     const list = select(`${quantity}-unit`);
     choices(list, UNITS[quantity].map(({ name }) => [name, name]));
@@ -94,14 +98,36 @@ export function controlsView(session) {
     Object.keys(settings).forEach((name, i) => setSlider(byId("tuning").children[i], tuning[name]));
     setSlider(byId("sensor").children[0], now.noise_variance);
     setSlider(byId("sensor").children[1], now.dead_time_min);
+    for (const of of /** @type {const} */ (["guard_limits", "pump_limits"])) {
+      const boxes = byId(of.replace("_", "-")).children;
+      Object.entries(data[of]).forEach(([name, { usual }], i) => setSlider(boxes[i], now[of][name] ?? usual));
+    }
+    byId("guard-box").hidden = !now.guard || Object.keys(data.guard_limits).length === 0;
     mealRows(session, change);
+    faultRows(session, change);
   };
 }
 
+/** @typedef {(change: Partial<Situation>, by?: string) => void} Change */
+
 /**
+ * Sliders of the limits of the guard or of the pump; the usual value is not told in links.
  * @param {Session} session
- * @param {(change: Partial<Situation>, by?: string) => void} change
+ * @param {"guard_limits" | "pump_limits"} of
+ * @param {Change} change
  */
+function limits(session, of, change) {
+  byId(of.replace("_", "-")).replaceChildren(
+    ...Object.entries(session.data[of]).map(([name, setting]) =>
+      slider(`limit-${name}`, setting.summary, setting, setting.usual, (value) => {
+        const { [name]: _, ...others } = session.situation[of];
+        change({ [of]: value === setting.usual ? others : { ...others, [name]: value } }, name);
+      }),
+    ),
+  );
+}
+
+/** @param {Session} session @param {Change} change */
 function mealRows(session, change) {
   const place = byId("meals");
   const { meals, duration_min } = session.situation;
@@ -115,11 +141,7 @@ function mealRows(session, change) {
   });
 }
 
-/**
- * @param {Session} session
- * @param {(change: Partial<Situation>, by?: string) => void} change
- * @param {number} place
- */
+/** @param {Session} session @param {Change} change @param {number} place */
 function mealRow(session, change, place) {
   const field = (/** @type {keyof Meal} */ name, /** @type {string} */ text, /** @type {string} */ max) => {
     const made = element("input", { type: "number", min: "0", max, step: "5" });

@@ -56,9 +56,7 @@ function save(ending, content) {
 
 /** Samples of a run as a table, in mg/dl and mU/min. @param {Trace} trace */
 export function csv(trace) {
-  const names = /** @type {(keyof Trace)[]} */ (
-    ["t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status"]
-  );
+  const names = /** @type {const} */ (["t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status"]);
   const lines = trace.t_min.map((_, i) => names.map((name) => trace[name][i]).join(","));
   return `${[names.join(","), ...lines].join("\n")}\n`;
 }

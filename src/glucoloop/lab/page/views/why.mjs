@@ -24,6 +24,24 @@ export function whyView(session) {
       delivered: shown(trace.insulin_mU_min[k], insulin),
       insulin_unit: insulin.name,
     });
-    byId("why").textContent = `${told} ${session.data.statuses[trace.status[k]]}`;
+    const expected = expectation(session);
+    byId("why").textContent = [told, session.data.statuses[trace.status[k]], expected].filter(Boolean).join(" ");
   };
+}
+
+/** What the controller expects, in words. @param {import("../session.mjs").Session} session */
+function expectation(session) {
+  const { prediction, data, situation } = session;
+  if (prediction === null) return "";
+  const { glucose, insulin } = session.units;
+  const last = prediction.t_min.length - 1;
+  return texts.expects({
+    t: `${prediction.t_min[last]}`,
+    kept: shown(prediction.free_mg_dl[last], glucose),
+    dosed: shown(prediction.dosed_mg_dl[last], glucose),
+    rate: shown(prediction.rate_mU_min, insulin),
+    setpoint: shown(data.patients[situation.patient].setpoint_mg_dl, glucose),
+    glucose_unit: glucose.name,
+    insulin_unit: insulin.name,
+  });
 }
