@@ -12,14 +12,17 @@ from glucoloop.registry.patients import SUBCUTANEOUS, patient_entry
 
 
 def test_every_limit_can_be_set_and_has_the_guards_default():
-    defaults = {f"guard_{field.name}": field.default for field in dataclasses.fields(GuardSettings)}
-    assert {name: setting.default.noise_free for name, setting in GUARD.items()} == defaults
+    assert GuardSettings(**{key.removeprefix("guard_"): limit for key, limit in complete_guard({}).items()}) == (
+        GuardSettings()
+    )
+    assert set(OF_ROUTE[SUBCUTANEOUS]) <= {field.name for field in dataclasses.fields(GuardSettings)}
 
 
 def test_usual_limits_are_those_of_the_route_and_of_the_patient():
     assert complete_guard({}) == {name: setting.default.noise_free for name, setting in GUARD.items()}
     entry = patient_entry("hovorka-2004")
-    assert complete_guard({}, entry) == {**complete_guard({}), **OF_ROUTE[SUBCUTANEOUS]}
+    of_route = {f"guard_{name}": value for name, value in OF_ROUTE[SUBCUTANEOUS].items()}
+    assert complete_guard({}, entry) == {**complete_guard({}), **of_route}
     own = dataclasses.replace(entry, guard={"guard_max_hour": 7.0})
     assert complete_guard({}, own)["guard_max_hour"] == 7.0
     assert complete_guard({"guard_max_hour": 3}, own)["guard_max_hour"] == 3.0

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from glucoloop.control.basal_bolus import BasalBolus, design_basal_bolus
     from glucoloop.control.guard import Guard, guarded
-    from glucoloop.control.guard_settings import GuardSettings
     from glucoloop.control.imc import IMC, design_imc
     from glucoloop.control.linear_mpc import LinearMPC, design_linear_mpc
     from glucoloop.control.meal_mpc import MealMPC, design_meal_mpc
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from glucoloop.control.pid import PID, PIDTuning, design_pid, internal_model_tuning
     from glucoloop.control.protocol import Controller, Decision, Observation, Status
     from glucoloop.control.settings import MealTuning, MPCTuning, StateTuning
+    from glucoloop.registry.guard import GuardSettings
 
 __all__ = [
     "IMC",
@@ -57,8 +57,7 @@ _HOME: Final = {
     name: module
     for module, names in {
         "basal_bolus": ("BasalBolus", "design_basal_bolus"),
-        "guard": ("Guard", "guarded"),
-        "guard_settings": ("GuardSettings",),
+        "guard": ("Guard", "GuardSettings", "guarded"),
         "imc": ("IMC", "design_imc"),
         "linear_mpc": ("LinearMPC", "design_linear_mpc"),
         "meal_mpc": ("MealMPC", "design_meal_mpc"),

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glucoloop._pytree import pytree
-from glucoloop.control.guard_settings import GuardSettings
+from glucoloop.registry.guard import GuardSettings
 from glucoloop.units import MIN_PER_H
 
 

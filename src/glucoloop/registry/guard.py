@@ -1,58 +1,21 @@
-"""Settings of the guard of a controller; nothing here imports a numerical library."""
+"""Settings of a guard: readings that it accepts, times that it waits, and doses that it allows.
+
+Nothing here imports a numerical library.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Mapping
-from typing import Final
+from typing import Annotated, Final
 
-from glucoloop.plausible import GLUCOSE_BOUND, Quantity
+from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS, USUAL_PATIENT, PatientEntry
-from glucoloop.registry.settings import Default, Setting, Value, known_names
+from glucoloop.registry.settings import About, Setting, Value, known_names, settings_of, settings_record
 
 PREFIX: Final = "guard_"
-
-
-def _setting(name: str, summary: str, default: float, quantity: Quantity | None = None) -> Setting:
-    return Setting(f"{PREFIX}{name}", float, summary, Default(default), quantity=quantity)
-
-
-GUARD: Final[dict[str, Setting]] = {
-    setting.name: setting
-    for setting in (
-        _setting("lowest_reading_mg_dl", "Lowest reading that the guard accepts.", 20.0, GLUCOSE_BOUND),
-        _setting("highest_reading_mg_dl", "Highest reading that the guard accepts.", 600.0, GLUCOSE_BOUND),
-        _setting("fastest_mg_dl_min", "Fastest rise of a reading that the guard accepts.", 3.0),
-        _setting(
-            "stuck_min",
-            "Minutes after which an unchanged reading is rejected while much or little insulin is on board.",
-            20.0,
-        ),
-        _setting(
-            "stuck_on_board",
-            "Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.",
-            0.25,
-        ),
-        _setting(
-            "held_min", "Minutes for which a reading may stay unchanged before at most the basal rate is given.", 10.0
-        ),
-        _setting("gap_min", "Minutes without an accepted reading after which the basal rate is given.", 20.0),
-        _setting(
-            "long_gap_min", "Minutes without an accepted reading after which a part of the basal rate is given.", 90.0
-        ),
-        _setting("reduced_fraction", "Part of the basal rate that is given then.", 0.5),
-        _setting("low_mg_dl", "Predicted glucose below which insulin is suspended.", 65.0, GLUCOSE_BOUND),
-        _setting("ahead_min", "Time of this prediction.", 40.0),
-        _setting("hysteresis_mg_dl", "Distance above that bound from which insulin is given again.", 5.0),
-        _setting("max_hour", "Largest dose in an hour, in basal hours.", 2.4),
-        _setting("max_on_board", "Largest insulin on board beyond the basal rate, as a multiple of it.", 1.3),
-        _setting("on_board_tau_min", "Time constant with which insulin on board decays.", 90.0),
-        _setting("fall_mg_dl", "Glucose above the setpoint for which one basal rate may be on board.", 60.0),
-        _setting("error_mg_dl", "Sensor error for which no insulin is added.", 5.0),
-        _setting("always_basal", "Multiple of the basal rate that is allowed at any reading.", 1.2),
-        _setting("doubt_tau_min", "Time constant with which a jump of the reading is forgotten.", 480.0),
-    )
-}
-"""Settings by key; the keys are the fields of `control.GuardSettings`."""
+_limit = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
 
 
 OF_ROUTE: Final[dict[str, dict[str, float]]] = {
@@ -61,27 +24,234 @@ OF_ROUTE: Final[dict[str, dict[str, float]]] = {
     # carbohydrate then needs 0.096 basal hours, and a basal hour lowers glucose by 37.5 mg/dl.
     SUBCUTANEOUS: {
         # 5 % of a dose are left after 6 h, the duration of action that Loop and the pumps' calculators use (5 to 7 h).
-        "guard_on_board_tau_min": 120.0,
+        "on_board_tau_min": 120.0,
         # Ten basal hours: the bolus for 70 g and three basal hours more, a bound like max_iob of open-source systems.
-        "guard_max_on_board": 5.0,
+        "max_on_board": 5.0,
         # All of it at once, beside the basal rate.
-        "guard_max_hour": 11.0,
+        "max_hour": 11.0,
         # One basal rate on board is 2 basal hours.
-        "guard_fall_mg_dl": 75.0,
+        "fall_mg_dl": 75.0,
     },
 }
-"""Usual limits by route of insulin, where they differ from the setting's own default, which is for a vein."""
+"""Usual settings by route of insulin, where they differ from the setting's own default, which is for a vein."""
+
+
+@settings_record
+class GuardSettings:
+    """Limits of a guard; see `control.guarded`. Values without a source were chosen by the experiments of the guide.
+
+    The defaults are for insulin into a vein; `for_route` gives those for insulin under the skin. Their sources:
+
+    - readings: sensors give 40 to 400 mg/dl, meters 20 to 600;
+    - fastest rise, against the last accepted reading: healthy people pass 2 mg/dl/min in about 1 % of the time
+      (doi:10.1177/15209156251390822); a fall may be twice as fast;
+    - unchanged readings, after 10 min: a search for the worst sensor errors makes a reading high and stuck;
+    - basal rate after 20 min: Control-IQ (Tandem); a part of it after 90 min: as long as the MiniMed 670G (Medtronic)
+      stays in its own fallback;
+    - suspension: Basal-IQ (Tandem) takes 80 mg/dl, too near to a setpoint of 81, and 70 for glucose now, and looks
+      30 min ahead; with 40 fewer people went low after an occlusion;
+    - dose in an hour: OpenAPS allows 3 times the largest basal rate of the day; the paper's pump gives at most 2.6
+      times the nominal one;
+    - insulin on board: the time constant of glucose after a step of insulin is 89 min, and glucose of the nominal
+      patient falls by 77 mg/dl, in the end, under twice the basal rate.
+    """
+
+    lowest_reading_mg_dl: Annotated[
+        float,
+        _limit(
+            "Lowest reading that the guard accepts.",
+            at_least=0.0,
+            quantity=GLUCOSE_BOUND,
+            called="guard's lowest reading",
+        ),
+    ] = 20.0
+    highest_reading_mg_dl: Annotated[
+        float,
+        _limit(
+            "Highest reading that the guard accepts.",
+            above=0.0,
+            quantity=GLUCOSE_BOUND,
+            called="guard's highest reading",
+        ),
+    ] = 600.0
+    fastest_mg_dl_min: Annotated[
+        float,
+        _limit(
+            "Fastest rise of a reading that the guard accepts.",
+            above=0.0,
+            called="guard's fastest rise, in mg/dl per min,",
+        ),
+    ] = 3.0
+    stuck_min: Annotated[
+        float,
+        _limit(
+            "Minutes after which an unchanged reading is rejected while much or little insulin is on board.",
+            above=0.0,
+            called="guard's time until an unchanged reading is rejected",
+        ),
+    ] = 20.0
+    stuck_on_board: Annotated[
+        float,
+        _limit(
+            "Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.",
+            at_least=0.0,
+            called="guard's insulin on board that counts as much, in basal rates,",
+        ),
+    ] = 0.25
+    held_min: Annotated[
+        float,
+        _limit(
+            "Minutes for which a reading may stay unchanged before at most the basal rate is given.",
+            at_least=0.0,
+            called="guard's time for an unchanged reading",
+        ),
+    ] = 10.0
+    gap_min: Annotated[
+        float,
+        _limit(
+            "Minutes without an accepted reading after which the basal rate is given.",
+            at_least=0.0,
+            called="guard's time until the basal rate",
+        ),
+    ] = 20.0
+    long_gap_min: Annotated[
+        float,
+        _limit(
+            "Minutes without an accepted reading after which a part of the basal rate is given.",
+            at_least=0.0,
+            called="guard's time until a part of the basal rate",
+        ),
+    ] = 90.0
+    reduced_fraction: Annotated[
+        float,
+        _limit(
+            "Part of the basal rate that is given then.",
+            at_least=0.0,
+            at_most=1.0,
+            called="guard's part of the basal rate",
+        ),
+    ] = 0.5
+    low_mg_dl: Annotated[
+        float,
+        _limit(
+            "Predicted glucose below which insulin is suspended.",
+            at_least=0.0,
+            quantity=GLUCOSE_BOUND,
+            called="guard's bound on predicted glucose",
+        ),
+    ] = 65.0
+    ahead_min: Annotated[
+        float, _limit("Time of this prediction.", at_least=0.0, called="guard's time of prediction")
+    ] = 40.0
+    hysteresis_mg_dl: Annotated[
+        float,
+        _limit(
+            "Distance above that bound from which insulin is given again.", at_least=0.0, called="guard's hysteresis"
+        ),
+    ] = 5.0
+    max_hour: Annotated[
+        float,
+        _limit(
+            "Largest dose in an hour, in basal hours.",
+            at_least=1.0,
+            called="guard's largest dose in an hour, in basal hours,",
+        ),
+    ] = 2.4
+    max_on_board: Annotated[
+        float,
+        _limit(
+            "Largest insulin on board beyond the basal rate, as a multiple of it.",
+            at_least=0.0,
+            called="guard's largest insulin on board, in basal rates,",
+        ),
+    ] = 1.3
+    on_board_tau_min: Annotated[
+        float,
+        _limit(
+            "Time constant with which insulin on board decays.",
+            at_least=1.0,
+            called="guard's time constant of insulin on board",
+        ),
+    ] = 90.0
+    fall_mg_dl: Annotated[
+        float,
+        _limit(
+            "Glucose above the setpoint for which one basal rate may be on board.",
+            at_least=1.0,
+            called="guard's fall of glucose for a basal rate",
+        ),
+    ] = 60.0
+    error_mg_dl: Annotated[
+        float, _limit("Sensor error for which no insulin is added.", at_least=0.0, called="guard's sensor error")
+    ] = 5.0
+    always_basal: Annotated[
+        float,
+        _limit(
+            "Multiple of the basal rate that is allowed at any reading.",
+            at_least=1.0,
+            called="guard's rate at any reading, in basal rates,",
+        ),
+    ] = 1.2
+    doubt_tau_min: Annotated[
+        float,
+        _limit(
+            "Time constant with which a jump of the reading is forgotten.",
+            above=0.0,
+            called="guard's time constant of a jump",
+        ),
+    ] = 480.0
+
+    @classmethod
+    def for_route(cls, insulin_route: str) -> GuardSettings:
+        """Usual limits for a route of insulin, ``"intravenous"`` or ``"subcutaneous"``; see `OF_ROUTE` for sources.
+
+        Raises
+        ------
+        ValueError
+            For an unknown route.
+        """
+        if insulin_route not in OF_ROUTE:
+            raise ValueError(f"unknown route of insulin {insulin_route!r}; the known ones are: {', '.join(OF_ROUTE)}")
+        return cls(**OF_ROUTE[insulin_route])
+
+    def __post_init__(self) -> None:
+        from glucoloop.arguments import ArgumentTypeError, is_traced
+
+        for field in dataclasses.fields(self):
+            if is_traced(getattr(self, field.name)):
+                raise ArgumentTypeError(
+                    f"{field.name} is traced by JAX, but the settings of a guard are part of the compiled program; "
+                    "give plain numbers, outside of the transformation"
+                )
+        if not self.lowest_reading_mg_dl < self.highest_reading_mg_dl:
+            raise ValueError(
+                f"readings from {self.lowest_reading_mg_dl:g} to {self.highest_reading_mg_dl:g} mg/dl are no range; "
+                "give a highest_reading_mg_dl above lowest_reading_mg_dl"
+            )
+        if not self.gap_min <= self.long_gap_min:
+            raise ValueError(
+                f"a guard's long_gap_min of {self.long_gap_min:g} is less than its gap_min of {self.gap_min:g}; "
+                "give as much or more"
+            )
+
+
+GUARD: Final[dict[str, Setting]] = {
+    key: dataclasses.replace(setting, name=key)
+    for setting in settings_of(GuardSettings)
+    for key in [f"{PREFIX}{setting.name}"]
+}
+"""Settings of a guard by the key of a run."""
 
 
 def usual_limit(key: str, entry: PatientEntry) -> float:
     """A limit of a guard that is usual for a patient: the patient's own, that of the route, or the general one."""
     general = float(GUARD[key].default.noise_free)
-    return float(entry.guard.get(key, OF_ROUTE[entry.insulin_route].get(key, general)))
+    return float(entry.guard.get(key, OF_ROUTE[entry.insulin_route].get(key.removeprefix(PREFIX), general)))
 
 
 def usual_text(key: str) -> str:
     """Usual values of a limit for help: the general one, and that of insulin under the skin where it differs."""
-    setting, other = GUARD[key], OF_ROUTE[SUBCUTANEOUS].get(key)
+    setting, other = GUARD[key], OF_ROUTE[SUBCUTANEOUS].get(key.removeprefix(PREFIX))
     return setting.default.text if other is None else f"{setting.default.text}; {other:g} under the skin"
 
 
