@@ -1,6 +1,6 @@
 // Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER.
 // A request is a JSON list of situations; of texts, which are the parts of links after the #; or of {link, samples}, for
-// what the controller expects at these samples.
+// what the controller expects at these samples; or of {toml, csv}, files that glucoloop wrote.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
@@ -16,12 +16,18 @@ const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
 
 const { predicted } = await import(pathToFileURL(`${page}/prediction.mjs`).href);
 
+const { fromToml, fromTrace, situationOf } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
+
 const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
 const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
 
 function answered(asked) {
   try {
     if (asked === "lessons") return texts.lessons.map(({ hash }) => hash);
+    if (asked.toml !== undefined) {
+      const read = situationOf(fromToml(asked.toml), data);
+      return { ...read, here: lab.simulate(read.situation), table: asked.csv && fromTrace(asked.csv, data) };
+    }
     const found = typeof asked === "string" ? links.fromLink(asked, data)
       : asked.link !== undefined ? { ...links.fromLink(asked.link, data), samples: asked.samples }
         : { situation: asked, units: usualUnits() };

@@ -8,6 +8,7 @@ import pytest
 
 from glucoloop.cli.app import main
 from glucoloop.config.run import read_run
+from glucoloop.config.toml import toml_text
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
 
 LINK = "#controller=mpc&guard=true&move_weight=2&meals=60g%4045min+20g%40300min&noise_variance=1.45&seed=3"
@@ -36,7 +37,9 @@ def table(place):
 
 
 @pytest.mark.long
-def test_the_printed_command_file_and_program_give_the_trace_of_the_page(answer, tmp_path, monkeypatch, capsys):
+def test_the_printed_command_file_and_program_give_the_trace_of_the_page(
+    answer, in_node, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     program, *words = shlex.split(answer["command"])
     assert program == "glucoloop"
@@ -46,6 +49,14 @@ def test_the_printed_command_file_and_program_give_the_trace_of_the_page(answer,
     (tmp_path / "lab.toml").write_text(answer["toml"], encoding="utf-8")
     run("run", "--config", "lab.toml", "--out", "by-file")
     same(table(tmp_path / "by-file" / "trace.csv"), answer)
+
+    folder = tmp_path / "by-command"
+    files = {"toml": (folder / "run.toml").read_text(), "csv": (folder / "trace.csv").read_text()}
+    [loaded] = in_node([files])
+    assert loaded["situation"] == answer["situation"]
+    assert loaded["here"] == answer["trace"]
+    same(loaded["table"], answer)
+    assert loaded["table"]["status"] == answer["trace"]["status"]
 
     names = {}
     exec(compile(answer["python"], "printed", "exec"), names)
@@ -62,6 +73,28 @@ def test_the_program_and_the_file_hold_the_same_keys(in_node, corpus):
         del keys["glucoloop"]
         assert names["keys"] == keys
         assert read_run(names["keys"]) == read_run(keys)
+
+
+def test_a_complete_configuration_brings_back_its_situation(in_node, corpus):
+    answers = in_node(corpus[:40])
+    written = []
+    for answer in answers:
+        keys = tomllib.loads(answer["toml"])
+        del keys["glucoloop"]
+        written.append({"toml": toml_text(read_run(keys).keys(), "run --config run.toml")})
+    for loaded, answer in zip(in_node(written), answers, strict=True):
+        assert loaded["unlike"] == []
+        assert loaded["situation"]["tuning"].items() <= answer["situation"]["tuning"].items()
+        assert loaded["here"] == answer["trace"]
+
+
+def test_what_the_page_leaves_out_of_a_configuration_is_told(in_node):
+    text = 'controller = "pid"\nintegrator = "adaptive"\nmeals = [\n    "30g@20min",\n]\nannounce_meals = true\n'
+    told, other, unread = in_node([{"toml": text}, {"toml": 'patient = "hovorka-2004"\n'}, {"toml": "meals = 3 g\n"}])
+    assert told["unlike"] == ['integrator = "adaptive"', "announce_meals = true"]
+    assert told["situation"]["meals"] == [{"carbs_g": 30, "t_min": 20}]
+    assert "the patient is 'hovorka-2004'" in other["refused"]
+    assert unread["refused"] == "the configuration has the line 'meals = 3 g', which this page cannot read"
 
 
 def test_units_are_remembered_by_the_link_and_change_no_number(in_node):

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from glucoloop.config.run import read_run
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import identified_model
@@ -84,7 +85,14 @@ def numbers() -> dict[str, Any]:
         "controllers": {name: _controller(name) for name in CONTROLLERS},
         "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
         "statuses": {status.value: status.text for status in Status},
+        "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
+        "configuration": _configuration(),
     }
+
+
+def _configuration() -> dict[str, Any]:
+    """Keys of a run without options, and of the guard: with what the page compares a file that it loads."""
+    return read_run({"guard": True}).keys()
 
 
 def _pump_limits() -> dict[str, Any]:

@@ -9,6 +9,7 @@ import { Session } from "./session.mjs";
 import { usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { controlsView } from "./views/controls.mjs";
+import { folderView } from "./views/folder.mjs";
 import { lessonOf, lessonsView } from "./views/lessons.mjs";
 import { numbersView } from "./views/numbers.mjs";
 import { pictureView } from "./views/picture.mjs";
@@ -25,6 +26,7 @@ const [module, packed] = await Promise.all([unpacked("module"), unpacked("data")
 const data = JSON.parse(new TextDecoder().decode(packed));
 const session = new Session(new Lab(await load(module, "float64"), data), data, version);
 lessonsView();
+folderView(session);
 const views = [
   pictureView(session),
   whyView(session),

@@ -88,7 +88,7 @@ export function scene(session, dark) {
   const every = data.sample_time_min;
   const [{ trace }] = runs;
   const colour = colours(dark);
-  const end = Math.max(...runs.map(({ trace }) => trace.fine_t_min[trace.fine_t_min.length - 1]));
+  const end = session.end_min;
   const glucose = (/** @type {number} */ value) => value * units.glucose.factor;
   const insulin = (/** @type {number} */ value) => value * units.insulin.factor;
   const level = (/** @type {number} */ value) => shown(value, units.glucose, units.glucose.digits - 1);
@@ -119,6 +119,25 @@ export function scene(session, dark) {
     held(trace.t_min, values.map(insulin), every);
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
   const commanded = { name: texts.commanded, colour: colour[0], width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
+  const { people } = session;
+  if (people !== null) {
+    least = Math.min(least, ...people.levels[0]);
+    most = Math.max(most, ...people.levels[4]);
+  }
+  const between = (/** @type {import("./configuration.mjs").Percentiles} */ of, /** @type {number} */ low, /** @type {number} */ high, /** @type {number} */ opacity) => ({
+    x: of.t_min,
+    low: of.levels[low].map(glucose),
+    high: of.levels[high].map(glucose),
+    opacity,
+  });
+  const median = (/** @type {import("./configuration.mjs").Percentiles} */ of) => ({
+    name: texts.median(of.name),
+    colour: colour[2],
+    width: 1.6,
+    dash: [],
+    x: of.t_min,
+    y: of.levels[2].map(glucose),
+  });
   /** @param {"sensor" | "pump"} part @returns {Span[]} */
   const faulty = (part) =>
     session.situation.faults
@@ -140,15 +159,18 @@ export function scene(session, dark) {
       rules: [],
       lines: [
         ...runs.map(({ trace }, i) => ({ ...line(i), x: trace.fine_t_min, y: trace.fine_glucose_mg_dl.map(glucose) })),
+        ...(people === null ? [] : [median(people)]),
         ...(prediction === null
           ? []
           : [expected(texts.ifKept, prediction.free_mg_dl, [2, 3]), expected(texts.ifDosed, prediction.dosed_mg_dl, [7, 3])]),
       ],
       dots: { x: own.map((k) => trace.t_min[k]), y: own.map((k) => glucose(trace.reading_mg_dl[k])) },
-      areas:
-        prediction === null
+      areas: [
+        ...(people === null ? [] : [between(people, 0, 4, 0.14), between(people, 1, 3, 0.18)]),
+        ...(prediction === null
           ? []
-          : [{ x: prediction.t_min, low: prediction.dosed_mg_dl.map(glucose), high: prediction.free_mg_dl.map(glucose), opacity: 0.14 }],
+          : [{ x: prediction.t_min, low: prediction.dosed_mg_dl.map(glucose), high: prediction.free_mg_dl.map(glucose), opacity: 0.14 }]),
+      ],
       spans: faulty("sensor"),
     },
     insulin: {

@@ -32,6 +32,8 @@ export class Session {
     /** @type {Run[]} */
     this.pinned = [];
     this.units = usualUnits();
+    /** Percentiles of people that lie behind the runs. @type {import("./configuration.mjs").Percentiles | null} */
+    this.people = null;
     /** Sample that is explained. @type {number | null} */
     this.moment = null;
     /** @type {Situation[]} */
@@ -46,6 +48,12 @@ export class Session {
   /** What the controller of the present run expected at the moment that is explained; null if it does not predict. */
   get prediction() {
     return this.moment === null ? null : predicted(this.lab, this.situation, this.moment);
+  }
+
+  /** Where the picture ends: with the longest of what is drawn. */
+  get end_min() {
+    const ends = this.runs.map(({ trace }) => trace.fine_t_min[trace.fine_t_min.length - 1]);
+    return Math.max(...ends, this.people?.t_min.at(-1) ?? 0);
   }
 
   get runs() {

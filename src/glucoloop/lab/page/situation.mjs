@@ -74,6 +74,8 @@
  * @property {Record<string, FaultEntry>} faults those that this page has
  * @property {number[][]} normals
  * @property {Record<string, string>} statuses
+ * @property {Record<string, string>} status_names as tables tell them
+ * @property {Record<string, any>} configuration of a run without options, with a guard
  */
 
 const MOST_MEALS = 12;

@@ -1,6 +1,8 @@
 // @ts-check
 /** The page's texts in English, in one place; names of settings, patients and statuses come with the data. */
 
+const MOST_TIMES = 8;
+
 export const texts = {
   /** Texts of the elements that name them in lab.html. */
   page: {
@@ -39,6 +41,10 @@ export const texts = {
     addFault: "Add this fault",
     sensor: "Sensor",
     seed: "Seed of the noise",
+    load: "Load results",
+    loadHelp: "Drop the folder of a run or of a trial anywhere on this page, or choose its files: trace.csv and run.toml of a run, report.html of a trial.",
+    loadFiles: "Files of results",
+    loadClear: "Take loaded results away",
     units: "Units",
     glucoseUnit: "Glucose",
     insulinUnit: "Insulin",
@@ -121,6 +127,18 @@ export const texts = {
   insulinIn: (/** @type {string} */ unit, /** @type {string} */ most) =>
     `Insulin delivered in ${unit}, fine dashes where another rate was commanded; the pump gives at most ${most}`,
   commanded: "Commanded",
+  median: (/** @type {string} */ name) => `Median of people, ${name}`,
+  loadedRun: (/** @type {string} */ name, /** @type {string} */ difference, /** @type {string} */ unit) =>
+    `${name} is drawn beside its situation, simulated here; at the samples, glucose differs by ${difference} ${unit} at most.`,
+  loadedAlone: (/** @type {string} */ name, /** @type {string} */ why) => `${name} is drawn; it is not simulated here: ${why}.`,
+  loadedPeople: (/** @type {string} */ name) =>
+    `Behind the picture are the people of the trial under ${name}: half of them within the darker band, 90 % within the lighter one; ` +
+    `the blue curve is the nominal person in the same situation.`,
+  unlike: (/** @type {string[]} */ what) => `This page leaves out: ${what.join(", ")}.`,
+  noSituation: "no configuration was given with it",
+  nothingToLoad: "There is neither a trace.csv nor a page with percentiles among the files; give the folder of a run or of a trial",
+  notLoaded: (/** @type {string} */ why) => `Nothing was loaded: ${why}.`,
+  loaded: "Loaded run",
   ifKept: "Expected without this dose",
   ifDosed: "Expected with this dose",
   expects: (/** @type {Record<string, string>} */ of) =>
@@ -137,7 +155,9 @@ export const texts = {
   at: (/** @type {Record<string, string>} */ of) =>
     `At ${of.t} min: glucose ${of.glucose}, reading ${of.reading} ${of.glucose_unit}; ` +
     `insulin commanded ${of.commanded}, delivered ${of.delivered} ${of.insulin_unit}.`,
-  act: (/** @type {number} */ from, /** @type {number} */ to, /** @type {string} */ status) => `${from} to ${to} min: ${status}`,
+  acts: (/** @type {string} */ status, /** @type {number} */ total, /** @type {{from: number, to: number}[]} */ when) =>
+    `${status} ${total} min: ${when.slice(0, MOST_TIMES).map(({ from, to }) => `${from} to ${to}`).join(", ")}` +
+    (when.length > MOST_TIMES ? `, and ${when.length - MOST_TIMES} times more.` : "."),
   noActs: "The guard let every dose pass.",
   told: (/** @type {Record<string, string>} */ of) =>
     `Glucose goes from ${of.minimum} to ${of.peak} ${of.unit}, with a mean of ${of.mean}; ${of.inside} % of the time it is ` +

@@ -66,6 +66,11 @@ function acts(session) {
   const { data, run, situation } = session;
   const found = guardActs(run.trace, data.sample_time_min);
   byId("acts-box").hidden = !situation.guard;
-  const lines = found.map(({ from, to, status }) => element("li", {}, texts.act(from, to, data.statuses[status])));
+  const statuses = [...new Set(found.map(({ status }) => status))];
+  const lines = statuses.map((status) => {
+    const of = found.filter((act) => act.status === status);
+    const total = of.reduce((sum, { from, to }) => sum + to - from, 0);
+    return element("li", {}, texts.acts(data.statuses[status], total, of));
+  });
   byId("acts").replaceChildren(...(lines.length ? lines : [element("li", {}, texts.noActs)]));
 }

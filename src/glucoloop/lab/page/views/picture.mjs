@@ -29,7 +29,7 @@ export function pictureView(session) {
   /** @param {PointerEvent} event */
   const point = (event) => {
     const { left, width } = /** @type {HTMLElement} */ (event.currentTarget).getBoundingClientRect();
-    session.explain(Math.floor((((event.clientX - left) / width) * longest(session)) / every));
+    session.explain(Math.floor((((event.clientX - left) / width) * session.end_min) / every));
   };
   /** Insides of the axes that are listened to already; new axes have new ones. @type {WeakSet<HTMLElement>} */
   const heard = new WeakSet();
@@ -60,11 +60,6 @@ export function pictureView(session) {
   };
 }
 
-/** Time at which the longest of the runs ends, in min. @param {Session} session */
-function longest(session) {
-  return Math.max(...session.runs.map(({ trace }) => trace.fine_t_min[trace.fine_t_min.length - 1]));
-}
-
 /** What the picture shows, in words. @param {Session} session */
 function told(session) {
   const of = summary(session.run.trace);
@@ -88,7 +83,7 @@ function told(session) {
 function lane(session, { left, width }) {
   const place = byId("lane");
   const { meals } = session.situation;
-  const end = longest(session);
+  const end = session.end_min;
   while (place.childElementCount > meals.length) place.lastElementChild?.remove();
   while (place.childElementCount < meals.length) place.append(mark(session, place.childElementCount));
   meals.forEach((meal, i) => {
@@ -137,7 +132,7 @@ function mark(session, place) {
   button.addEventListener("pointerdown", (event) => {
     own = place;
     const from = { ...session.situation.meals[own], x: event.clientX, y: event.clientY };
-    const per_px = longest(session) / (byId("glucose").clientWidth || 1);
+    const per_px = session.end_min / (byId("glucose").clientWidth || 1);
     button.setPointerCapture(event.pointerId);
     const move = (/** @type {PointerEvent} */ to) => {
       const t = from.t_min + (to.clientX - from.x) * per_px;
