@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from glucoloop.papers.parker1999 import experiments
-from glucoloop.papers.parker1999.comparison import Reproduced, Row, compare, count
+from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, compare, count
 from glucoloop.papers.parker1999.pages import html_report, markdown_report
 from glucoloop.papers.parker1999.parts import FIGURES, chosen
-from glucoloop.papers.parker1999.published import Entry, published
+from glucoloop.papers.parker1999.published import PrintedEntry, published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.papers.parker1999.reproduce import carry_out, write
 from glucoloop.report.print_figure import KINDS
@@ -49,11 +49,11 @@ def study():
 
 
 def _entry(printed, kind="value"):
-    return Entry(id="x", what="x", printed=printed, unit="", page=155, place="", kind=kind, readings=())
+    return PrintedEntry(id="x", what="x", printed=printed, unit="", page=155, place="", kind=kind, readings=())
 
 
 def _row(printed, found, kind="value"):
-    return Row(entry=_entry(printed, kind), reproduced={POINT: found})
+    return ComparedEntry(entry=_entry(printed, kind), reproduced={POINT: found})
 
 
 class TestPublished:
@@ -99,7 +99,7 @@ class TestVerdict:
         assert _row(9.0, Reproduced(14.0, low=9.5, high=20.0)).agrees_by_spread(POINT) is False
         assert _row(15.0, Reproduced(3.0, low=2.0, high=20.0), "at-most").agrees_by_spread(POINT) is False
         assert _row("551+", Reproduced(551.0, unsettled=True)).agrees_by_spread(POINT) is False
-        assert Row(entry=_row(1.0, Reproduced(1.0)).entry, reproduced={}).agrees_by_spread(POINT) is False
+        assert ComparedEntry(entry=_row(1.0, Reproduced(1.0)).entry, reproduced={}).agrees_by_spread(POINT) is False
 
     def test_the_count_says_how_many_rest_on_the_spread(self):
         rows = [
@@ -120,7 +120,7 @@ class TestVerdict:
         assert _row("551+", Reproduced(551.0)).agrees(POINT) is False
 
     def test_what_was_not_run_has_no_verdict(self):
-        row = Row(entry=_entry(1.0), reproduced={})
+        row = ComparedEntry(entry=_entry(1.0), reproduced={})
         assert row.agrees(POINT) is None
         assert row.difference(POINT) is None
 
@@ -270,7 +270,7 @@ class TestReport:
 
     def test_what_does_not_reproduce_is_listed(self, study):
         wrong = replace(_entry(1.0), id="model.setpoint", what="A <number> that is far off")
-        rows = [Row(entry=wrong, reproduced={POINT: Reproduced(5.0)})]
+        rows = [ComparedEntry(entry=wrong, reproduced={POINT: Reproduced(5.0)})]
         studies = {POINT: study}
         for report in (markdown_report(rows, studies, 3, {}), html_report(rows, studies, 3, {})):
             assert "far off" in report.split("What does not reproduce")[1]

@@ -5,7 +5,7 @@ import pytest
 import glucoloop as gl
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
-from glucoloop.experiments.designs import DesignCase
+from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.registry.controllers import CONTROLLERS, all_settings, complete, controller_entry
@@ -17,7 +17,7 @@ from glucoloop.registry.settings import Default, Setting, known_names
 @pytest.mark.parametrize("noisy", [False, True])
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_point):
-    case = DesignCase(
+    case = SituationDesignCase(
         patient=gl.patient(operating_point=operating_point),
         model=StepResponseModel.from_impulse_response([-0.1, -0.3, -0.2, -0.1, -0.05] + [0.0] * 10, 5.0),
         limits=PARKER_1999_LIMITS,
@@ -35,7 +35,7 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
 
 @pytest.mark.parametrize("name", ["mpc", "mpc-se", "nlqdmc-se"])
 def test_the_floor_reaches_the_design_and_is_none_by_default(name):
-    case = DesignCase(
+    case = SituationDesignCase(
         patient=gl.patient(),
         model=StepResponseModel.from_impulse_response([-0.1, -0.3, -0.2, -0.1, -0.05] + [0.0] * 10, 5.0),
         limits=PARKER_1999_LIMITS,
@@ -105,7 +105,7 @@ def test_whole_number_will_do_for_a_number():
 
 
 def test_design_that_needs_a_model_says_so():
-    case = DesignCase(
+    case = SituationDesignCase(
         patient=gl.patient(), model=None, limits=PARKER_1999_LIMITS, sample_time_min=5.0, noise_variance=0.0,
         dead_time_samples=0,
     )  # fmt: skip

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from glucoloop.metrics.control_variability import grid_counts
-from glucoloop.report.trial_report import QUANTILES, CaseReport, Distribution, TrialReport, WorstPerson, ranges_pct
+from glucoloop.report.trial_report import (
+    QUANTILES,
+    CaseReport,
+    MetricDistribution,
+    TrialReport,
+    WorstPerson,
+    ranges_pct,
+)
 from glucoloop.simulation import Trace
 from glucoloop.studies.stress.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
 from glucoloop.tuning.surface import TuningSurface
@@ -178,7 +185,7 @@ def _case(undershoot, seed=0, people=400):
         insulin_t_min=t_min[:-1],
         insulin_quantiles={q: np.quantile(insulin, q, axis=1) for q in QUANTILES},
         metric_counts={
-            name: Distribution(edges, np.histogram(values, edges)[0], *np.quantile(values, [0.05, 0.5, 0.95]))
+            name: MetricDistribution(edges, np.histogram(values, edges)[0], *np.quantile(values, [0.05, 0.5, 0.95]))
             for name, (values, edges) in metrics.items()
         },
         cvga_counts=grid_counts(minimum, maximum),

@@ -10,7 +10,7 @@ import pytest
 from glucoloop.metrics.control_variability import grid_counts, zone_pct
 from glucoloop.report import trial_page
 from glucoloop.report._page import percent
-from glucoloop.report.trial_report import RANGES, Distribution
+from glucoloop.report.trial_report import RANGES, MetricDistribution
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 
@@ -112,7 +112,7 @@ def test_metrics_are_shown_in_their_units(page, report):
 def test_what_is_zero_for_everybody_has_no_filled_band(report, make_case):
     case = make_case(10.0)
     edges = np.linspace(0.0, 1.0, 61)
-    nothing = Distribution(edges, np.histogram(np.zeros(400), edges)[0], 0.0, 0.0, 0.0)
+    nothing = MetricDistribution(edges, np.histogram(np.zeros(400), edges)[0], 0.0, 0.0, 0.0)
     page = trial_page(
         dataclasses.replace(
             report,

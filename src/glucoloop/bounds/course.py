@@ -30,7 +30,7 @@ _MEALS_TOGETHER: Final = 3  # numbers of meals are multiples of it, since each n
 
 
 @dataclass(frozen=True)
-class Course:
+class RunModel:
     """A patient at the start of a run with the meals to come, in one circumstance or several."""
 
     plant: ExponentialPlant
@@ -59,7 +59,7 @@ class Course:
         """Number of circumstances that are followed at once."""
         return int(self.exogenous.shape[-1])
 
-    def of_members(self, *members: int, samples: int | None = None) -> Course:
+    def of_members(self, *members: int, samples: int | None = None) -> RunModel:
         """The course restricted to some of the circumstances and to the first samples."""
         samples = self.samples if samples is None else samples
         grid = sample_grid(samples * self.grid.sample_time_min, self.grid.sample_time_min)
@@ -88,8 +88,8 @@ class Course:
 
 def course_of(
     patient: SemilinearPatient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
-) -> Course:
-    """Course of a scenario with other meals, one list of them for each member.
+) -> RunModel:
+    """Model of a scenario with other meals, one list of them for each member.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def course_of(
     if scenario.initial_glucose_mg_dl is not None:
         resting = patient.insulin_for(scenario.initial_glucose_mg_dl)
     setpoint = patient.setpoint_mg_dl if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl
-    return Course(
+    return RunModel(
         plant=prepared[tuple(meals[0])][0],
         exogenous=np.concatenate([prepared[tuple(own)][1] for own in meals], axis=-1),
         state=np.asarray(patient.steady_state(resting))[:, None],

@@ -30,8 +30,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.bounds.course import Course, course_of
-from glucoloop.bounds.optimal_doses import OptimalDoses, Plan, check_samples, first_free_sample, told
+from glucoloop.bounds.course import RunModel, course_of
+from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, first_free_sample, told
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.protocol import SemilinearPatient
@@ -186,10 +186,10 @@ def told_apart(difference_mg_dl: Values, noise_variance: float, error: float) ->
 
 
 def _hedged(
-    both: Course, scenario: Scenario, limits: DoseLimits, question: str, error: float, apart: int, basal: float
+    both: RunModel, scenario: Scenario, limits: DoseLimits, question: str, error: float, apart: int, basal: float
 ) -> HedgedDoses:
     meal = scenario.meals[0]
-    plan = Plan.of_several(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
+    plan = DosePlan.of_several(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
     minimum = plan.least(np.full(both.samples, basal), "deviation")
     calm = plan.calm(minimum, "deviation")
     told_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf

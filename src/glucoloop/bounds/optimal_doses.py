@@ -23,7 +23,7 @@ import numpy.typing as npt
 from jax.typing import ArrayLike
 
 from glucoloop.arguments import checked, on_host
-from glucoloop.bounds.course import Course, course_of
+from glucoloop.bounds.course import RunModel, course_of
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
@@ -164,13 +164,13 @@ def optimal_doses(
     for meals, first in _stages(scenario, fasting, known_after_min):
         known = course_of(patient, scenario, sample_time_min, [meals])
         start = doses if start_mU_min is None else np.concatenate([doses[:first], np.asarray(start_mU_min)[first:]])
-        plan = Plan.of_one(known, pump_limits, first)
+        plan = DosePlan.of_one(known, pump_limits, first)
         minimum = plan.least(start, objective, undershoot_weight)
         calm = plan.calm(minimum, objective)
         doses = plan.doses(calm.v)[:, 0]
         iterations += minimum.iterations + calm.iterations
     if minimum is None:  # nothing is eaten
-        minimum = Plan.of_one(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
+        minimum = DosePlan.of_one(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
     eaten = course_of(patient, scenario, sample_time_min, [scenario.meals])
     return told(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
 
@@ -223,7 +223,7 @@ def first_free_sample(t_min: Values, known_at_min: float) -> int:
     return int(np.searchsorted(t_min, known_at_min - 1e-9))
 
 
-def _stages(scenario: Scenario, course: Course, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
+def _stages(scenario: Scenario, course: RunModel, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
     """Meals known at each stage and the first dose that may react to them; all doses are given if no meal is left."""
     stages: dict[int, tuple[Meal, ...]] = {}
     if not course.at_rest:
@@ -240,21 +240,21 @@ def _allowed(resting_mU_min: float, limits: DoseLimits) -> float:
 
 
 @dataclass(frozen=True)
-class Plan:
+class DosePlan:
     """Doses of one circumstance or several, as one vector within the limits of a pump."""
 
-    course: Course
+    course: RunModel
     limits: Limits
     place: Indices
     """(samples, members) position of each dose in the vector; circumstances share doses until they are told apart."""
 
     @classmethod
-    def of_one(cls, course: Course, limits: DoseLimits, first: int) -> Plan:
+    def of_one(cls, course: RunModel, limits: DoseLimits, first: int) -> DosePlan:
         """A plan whose doses before a sample are fixed."""
         return cls.of_several(course, limits, first, course.samples)
 
     @classmethod
-    def of_several(cls, course: Course, limits: DoseLimits, first: int, apart: int) -> Plan:
+    def of_several(cls, course: RunModel, limits: DoseLimits, first: int, apart: int) -> DosePlan:
         """Plan for several circumstances: doses before `first` are fixed, and doses before `apart` are shared."""
         n, members = course.samples, course.members
         place = np.arange(n * members).reshape(n, members)
@@ -355,7 +355,7 @@ class Plan:
 
 
 def told(
-    course: Course,
+    course: RunModel,
     scenario: Scenario,
     doses: Values,
     minimum: Minimum,

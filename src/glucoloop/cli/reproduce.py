@@ -13,7 +13,7 @@ from glucoloop.papers.parker1999.options import ReproduceKeys
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from glucoloop.papers.parker1999.comparison import Row
+    from glucoloop.papers.parker1999.comparison import ComparedEntry
 
 PAPERS: Final = ("parker1999",)
 
@@ -72,7 +72,7 @@ def command(given: Given) -> None:
     print(where_written(output.out, files))
 
 
-def _tell(rows: Sequence[Row], points: Sequence[str]) -> None:
+def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     from rich.table import Table
 
     from glucoloop.papers.parker1999.comparison import count

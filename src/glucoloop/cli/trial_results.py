@@ -14,7 +14,7 @@ from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_peopl
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.report import CaseReport, Distribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.facts import controllers_facts, trial_facts
 from glucoloop.report.person_words import person_in_words
 from glucoloop.report.print_figure import figure_files
@@ -111,7 +111,7 @@ def _case_report(
         insulin_t_min=t_min["insulin"],
         insulin_quantiles=dict(zip(BAND_QUANTILES, bands["insulin"], strict=True)),
         metric_counts={
-            metric: Distribution(
+            metric: MetricDistribution(
                 edges=counted.edges,
                 counts=counted.counts,
                 **{name: metrics[metric][name] for name in ("p5", "median", "p95")},

@@ -36,7 +36,7 @@ _BINS: Final = 60
 
 
 @dataclass(frozen=True)
-class Named:
+class AffectedPeople:
     """People for whom a condition holds."""
 
     count: int
@@ -64,11 +64,11 @@ class CaseSummary:
     """
     ever_below: Mapping[int, Mapping[str, float]]
     """Number and share of people who were ever below a glucose, by that glucose [mg/dl]."""
-    below_validity: Named
+    below_validity: AffectedPeople
     """People whose glucose was ever below the range in which their model is valid; it means severe hypoglycemia, not a
     number.
     """
-    not_finite: Named
+    not_finite: AffectedPeople
     """People with a basal rate whose glucose or insulin was not finite at some time; they are in no other number."""
     worst: Sequence[Mapping[str, Any]]
     """The ten people with the least glucose, the least first: number, basal rate, parameters and metrics."""
@@ -83,9 +83,9 @@ class TrialSummary:
     """Results of a trial."""
 
     people: int
-    infeasible: Named
+    infeasible: AffectedPeople
     """People for whom no basal rate holds the setpoint."""
-    beyond_pump: Named
+    beyond_pump: AffectedPeople
     """People whose basal rate exists but exceeds the largest rate of the pump."""
     cases: Mapping[str, CaseSummary]
 
@@ -94,14 +94,14 @@ class TrialSummary:
         return {
             "people": self.people,
             "able": self.people - self.infeasible.count,
-            "unable": _named(self.infeasible),
-            "basal_beyond_pump": _named(self.beyond_pump),
+            "unable": _affected(self.infeasible),
+            "basal_beyond_pump": _affected(self.beyond_pump),
             "controllers": {
                 label: {
                     "metrics": {name: dict(values) for name, values in case.metrics.items()},
                     "ever_below": {f"{limit}_mg_dl": dict(of) for limit, of in case.ever_below.items()},
-                    "below_validity": _named(case.below_validity),
-                    "not_finite": _named(case.not_finite),
+                    "below_validity": _affected(case.below_validity),
+                    "not_finite": _affected(case.not_finite),
                     "worst": [dict(person) for person in case.worst],
                 }
                 for label, case in self.cases.items()
@@ -109,7 +109,7 @@ class TrialSummary:
         }
 
 
-def _named(people: Named) -> dict[str, Any]:
+def _affected(people: AffectedPeople) -> dict[str, Any]:
     return {"count": people.count, "person": list(people.person)}
 
 
@@ -122,8 +122,8 @@ class _Naming:
         self.count += person.size
         self.person += person[: max(0, MOST_NAMED - len(self.person))].tolist()
 
-    def named(self) -> Named:
-        return Named(self.count, tuple(self.person))
+    def affected(self) -> AffectedPeople:
+        return AffectedPeople(self.count, tuple(self.person))
 
 
 class _Case:
@@ -161,8 +161,8 @@ class _Case:
                 for name, moment, values in zip(self.names, self.moments, found.tolist(), strict=True)
             },
             ever_below={limit: _of(count, feasible) for limit, count in self.ever_below.items()},
-            below_validity=self.below_validity.named(),
-            not_finite=self.not_finite.named(),
+            below_validity=self.below_validity.affected(),
+            not_finite=self.not_finite.affected(),
             worst=[row for _, _, row in self.worst],
             cvga_counts=self.cvga,
             distributions=distributions,
@@ -202,8 +202,8 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
         raise ValueError("there is nobody to summarise; finish a shard first")
     return TrialSummary(
         people=people,
-        infeasible=infeasible.named(),
-        beyond_pump=beyond.named(),
+        infeasible=infeasible.affected(),
+        beyond_pump=beyond.affected(),
         cases=dict(zip(cases, _summaries(shards, cases), strict=True)),
     )
 

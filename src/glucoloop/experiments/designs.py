@@ -33,7 +33,7 @@ from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_mod
 
 
 @dataclass(frozen=True)
-class DesignCase:
+class SituationDesignCase:
     """Information on which a controller may be designed; implements `control.design_case.DesignCase`."""
 
     patient: Patient
@@ -135,7 +135,7 @@ def design_of(
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
     if entry.uses_model and model is None:
         model = identified_model(situation, case, patient).model
-    design = DesignCase(
+    design = SituationDesignCase(
         patient=patient,
         model=model if model is None or model_is_late else model.delayed(known_samples),
         limits=situation.limits,

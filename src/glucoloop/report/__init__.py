@@ -7,11 +7,11 @@ from glucoloop.report.page import interactive_page
 from glucoloop.report.table import comparison_table, metrics_table
 from glucoloop.report.trial_figure import plot_trial
 from glucoloop.report.trial_page import trial_page
-from glucoloop.report.trial_report import CaseReport, Distribution, TrialReport, WorstPerson
+from glucoloop.report.trial_report import CaseReport, MetricDistribution, TrialReport, WorstPerson
 
 __all__ = [
     "CaseReport",
-    "Distribution",
+    "MetricDistribution",
     "Repeat",
     "TrialReport",
     "WorstPerson",

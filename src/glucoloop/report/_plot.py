@@ -31,7 +31,7 @@ _MOST_MARK_TEXTS: Final = 24
 
 
 @dataclass(frozen=True)
-class Quantity:
+class PlottedQuantity:
     """A quantity over time, with its unit and a second one."""
 
     name: str
@@ -44,16 +44,16 @@ class Quantity:
     digits: int
 
 
-GLUCOSE: Final = Quantity("Glucose", "mg/dl", "mmol/l", 1.0 / MG_DL_PER_MMOL_L, 0.1, 1)
-INSULIN: Final = Quantity("Insulin", "mU/min", "U/h", MIN_PER_H / MU_PER_U, 0.01, 2)
-BOLUS: Final = Quantity("Boluses", "U", "", 0.0, 0.01, 2)
+GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", 1.0 / MG_DL_PER_MMOL_L, 0.1, 1)
+INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", MIN_PER_H / MU_PER_U, 0.01, 2)
+BOLUS: Final = PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
 
 
 @dataclass
 class Panel:
     """One quantity over time; shapes are drawn in their order."""
 
-    quantity: Quantity
+    quantity: PlottedQuantity
     low: float
     high: float
     rem: float

@@ -1,4 +1,4 @@
-"""Layout of a surface of tunings: two parameters span the axes, each combination of the others has a panel."""
+"""SurfaceLayout of a surface of tunings: two parameters span the axes, each combination of the others has a panel."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Layout:
+class SurfaceLayout:
     """Axes and panels of the parameters, and the content of every cell."""
 
     x: str
@@ -67,7 +67,7 @@ def _value(tuning: MPCTuning, name: str) -> float:
     return value
 
 
-def layout(surface: TuningSurface) -> Layout:
+def layout(surface: TuningSurface) -> SurfaceLayout:
     """Lay out a surface.
 
     Raises
@@ -83,7 +83,7 @@ def layout(surface: TuningSurface) -> Layout:
     levels = {name: sorted({_value(tuning, name) for tuning in cells}) for name in names}
     varying = [name for name in names if len(levels[name]) > 1]
     x, y, *_ = [*varying, *(name for name in names if name not in varying)]
-    found = Layout(
+    found = SurfaceLayout(
         x=x,
         y=y,
         panels=tuple(varying[2:]),

@@ -18,7 +18,7 @@ from glucoloop.registry.metrics import Result, described
 from glucoloop.report._page import count, either, percent
 from glucoloop.report._plot import colour, nice_ticks
 from glucoloop.report._style import ZONE_COLOURS
-from glucoloop.report.trial_report import CaseReport, Distribution, TrialReport
+from glucoloop.report.trial_report import CaseReport, MetricDistribution, TrialReport
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 _SHADES: Final = 6
@@ -99,7 +99,7 @@ def distribution_picture(report: TrialReport, metric: str) -> str:
     return f'{rows}<div class="below" aria-hidden="true">{ticks}</div><p class="time-unit">{html.escape(told.unit)}</p>'
 
 
-def _row(told: Result, label: str, part: Distribution, counts: np.ndarray, edges: np.ndarray, index: int) -> str:
+def _row(told: Result, label: str, part: MetricDistribution, counts: np.ndarray, edges: np.ndarray, index: int) -> str:
     """One controller: its name and numbers, and the shares of the people as an outline."""
     numbers = _in_unit(told, f"<b>{told.text(part.median)}</b> ({told.text(part.p5)} – {told.text(part.p95)})", part)
     head = (
@@ -128,14 +128,14 @@ def _row(told: Result, label: str, part: Distribution, counts: np.ndarray, edges
     )
 
 
-def _in_unit(told: Result, text: str, part: Distribution) -> str:
+def _in_unit(told: Result, text: str, part: MetricDistribution) -> str:
     if told.unit != "mg/dl":
         return text
     low, middle, high = (f"{value / MG_DL_PER_MMOL_L:.2f}" for value in (part.p5, part.median, part.p95))
     return either(f"{text} mg/dl", f"<b>{middle}</b> ({low} – {high}) mmol/l")
 
 
-def _all_zero(part: Distribution) -> bool:
+def _all_zero(part: MetricDistribution) -> bool:
     """Whether the metric is 0 for everybody: all are in the bin of 0, and so is what 95 % stay below."""
     counts, edges = np.asarray(part.counts), np.asarray(part.edges, float)
     occupied = np.flatnonzero(counts)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from glucoloop.control.settings import MPCTuning
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, Width
-from glucoloop.report._surface_layout import Cell, Layout, layout, texts
+from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ def _fill(axes: Axes, places: Sequence[tuple[int, int]], hatch: str, face: str |
     )
 
 
-def _label(axes: Axes, places: Layout, panel: Sequence[float]) -> None:
+def _label(axes: Axes, places: SurfaceLayout, panel: Sequence[float]) -> None:
     for levels, set_ticks in (
         (places.levels[places.x], axes.set_xticks),
         (places.levels[places.y], axes.set_yticks),

@@ -11,7 +11,7 @@ import numpy as np
 from glucoloop.control.settings import MPCTuning
 from glucoloop.report import _page
 from glucoloop.report._page import Repeat
-from glucoloop.report._surface_layout import Cell, Layout, layout, texts
+from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.report.tuning_rows import heads, remarks, tuning_rows
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
@@ -87,7 +87,7 @@ def surface_page(
     return _page.page(title, "\n".join(parts), _STYLE)
 
 
-def _surface(surface: TuningSurface, printed: TuningRank, places: Layout) -> list[str]:
+def _surface(surface: TuningSurface, printed: TuningRank, places: SurfaceLayout) -> list[str]:
     colours = _colours(surface)
     best = surface.best() if surface.acceptable.any() else None
     beside = (

@@ -23,7 +23,7 @@ RANGES: Final = ("below 54", "54 to 70", "70 to 180", "180 to 250", "above 250")
 
 
 @dataclass(frozen=True)
-class Distribution:
+class MetricDistribution:
     """Distribution of a metric over the people."""
 
     edges: Floats
@@ -68,7 +68,7 @@ class CaseReport:
     """(samples,) times from which each rate was delivered."""
     insulin_quantiles: Mapping[float, Floats]
     """(samples,) quantiles of delivered insulin [mU/min] over the people, for each of `QUANTILES`."""
-    metric_counts: Mapping[str, Distribution]
+    metric_counts: Mapping[str, MetricDistribution]
     """Distributions by the name of a metric, in the order shown."""
     cvga_counts: npt.NDArray[Any]
     """(60, 60) numbers of people, as `glucoloop.metrics.control_variability.grid_counts` gives them."""

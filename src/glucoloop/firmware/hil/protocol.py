@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.native.targets.c.numbers import REAL
-from glucoloop.native.targets.c.records import Record
+from glucoloop.native.targets.c.records import Structure
 from glucoloop.native.targets.c.source import Source
 
 VERSION: Final = 1
@@ -142,7 +142,7 @@ class Hello:
         return Hello(design.hex(), observation, decision, watchdog_ms, asked, frame.session, frame.sample)
 
 
-def structure(of: Record, precision: str) -> np.dtype[Any]:
+def structure(of: Structure, precision: str) -> np.dtype[Any]:
     """Layout of a C structure in memory: real numbers first, then whole ones of 32 bits, lowest byte first."""
     held = sorted((field for field in of.fields if field.size), key=lambda field: field.kind != REAL)
     real = np.dtype(precision).newbyteorder("<")

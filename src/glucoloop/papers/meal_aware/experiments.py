@@ -51,7 +51,7 @@ _STEPS_TIMED: Final = 200
 
 
 @dataclass(frozen=True)
-class Measure:
+class RunMeasure:
     """One number that describes a run."""
 
     name: str
@@ -61,16 +61,16 @@ class Measure:
 
 
 MEASURES: Final = (
-    Measure("undershoot_mg_dl", "Undershoot", "mg/dl"),
-    Measure("overshoot_mg_dl", "Peak above setpoint", "mg/dl"),
-    Measure("deviation_mg_dl", "Largest deviation", "mg/dl"),
-    Measure("late_deviation_mg_dl", f"Largest deviation, last {LATE_MIN:g} min", "mg/dl"),
-    Measure("late_swings", f"Swings, last {LATE_MIN:g} min", "", 0),
-    Measure("minimum_mg_dl", "Lowest glucose", "mg/dl"),
-    Measure("time_near_pct", f"Time within {NEAR_MG_DL:g} mg/dl", "%"),
-    Measure("time_below_60_pct", "Time below 60 mg/dl", "%", 2),
-    Measure("settling_5pct_min", "Settling, 5 %", "min", 0),
-    Measure("insulin_total_variation_mU_min", "Total variation of insulin", "mU/min", 0),
+    RunMeasure("undershoot_mg_dl", "Undershoot", "mg/dl"),
+    RunMeasure("overshoot_mg_dl", "Peak above setpoint", "mg/dl"),
+    RunMeasure("deviation_mg_dl", "Largest deviation", "mg/dl"),
+    RunMeasure("late_deviation_mg_dl", f"Largest deviation, last {LATE_MIN:g} min", "mg/dl"),
+    RunMeasure("late_swings", f"Swings, last {LATE_MIN:g} min", "", 0),
+    RunMeasure("minimum_mg_dl", "Lowest glucose", "mg/dl"),
+    RunMeasure("time_near_pct", f"Time within {NEAR_MG_DL:g} mg/dl", "%"),
+    RunMeasure("time_below_60_pct", "Time below 60 mg/dl", "%", 2),
+    RunMeasure("settling_5pct_min", "Settling, 5 %", "min", 0),
+    RunMeasure("insulin_total_variation_mU_min", "Total variation of insulin", "mU/min", 0),
 )
 """Measures of noise-free glucose on a grid of one minute."""
 

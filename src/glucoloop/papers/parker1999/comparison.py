@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from glucoloop.metrics import Metrics
 from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, NoisyRun, PointResults, noisy_runs
-from glucoloop.papers.parker1999.published import UNSETTLED, Entry, published
+from glucoloop.papers.parker1999.published import UNSETTLED, PrintedEntry, published
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
 from glucoloop.tuning.paper import printed_tuning
@@ -60,10 +60,10 @@ class Reproduced:
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparedEntry:
     """A printed entry with its reproductions."""
 
-    entry: Entry
+    entry: PrintedEntry
     reproduced: dict[str, Reproduced]
     """Result at each operating point."""
 
@@ -109,7 +109,7 @@ def _close(found: float, printed: float) -> bool:
     return abs(found - printed) <= _CLOSE * abs(printed)
 
 
-def count(rows: Iterable[Row], operating_point: str) -> str:
+def count(rows: Iterable[ComparedEntry], operating_point: str) -> str:
     """Number of entries that reproduce at an operating point, as a sentence without its full stop."""
     measured = [row for row in rows if row.agrees(operating_point) is not None]
     agree = sum(bool(row.agrees(operating_point)) for row in measured)
@@ -224,7 +224,7 @@ def _tuning(study: PointResults) -> dict[str, Reproduced]:
     return found
 
 
-def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = ("",)) -> list[Row]:
+def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = ("",)) -> list[ComparedEntry]:
     """Compare the printed entries with the results of each study; entries that a study leaves out are absent.
 
     Parameters
@@ -236,7 +236,9 @@ def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = (""
     """
     found = {name: _tables(study) | _claims(study) | _model(study) | _tuning(study) for name, study in studies.items()}
     return [
-        Row(entry=entry, reproduced={name: ours[entry.id] for name, ours in found.items() if entry.id in ours})
+        ComparedEntry(
+            entry=entry, reproduced={name: ours[entry.id] for name, ours in found.items() if entry.id in ours}
+        )
         for entry in published()
         if entry.id.startswith(prefixes)
     ]

@@ -9,7 +9,7 @@ from string import Template
 from typing import Any, Final
 
 import glucoloop
-from glucoloop.papers.parker1999.comparison import Reproduced, Row, count
+from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, count
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.figures import CAPTIONS
 from glucoloop.papers.parker1999.readings import READINGS
@@ -39,7 +39,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-def _row_text(row: Row, points: Sequence[str]) -> tuple[str, ...]:
+def _row_text(row: ComparedEntry, points: Sequence[str]) -> tuple[str, ...]:
     cells = [row.entry.what, f"{_printed(row)} {row.entry.unit}".strip(), f"p. {row.entry.page}, {row.entry.place}"]
     for point in points:
         found, difference = row.reproduced.get(point), row.difference(point)
@@ -51,7 +51,7 @@ def _row_text(row: Row, points: Sequence[str]) -> tuple[str, ...]:
     return (*cells, ", ".join(str(_READING_NUMBERS[name]) for name in row.entry.readings))
 
 
-def _printed(row: Row) -> str:
+def _printed(row: ComparedEntry) -> str:
     printed = row.entry.printed
     text = printed if isinstance(printed, str) else f"{printed:g}"
     return f"at most {text}" if row.entry.kind == "at-most" else text
@@ -82,7 +82,7 @@ def _anew(studies: Mapping[str, PointResults]) -> Table:
     )
 
 
-def tables(rows: Sequence[Row], studies: Mapping[str, PointResults]) -> list[Table]:
+def tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -> list[Table]:
     """Every table of the report; those of experiments that were not carried out are left out."""
     made = []
     for heading, prefix in _SECTIONS:
@@ -94,7 +94,7 @@ def tables(rows: Sequence[Row], studies: Mapping[str, PointResults]) -> list[Tab
     return made
 
 
-def tables_at_the_end(rows: Sequence[Row]) -> list[Table]:
+def tables_at_the_end(rows: Sequence[ComparedEntry]) -> list[Table]:
     """Tables of the entries that do not reproduce, and of the readings that the rows rest on."""
     if not rows:
         return []
@@ -127,7 +127,7 @@ def tables_at_the_end(rows: Sequence[Row]) -> list[Table]:
     ]
 
 
-def _summary(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int) -> list[str]:
+def _summary(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int) -> list[str]:
     lines = []
     for point, study in studies.items():
         if all(row.agrees(point) is None for row in rows):
@@ -138,7 +138,7 @@ def _summary(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int
     return [*lines, f"glucoloop {glucoloop.__version__}, seed {seed}."]
 
 
-def json_report(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int) -> dict[str, Any]:
+def json_report(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int) -> dict[str, Any]:
     """The report as plain data."""
     return {
         "paper": "Parker, Doyle, Peppas 1999, IEEE Trans. Biomed. Eng. 46(2), 148-157",
@@ -175,7 +175,7 @@ def json_report(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: 
 
 
 def markdown_report(
-    rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
+    rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
 ) -> str:
     """The report as Markdown; `figures` are paths by name."""
     parts = [f"# {TITLE}", *_summary(rows, studies, seed)]
@@ -187,7 +187,9 @@ def markdown_report(
     return "\n\n".join([*parts, FOOTER]) + "\n"
 
 
-def html_report(rows: Sequence[Row], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]) -> str:
+def html_report(
+    rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
+) -> str:
     """The report as one page; `figures` are SVG texts by name, ``operating-point/figure``."""
     parts = [f"<p>{html.escape(line)}</p>" for line in _summary(rows, studies, seed)]
     parts += [_html_table(table) for table in tables(rows, studies)]

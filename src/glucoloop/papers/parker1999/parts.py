@@ -10,7 +10,7 @@ from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments,
 
 
 @dataclass(frozen=True)
-class Part:
+class PaperPart:
     """A table or figure of the paper, or several together."""
 
     experiments: Experiments
@@ -19,8 +19,8 @@ class Part:
     figures: tuple[str, ...] = ()
     """Names of figures, as `figures.draw` knows them."""
 
-    def __or__(self, other: Part) -> Part:
-        return Part(
+    def __or__(self, other: PaperPart) -> PaperPart:
+        return PaperPart(
             experiments=self.experiments | other.experiments,
             entries=self.entries + other.entries,
             figures=self.figures + other.figures,
@@ -29,20 +29,20 @@ class Part:
 
 _FIG_6: Final = frozenset(("mpc", f"{minutes}") for minutes in DEAD_TIMES_MIN)
 TABLES: Final = {
-    "I": Part(Experiments(without_noise=True), entries=("table-1.",)),
-    "II": Part(Experiments(with_noise=noisy_runs()), entries=("table-2.",)),
+    "I": PaperPart(Experiments(without_noise=True), entries=("table-1.",)),
+    "II": PaperPart(Experiments(with_noise=noisy_runs()), entries=("table-2.",)),
 }
 FIGURES: Final = {
-    "2": Part(Experiments(model=True), figures=("figure-2",)),
-    "3": Part(Experiments(model=True), entries=("model.validation.",), figures=("figure-3",)),
-    "4": Part(Experiments(with_noise=noisy_runs((0,))), entries=("figure-4.",), figures=("figure-4",)),
-    "5": Part(Experiments(without_noise=True), figures=("figure-5",)),
-    "6": Part(Experiments(with_noise=_FIG_6), figures=("figure-6",)),
+    "2": PaperPart(Experiments(model=True), figures=("figure-2",)),
+    "3": PaperPart(Experiments(model=True), entries=("model.validation.",), figures=("figure-3",)),
+    "4": PaperPart(Experiments(with_noise=noisy_runs((0,))), entries=("figure-4.",), figures=("figure-4",)),
+    "5": PaperPart(Experiments(without_noise=True), figures=("figure-5",)),
+    "6": PaperPart(Experiments(with_noise=_FIG_6), figures=("figure-6",)),
 }
 _ARABIC: Final = {"1": "I", "2": "II"}
 
 
-def chosen(tables: Sequence[str], figures: Sequence[str]) -> Part | None:
+def chosen(tables: Sequence[str], figures: Sequence[str]) -> PaperPart | None:
     """The union of the named tables and figures; None if none is named.
 
     Raises
@@ -50,7 +50,7 @@ def chosen(tables: Sequence[str], figures: Sequence[str]) -> Part | None:
     ValueError
         For a table or figure that is not reproduced.
     """
-    part: Part | None = None
+    part: PaperPart | None = None
     for kind, names, known in (("table", tables, TABLES), ("figure", figures, FIGURES)):
         for name in names:
             key = name.strip().upper()

@@ -11,7 +11,7 @@ UNSETTLED: Final = "551+"
 
 
 @dataclass(frozen=True)
-class Entry:
+class PrintedEntry:
     """One printed number or statement."""
 
     id: str
@@ -26,7 +26,9 @@ class Entry:
     """Names in `readings.READINGS` on which the reproduced number depends."""
 
 
-def published() -> tuple[Entry, ...]:
+def published() -> tuple[PrintedEntry, ...]:
     """All entries, in the order of the paper's tables."""
     text = importlib.resources.files(__package__).joinpath("published.toml").read_text(encoding="utf-8")
-    return tuple(Entry(**{**entry, "readings": tuple(entry["readings"])}) for entry in tomllib.loads(text)["entry"])
+    return tuple(
+        PrintedEntry(**{**entry, "readings": tuple(entry["readings"])}) for entry in tomllib.loads(text)["entry"]
+    )

@@ -6,11 +6,11 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from glucoloop.papers.parker1999.comparison import Row, compare
+from glucoloop.papers.parker1999.comparison import ComparedEntry, compare
 from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, PointResults, Progress, study
 from glucoloop.papers.parker1999.figures import draw
 from glucoloop.papers.parker1999.pages import html_report, json_report, markdown_report
-from glucoloop.papers.parker1999.parts import Part
+from glucoloop.papers.parker1999.parts import PaperPart
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.report.print_figure import KINDS, figure_bytes
 
@@ -24,8 +24,8 @@ def carry_out(
     seed: int,
     quick: bool,
     progress: Progress,
-    part: Part | None = None,
-) -> tuple[dict[str, PointResults], list[Row]]:
+    part: PaperPart | None = None,
+) -> tuple[dict[str, PointResults], list[ComparedEntry]]:
     """Run the experiments at each operating point and compare the results with the printed numbers.
 
     Without a `part` they are those of the whole paper; with one, only what it needs is run.
@@ -50,10 +50,10 @@ def carry_out(
 def write(
     write_file: Callable[[str, bytes | str], None],
     studies: Mapping[str, PointResults],
-    rows: Sequence[Row],
+    rows: Sequence[ComparedEntry],
     seed: int,
     progress: Progress,
-    part: Part | None = None,
+    part: PaperPart | None = None,
 ) -> dict[str, Any]:
     """Write figures and reports.
 

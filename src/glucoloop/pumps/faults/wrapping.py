@@ -2,44 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
 import jax
 
-from glucoloop._pytree import pytree
-from glucoloop.episodes import Episode, Episodes
+from glucoloop.episodes import Faulty, Within, begin
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
-
-class Faulty(Protocol):
-    """Protocol of a pump with a fault."""
-
-    @property
-    def inner(self) -> Pump:
-        """Pump that the fault acts on."""
-        ...
-
-    @property
-    def episodes(self) -> Episodes:
-        """Episodes during which the fault is present."""
-        ...
-
-
-@pytree
-class Within:
-    """State of the inner pump, and of the episodes of the fault."""
-
-    inner: Any
-    episode: Episode
-
-
-def begin(fault: Faulty, insulin_mU_min: jax.Array, key: jax.Array) -> Within:
-    """State before the first command.
-
-    The inner pump gets the same key as without the fault, so its draws are the same.
-    """
-    return Within(inner=fault.inner.init(insulin_mU_min, key), episode=fault.episodes.init(insulin_mU_min, key))
+__all__ = ["Within", "begin", "deliver_within", "or_limited"]
 
 
 def deliver_within(

@@ -2,44 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
 import jax
 
-from glucoloop._pytree import pytree
-from glucoloop.episodes import Episode, Episodes
+from glucoloop.episodes import Faulty, Within, begin
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
-
-class Faulty(Protocol):
-    """Protocol of a sensor with a fault."""
-
-    @property
-    def inner(self) -> Sensor:
-        """Sensor that the fault acts on."""
-        ...
-
-    @property
-    def episodes(self) -> Episodes:
-        """Episodes during which the fault is present."""
-        ...
-
-
-@pytree
-class Within:
-    """State of the inner sensor, and of the episodes of the fault."""
-
-    inner: Any
-    episode: Episode
-
-
-def begin(fault: Faulty, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-    """State before the first reading.
-
-    The inner sensor gets the same key as without the fault, so its noise is the same.
-    """
-    return Within(inner=fault.inner.init(glucose_mg_dl, key), episode=fault.episodes.init(glucose_mg_dl, key))
+__all__ = ["Within", "begin", "or_ideal", "read_within"]
 
 
 def read_within(

@@ -12,7 +12,7 @@ from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.studies.robust.front import Bound
 from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Choice, Search
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Judgement, Search
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -30,7 +30,7 @@ _MARKERS: Final = ("D", "s", "^", "v", "P", "X")
 def plot_robust(
     search: Search,
     candidates: Sequence[Candidate],
-    verdict: Choice,
+    verdict: Judgement,
     bounds: Sequence[Bound],
     references: Mapping[str, Mapping[str, float]],
     checked: Sequence[Checked],
@@ -44,7 +44,7 @@ def plot_robust(
     ----------
     search : Search
     candidates : sequence of Candidate
-    verdict : Choice
+    verdict : Judgement
     bounds : sequence of Bound
         Bounds; those on an objective of the front are drawn.
     references : mapping
@@ -110,7 +110,7 @@ def _draw_front(
     search: Search,
     values: npt.NDArray[np.float64],
     finite: npt.NDArray[np.bool_],
-    verdict: Choice,
+    verdict: Judgement,
     entries: dict[str, Artist],
 ) -> None:
     out, kept = finite & ~verdict.keeps, verdict.keeps
@@ -150,7 +150,7 @@ def _draw_marks(
     search: Search,
     candidates: Sequence[Candidate],
     values: npt.NDArray[np.float64],
-    verdict: Choice,
+    verdict: Judgement,
     references: Mapping[str, Mapping[str, float]],
     styles: Mapping[str, dict[str, Any]],
     entries: dict[str, Artist],
@@ -188,7 +188,7 @@ def _zoom(
     search: Search,
     values: npt.NDArray[np.float64],
     finite: npt.NDArray[np.bool_],
-    verdict: Choice,
+    verdict: Judgement,
     references: Mapping[str, Mapping[str, float]],
 ) -> None:
     """Limit the axes to the front and the marks, and to as many other tunings as leave these readable."""

@@ -17,7 +17,7 @@ from glucoloop.studies.robust.figure import plot_robust
 from glucoloop.studies.robust.front import Bound
 from glucoloop.studies.robust.keys import Robust
 from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import Candidate, Checked, Choice, SearchEngine, judge
+from glucoloop.studies.robust.search import Candidate, Checked, Judgement, SearchEngine, judge
 from glucoloop.studies.robust.work import rows_of
 
 
@@ -29,7 +29,7 @@ class Found:
     references: Mapping[str, Mapping[str, float]]
     """Scores of the reference controllers."""
     bounds: Sequence[Bound]
-    verdict: Choice
+    verdict: Judgement
     checked: Sequence[Checked]
 
     @property

@@ -126,7 +126,7 @@ class Checked:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Judgement:
     """Judgement of the candidates."""
 
     keeps: npt.NDArray[np.bool_]
@@ -243,7 +243,7 @@ def bounds_of(search: Search, references: Mapping[str, Mapping[str, float]]) -> 
     )
 
 
-def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidate], prefer: str = BOTH) -> Choice:
+def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidate], prefer: str = BOTH) -> Judgement:
     """Candidates that keep the bounds, those on the front, and the chosen one.
 
     Parameters
@@ -270,10 +270,10 @@ def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidat
         sums = [sum(max(bound.violation(of.scores), 0.0) for bound in bounds) for of in candidates]
         excess = np.where(finite & np.isfinite(sums), sums, np.inf)
         choose(values[finite], search.objectives, prefer)  # refuses what cannot be preferred
-        return Choice(keeps=kept, front=front, chosen=int(np.argmin(excess)), bounded=False)
+        return Judgement(keeps=kept, front=front, chosen=int(np.argmin(excess)), bounded=False)
     front[eligible[pareto(values[eligible])]] = True
     on_it = np.flatnonzero(front)
-    return Choice(
+    return Judgement(
         keeps=kept, front=front, chosen=int(on_it[choose(values[on_it], search.objectives, prefer)]), bounded=True
     )
 

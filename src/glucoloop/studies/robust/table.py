@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Choice, Search
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Checked, Judgement, Search
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,7 +29,7 @@ _HEADS: Final = {
 def robust_table(
     search: Search,
     candidates: Sequence[Candidate],
-    verdict: Choice,
+    verdict: Judgement,
     references: Mapping[str, Mapping[str, float]],
     *,
     top: int = 10,
@@ -40,7 +40,7 @@ def robust_table(
     ----------
     search : Search
     candidates : sequence of Candidate
-    verdict : Choice
+    verdict : Judgement
     references : mapping
         Scores of the reference controllers, by label.
     top : int

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native.targets.c.numbers import REAL
-from glucoloop.native.targets.c.records import Record
+from glucoloop.native.targets.c.records import Structure
 from glucoloop.native.targets.c.source import HEADER, Source
 
 Array = npt.NDArray[Any]
@@ -74,7 +74,7 @@ class Library:
         return self._leaves("state", held), self._leaves("decision", decided)
 
     def saved(self, state: Sequence[Any]) -> bytes:
-        """Record of a state."""
+        """Structure of a state."""
         room = (ctypes.c_uint8 * self._source.record_bytes)()
         held = self._filled("state", state)
         self._code.gl_save(ctypes.byref(held), room)
@@ -108,7 +108,7 @@ class Library:
         return leaves
 
 
-def _structure(name: str, of: Record, real: Any) -> Any:
+def _structure(name: str, of: Structure, real: Any) -> Any:
     """Structure with the layout of C: real numbers first."""
     held = [field for field in of.fields if field.size]
     ordered = sorted(held, key=lambda field: field.kind != REAL)

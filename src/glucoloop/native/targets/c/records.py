@@ -34,7 +34,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Record:
+class Structure:
     """A structure that a function takes or fills by a pointer."""
 
     pointer: str
@@ -51,7 +51,7 @@ class Record:
         return [(self.element(field, i), field.kind) for field in self.fields for i in range(field.size)]
 
 
-def record(pointer: str, tree: Any) -> Record:
+def record(pointer: str, tree: Any) -> Structure:
     """A structure for a pytree of arrays or shapes; empty arrays have no field, but keep their place in `fields`."""
     names: dict[str, int] = {}
     fields = []
@@ -61,10 +61,10 @@ def record(pointer: str, tree: Any) -> Record:
         if names[name] > 1:
             name = f"{name}_{names[name]}"
         fields.append(Field(name, jax.tree_util.keystr(path).lstrip("."), kind_of(leaf.dtype), tuple(leaf.shape)))
-    return Record(pointer, fields)
+    return Structure(pointer, fields)
 
 
-def declaration(name: str, of: Record, format: Format, comment: str) -> list[str]:
+def declaration(name: str, of: Structure, format: Format, comment: str) -> list[str]:
     """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside."""
     held = [field for field in of.fields if field.size]
     reals = [field for field in held if field.kind == REAL]

@@ -19,7 +19,7 @@ from glucoloop.native.targets.c.compact.writer import Tables
 from glucoloop.native.targets.c.functions import elementary
 from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
-from glucoloop.native.targets.c.records import Record, declaration, record
+from glucoloop.native.targets.c.records import Structure, declaration, record
 from glucoloop.native.targets.c.unrolled import unrolled
 
 UNROLLED: Final = "unrolled"
@@ -90,7 +90,7 @@ class Source:
     header: str
     code: str
     form: str
-    records: dict[str, Record]
+    records: dict[str, Structure]
     """The structures by name: state, observation and decision."""
     workspace: dict[str, int]
     """Count of numbers of each kind in the workspace."""
@@ -324,7 +324,7 @@ def _rows(array: npt.NDArray[np.generic], kind: str, format: Format) -> list[str
     return [f"  {', '.join(texts[i : i + 6])}{',' if i + 6 < len(texts) else ''}" for i in range(0, len(texts), 6)]
 
 
-def _structures(records: dict[str, Record], workspace: dict[str, int], format: Format) -> str:
+def _structures(records: dict[str, Structure], workspace: dict[str, int], format: Format) -> str:
     told = {
         "observation": "What is known at a sample.",
         "state": "What the controller remembers from sample to sample. The caller keeps it.",
@@ -344,7 +344,7 @@ def _structures(records: dict[str, Record], workspace: dict[str, int], format: F
     return "\n".join([*lines, f"/* {told_room} */", "typedef struct", "{", *room, "} gl_workspace;"])
 
 
-def _size(state: Record, format: Format) -> int:
+def _size(state: Structure, format: Format) -> int:
     number = np.dtype(format.precision).itemsize
     reals = sum(field.size for field in state.fields if field.kind == REAL)
     others = sum(field.size for field in state.fields if field.kind != REAL)

@@ -32,7 +32,7 @@ class Chunk:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ChunkPlan:
     """Division of the whole program into chunks."""
 
     chunks: Sequence[Chunk]
@@ -42,7 +42,7 @@ class Plan:
 
 def plan_chunks(
     program: Program, layout: Layout, values: Sequence[Value], fused: dict[Value, Value], size: int = OPERATIONS_A_CHUNK
-) -> Plan:
+) -> ChunkPlan:
     """Divide a sequence of values, each after its arguments, into chunks.
 
     Parameters
@@ -89,7 +89,7 @@ def plan_chunks(
         # what is not computed at a sample (a constant, an input) goes with the last chunk
         return [(v, i) for i, v in enumerate(results) if home.get(v, len(parts) - 1) == number]
 
-    return Plan(
+    return ChunkPlan(
         chunks=[
             Chunk(values=part, stored=stored, carried=at(layout.next_carry, n), written=at(layout.outputs, n))
             for n, (part, stored) in enumerate(chunks)

@@ -13,7 +13,7 @@ from glucoloop.native.targets.c.compact.memory import placed
 from glucoloop.native.targets.c.compact.translate import Place, Translator
 from glucoloop.native.targets.c.compact.writer import Tables, Writer
 from glucoloop.native.targets.c.numbers import FORMATS
-from glucoloop.native.targets.c.records import Record
+from glucoloop.native.targets.c.records import Structure
 
 _LOCAL: Final = re.compile(r"\bv\d+\b")
 _DEFINED: Final = re.compile(r"const \w+ (v\d+) = ")
@@ -28,14 +28,16 @@ class Body:
     """Count of numbers of each kind in the workspace."""
 
 
-def compact(closed: Any, given: Sequence[Record], returned: Sequence[Record], precision: str, tables: Tables) -> Body:
+def compact(
+    closed: Any, given: Sequence[Structure], returned: Sequence[Structure], precision: str, tables: Tables
+) -> Body:
     """Write a traced function in the compact form.
 
     Parameters
     ----------
     closed : ClosedJaxpr
         Traced in the precision.
-    given, returned : sequence of Record
+    given, returned : sequence of Structure
         Records of its arguments and results, leaf by leaf.
     precision : {"float64", "float32"}
     tables : Tables
@@ -57,5 +59,5 @@ def _used(lines: Sequence[str]) -> list[str]:
         lines = kept
 
 
-def _places(records: Sequence[Record]) -> list[Place]:
+def _places(records: Sequence[Structure]) -> list[Place]:
     return [Place(f"{of.pointer}->{f.name}", f.kind, f.shape) for of in records for f in of.fields]
