@@ -1,0 +1,140 @@
+"""Loops and choices in C."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+
+from glucoloop.native import primitives
+from glucoloop.native.targets.c.compact.flat import Flat, Operation, Variable
+from glucoloop.native.targets.c.compact.settle import Environment, Settler
+from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, views_of
+from glucoloop.native.targets.c.compact.writer import Writer
+from glucoloop.native.targets.c.numbers import REAL
+
+
+class Loops(Settler):
+    """Writes loops whose number of rounds is known, and choices between functions."""
+
+    def __init__(self, writer: Writer) -> None:
+        super().__init__(writer)
+        self._changing: set[Variable] = set()
+        """Variables of loops whose arrays are their own, and written in every round."""
+
+    @abstractmethod
+    def _body(self, flat: Flat, environment: Environment) -> list[Value]:
+        """Write a function inside, and return its results."""
+
+    def _scan(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        loop, (inner,) = primitives.scan(operation.equation), operation.inner
+        constants = operation.inputs[: loop.constants]
+        carried = operation.inputs[loop.constants : loop.constants + loop.carried]
+        rows = operation.inputs[loop.constants + loop.carried :]
+        values: list[Value] = [self._settled(given, environment) for given in constants]
+        each = [self._settled(given, environment) for given in rows]
+        held: list[Value] = []
+        of_loop = inner.inputs[loop.constants : loop.constants + loop.carried]
+        for given, output, inside in zip(carried, operation.outputs, of_loop, strict=False):
+            if output in flat.uses or inside in inner.uses:
+                held.append(self._held(self._readable_or_maker(given, environment, flat), output))
+                self._changing.add(inside)
+            else:
+                held.append(Scalar("0", output.kind))
+        stacked: list[View | None] = []
+        for output in operation.outputs[loop.carried :]:
+            stacked.append(self._w.array(output.shape, output.kind) if output in flat.uses else None)
+        i = self._w.fresh("i")
+        with self._w.block(f"for (int32_t {i} = 0; {i} < {loop.length}; {i}++)"):
+            of_round: list[Value] = []
+            for value in each:
+                of_round.append(self._row(value, i, reverse=loop.reverse))
+            results = self._body(inner, dict(zip(inner.inputs, [*values, *held, *of_round], strict=True)))
+            for value, place in zip(results[loop.carried :], stacked, strict=True):
+                if place is not None:
+                    row = place.reversed(0).row(0, i) if loop.reverse else place.row(0, i)
+                    self._w.write(value, row)
+            self._carry_on(results[: loop.carried], held)
+        return [*held, *(Scalar("0", REAL) if place is None else place for place in stacked)]
+
+    def _held(self, value: Value, output: Variable) -> Value:
+        """A value that changes from round to round."""
+        if math.prod(output.shape) == 1:
+            return self._w.variable(output.kind, self._scalar(value).text)
+        to = self._w.array(output.shape, output.kind)
+        self._w.write(value, to)
+        return to
+
+    def _row(self, value: Value, index: str, *, reverse: bool) -> Value:
+        if isinstance(value, View):
+            view = value.reversed(0).row(0, index) if reverse else value.row(0, index)
+            return self._scalar(view) if math.prod(view.shape) == 1 else view
+        if isinstance(value, Tree) and isinstance(value.parts[0], Scalar):
+            shape = value.shape[1:]
+            return value.parts[0] if math.prod(shape) == 1 else replace(value, shape=shape)
+        return value  # a loop of one round
+
+    def _carry_on(self, results: Sequence[Value], held: Sequence[Value]) -> None:
+        """Pass on the carried values, when nothing reads their old values any more."""
+        changing = {of.number for of in held if isinstance(of, View)}
+        waiting: list[tuple[Value, Value]] = []
+        for value, of in zip(results, held, strict=True):
+            if value == of or of == Scalar("0", of.kind):
+                continue
+            if isinstance(of, Scalar):
+                waiting.append((self._w.local(replace(self._scalar(value), is_name=False)), of))
+            elif any(view.number in changing for view in views_of(value)):
+                fresh = self._w.array(of.shape, of.kind)
+                self._w.write(value, fresh)
+                waiting.append((fresh, of))
+            else:
+                waiting.append((value, of))
+        for value, of in waiting:  # arrays first: they may be computed from the old numbers
+            if isinstance(of, View):
+                self._w.write(value, of)
+        for value, of in waiting:
+            if isinstance(of, Scalar) and isinstance(value, Scalar):
+                self._w.say(f"{of.text} = {value.text};")
+
+    def _cond(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        index, *given = operation.inputs
+        which = self._scalar(self._settled(index, environment)).text
+        values = [self._settled(operand, environment) for operand in given]
+        results = [self._place_of_choice(i, operation, values, flat) for i in range(len(operation.outputs))]
+        last = len(operation.inner) - 1
+        for n, branch in enumerate(operation.inner):
+            head = "else" if n == last else f"{'else ' if n else ''}if ({which} {'<=' if n == 0 else '=='} {n})"
+            with self._w.block(head):
+                found = self._body(branch, dict(zip(branch.inputs, values, strict=True)))
+                self._chosen(
+                    [(v, to) for v, to, o in zip(found, results, operation.outputs, strict=True) if o in flat.uses]
+                )
+        return results
+
+    def _chosen(self, pairs: Sequence[tuple[Value, Value]]) -> None:
+        """Store the results of a branch; a place may be that of an argument, which other results read."""
+        for value, to in pairs:
+            if isinstance(to, Scalar):
+                self._w.say(f"{to.text} = {self._scalar(value).text};")
+        changing = {to.number for _, to in pairs if isinstance(to, View)}
+        arrays = [(value, to) for value, to in pairs if isinstance(to, View) and value != to]
+        reading = [any(view.number in changing for view in views_of(value)) for value, _ in arrays]
+        ready = [self._copied(value) if reads else value for (value, _), reads in zip(arrays, reading, strict=True)]
+        for value, (_, to) in zip(ready, arrays, strict=True):
+            if isinstance(to, View):
+                self._w.write(value, to)
+
+    def _place_of_choice(self, i: int, operation: Operation, values: Sequence[Value], flat: Flat) -> Value:
+        """Place for a result of a choice; that of the argument if a branch returns it and nothing else needs it."""
+        output = operation.outputs[i]
+        if output not in flat.uses:
+            return Scalar("0", output.kind)
+        if math.prod(output.shape) == 1:
+            return self._w.variable(output.kind, self._w.literal(0, output.kind))
+        for branch in operation.inner:
+            for variable, given, value in zip(branch.inputs, operation.inputs[1:], values, strict=True):
+                alone = isinstance(given, Variable) and given in self._changing and flat.uses[given] == 1
+                if alone and branch.outputs[i] is variable and isinstance(value, View):
+                    return value
+        return self._w.array(output.shape, output.kind)

@@ -1,0 +1,109 @@
+"""Sums, extremes and running sums along axes of arrays."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from glucoloop.native import primitives
+from glucoloop.native.targets.c.compact.flat import Flat, Operation
+from glucoloop.native.targets.c.compact.settle import Environment, Settler, permuted
+from glucoloop.native.targets.c.compact.values import Maker, Scalar, Value, View
+from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE
+
+_STARTS: Final = {"reduce_sum": 0, "reduce_max": -math.inf, "reduce_min": math.inf, "reduce_and": 1, "reduce_or": 0}
+_STEPS: Final = {
+    "reduce_sum": "{0} + {1}",
+    "reduce_max": "gl_max({0}, {1})",
+    "reduce_min": "gl_min({0}, {1})",
+    "reduce_and": "{0} && {1}",
+    "reduce_or": "{0} || {1}",
+}
+
+
+class Reductions(Settler):
+    """Writes what leaves one number of many."""
+
+    def _reduced(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
+        (output,), (given,) = operation.outputs, operation.inputs
+        axes = primitives.axes(operation.equation)
+        value = self._readable(given, environment, flat)
+        if isinstance(value, Scalar):
+            return value
+        if not axes:
+            return value
+        kept = [axis for axis in range(len(value.shape)) if axis not in axes]
+        turned = permuted(value, [*kept, *axes])
+        inner = [value.shape[axis] for axis in axes]
+        start, step = self._w.literal(_STARTS[operation.name], output.kind), _STEPS[operation.name]
+
+        def total(indices: list[str]) -> Scalar:
+            found = self._w.variable(output.kind, start)
+            with self._w.loops(inner) as of_inner:
+                text = self._w.element(turned, [*indices, *of_inner])
+                self._w.say(f"{found.text} = {step.format(found.text, text)};")
+            return found
+
+        return self._each(output, total, (value,))
+
+    def _cumsum(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        (output,), (given,) = operation.outputs, operation.inputs
+        axis, reverse = primitives.running(operation.equation)
+        value = self._readable(given, environment, flat)
+        if isinstance(value, Scalar):
+            return [value]
+        order = [*(i for i in range(len(value.shape)) if i != axis), axis]
+        turned = permuted(value, order)
+        if reverse:
+            turned = _reversed(turned, len(order) - 1)
+
+        def write(to: View) -> None:
+            to = to.permuted(order)
+            to = to.reversed(len(order) - 1) if reverse else to
+            with self._w.loops(turned.shape[:-1]) as outer:
+                found = self._w.variable(output.kind, self._w.literal(0, output.kind))
+                with self._w.loops(turned.shape[-1:]) as along:
+                    text = self._w.element(turned, [*outer, *along])
+                    self._w.say(f"{found.text} = {found.text} + {text};")
+                    self._w.assign(to, [*outer, *along], found.text)
+
+        return [Maker(output.shape, output.kind, write, (value,))]
+
+    def _first(self, operation: Operation, environment: Environment, sign: str) -> list[Value]:
+        (output,), (given,) = operation.outputs, operation.inputs
+        (axis,) = primitives.axes(operation.equation)
+        view = self._view(given, environment)
+        turned = view.permuted([*(i for i in range(len(view.shape)) if i != axis), axis])
+
+        def number(text: str) -> str:
+            return f"({text} ? 1 : 0)" if view.kind == TRUTH else text
+
+        kind = WHOLE if view.kind == TRUTH else view.kind
+
+        def place(indices: list[str]) -> Scalar:
+            best = self._w.variable(kind, number(turned.value([*indices, "0"])))
+            found = self._w.variable(WHOLE, "0")
+            i = self._w.fresh("i")
+            with self._w.block(f"for (int32_t {i} = 1; {i} < {turned.shape[-1]}; {i}++)"):
+                of = self._w.local(Scalar(number(turned.value([*indices, i])), kind))
+                new = f" || (({of.text} != {of.text}) && ({best.text} == {best.text}))" if kind == REAL else ""
+                condition = f"({of.text} {sign} {best.text})"
+                with self._w.block(f"if ({condition}{new})" if new else f"if {condition}"):
+                    self._w.say(f"{best.text} = {of.text};", f"{found.text} = {i};")
+            return found
+
+        return [self._each(output, place, (view,))]
+
+    def _argmax(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        del flat
+        return self._first(operation, environment, ">")
+
+    def _argmin(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
+        del flat
+        return self._first(operation, environment, "<")
+
+
+def _reversed(value: Any, axis: int) -> Any:
+    return (
+        value.reversed(axis) if isinstance(value, View) else value.mapped(lambda view: view.reversed(axis), value.shape)
+    )
