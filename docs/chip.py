@@ -1,84 +1,219 @@
-"""Measure exported controllers with every tool that is installed, and write the tables of ``guide/chip.md``.
+"""Compare exported controllers with themselves on emulated chips, prove their bounds, and write the tables of a page.
 
-    python docs/chip.py --samples 120 imc pid mpc mpc-se nlqdmc-se meal-mpc
-    python docs/chip.py --precision float64 --samples 120 mpc-se
+    python docs/chip.py                                      every controller, up to 10 000 samples in every cell
+    python docs/chip.py --samples 1000 --controller mpc-se   a part of it
+    python docs/chip.py --proofs                             MISRA C:2012, and bounds by Frama-C
+    python docs/chip.py --tables                             the tables alone
 
-Each controller with its guard runs over so many samples of a closed loop with faults, of which the last sixth is told
-absurd numbers, in C on this computer and on every emulated chip; then MISRA and the proofs are checked. A row is
-written into ``guide/chip_figures.md`` as soon as a controller is done, in the place of an older one. The compilers,
-QEMU, cppcheck and Frama-C that the page names are needed.
+A cell is a controller, bare or guarded, in float32 or float64, on this computer or on an emulated chip. Its samples
+come in runs of 100: each is a closed loop with meals and faults of its own, whose last sixth is told absurd numbers.
+What was found is kept in ``chip_results.json`` after every step, and a later call goes on from there; what was found of
+a controller counts only as long as its design gives the same C. ``guide/chip_figures.md`` is written from it. Quick
+cells come first. The compilers, QEMU, cppcheck and Frama-C that ``guide/chip.md`` names are needed.
 """
 
 import argparse
+import dataclasses
+import functools
+import json
 import sys
 import time
 from pathlib import Path
+
+import jax
 
 from glucoloop.cli.exported import made_of
 from glucoloop.config.export import read_export
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS
-from glucoloop.firmware.ladder import emulated
+from glucoloop.firmware.emulation import emulated
+from glucoloop.firmware.exported import PRECISIONS
+from glucoloop.firmware.ladder import here, interpreted, native
+from glucoloop.firmware.samples import joined
+from glucoloop.registry.controllers import CONTROLLERS
 
-FIGURES = Path(__file__).resolve().parent / "guide" / "chip_figures.md"
-SIZES = (
-    "| Controller, guarded | Arithmetic | Form | Chip | Samples | Program and tables | State and workspace | Stack "
-    "| Instructions | ms |",
-    "| :--- | :--- | :--- | :--- |" + " ---: |" * 6,
-)
-PROOFS = (
-    "| Controller, guarded | Arithmetic | MISRA C:2012 | Dose and status | Change of the rate | Proofs took |",
-    "| :--- | :--- | :--- | :--- | :--- | ---: |",
-)
-
-
-def rows_of(controller, precision, samples):
-    """Rows of both tables; every check must hold."""
-    wanted = {"controller": controller, "guard": True, "precision": precision, "samples": samples}
-    made = made_of(read_export(wanted))
-    record = made.recorded(samples, 0)
-    sizes = []
-    for chip in CHIPS.values():
-        found = told(emulated(made.exported, record, chip)).measured
-        cells = (
-            controller,
-            precision,
-            made.exported.source.form,
-            chip.name,
-            f"{found['samples']}",
-            f"{found['flash_bytes']} B",
-            f"{found['ram_bytes']} B",
-            f"{found['stack_bytes']} B",
-            f"{found['instructions']}",
-            f"{found['ms_assumed']:.2g}",
-        )
-        sizes.append(f"| {' | '.join(cells)} |")
-    rules = told(misra(made.exported, record)).found
-    start = time.perf_counter()
-    proofs = [told(prove(made.exported, record)).found for prove in (bounds_proved, change_proved)]
-    took = f"{time.perf_counter() - start:.0f} s"
-    return sizes, f"| {' | '.join((controller, precision, rules, *proofs, took))} |"
+FOLDER = Path(__file__).resolve().parent
+RESULTS, FIGURES = FOLDER / "chip_results.json", FOLDER / "guide" / "chip_figures.md"
+HERE = "computer"
+RUN, MOST_RUNS = 100, 50
+"""Samples of a run, and the largest number of runs in one program."""
+IN_NUMPY, IN_NUMPY_SLOW = 10, 2
+"""Samples of each run that are computed operation by operation."""
+LEVELS = (RUN, 1000)
+"""Numbers of samples that every slow cell reaches before any goes on."""
+A_PROGRAM = 2e10
+"""Instructions that an emulated program may take, so that not much is lost when the command is stopped."""
+SLOW, SOFT = 3e6, 30.0
+"""Guesses: instructions of a step of a slow controller, and what float64 costs where the chip has only float32."""
 
 
-def told(rung):
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """An exported controller."""
+
+    controller: str
+    guard: bool
+    precision: str
+
+    @property
+    def name(self):
+        return f"{self.controller} {'guarded' if self.guard else 'bare'} {self.precision}"
+
+    @functools.cached_property
+    def made(self):
+        wanted = {"controller": self.controller, "guard": self.guard, "precision": self.precision}
+        return made_of(read_export(wanted))
+
+    def guess(self, chip):
+        """Instructions of a step, roughly."""
+        soft = self.precision == "float64" and chip not in (HERE, "cortex-m7")
+        return (SLOW if CONTROLLERS[self.controller].slow else 5e3) * (SOFT if soft else 1.0)
+
+
+class Results:
+    """What was found, in a file."""
+
+    def __init__(self):
+        self.found = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
+
+    def of(self, case):
+        """What was found of the C that a case gives now."""
+        source = case.made.exported.source
+        kept = self.found.get(case.name, {})
+        if kept.get("design") != source.design[:16]:
+            kept = {"design": source.design[:16], "form": source.form, "cells": {}, "proofs": {}}
+            self.found[case.name] = kept
+        return kept
+
+    def write(self):
+        ordered = {case.name: self.found[case.name] for case in cases(CONTROLLERS) if case.name in self.found}
+        RESULTS.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+        FIGURES.write_text("\n".join(tables(ordered)), encoding="utf-8")
+
+
+@functools.lru_cache(maxsize=2 * MOST_RUNS)
+def run_of(case, seed):
+    return case.made.recorded(RUN, seed)
+
+
+def cases(controllers):
+    ordered = sorted(controllers, key=lambda name: CONTROLLERS[name].slow)
+    return [Case(name, guard, precision) for precision in PRECISIONS for name in ordered for guard in (False, True)]
+
+
+def compare(results, cases, samples):
+    """Bring every cell to so many samples, slow ones last and by turns."""
+    cells = [(case, chip) for case in cases for chip in (HERE, *CHIPS)]
+    slow = [(case, chip) for case, chip in cells if case.guess(chip) > 2 * SLOW]
+    go_on(results, [cell for cell in cells if cell not in slow], samples)
+    for level in sorted({min(level, samples) for level in (*LEVELS, samples)}):
+        go_on(results, slow, level)
+
+
+def go_on(results, cells, samples):
+    for case, chip in cells:
+        cell = results.of(case)["cells"].setdefault(chip, {"samples": 0})
+        while cell["samples"] < samples:
+            start, done = time.perf_counter(), cell["samples"] // RUN
+            at_once = int(A_PROGRAM / (RUN * cell.get("instructions", case.guess(chip))))
+            runs = max(1, min(at_once, MOST_RUNS, -(-samples // RUN) - done))
+            record = joined([run_of(case, seed) for seed in range(done, done + runs)])
+            found = on_this_computer(case, record) if chip == HERE else on_chip(case, record, CHIPS[chip])
+            for key, value in found.items():
+                before = cell.get(key, 0)
+                cell[key] = before + value if key.startswith("samples") else max(before, value)
+            results.write()
+            took = time.perf_counter() - start
+            print(f"{case.name}, {chip}: {cell['samples']} samples, the last {runs * RUN} in {took:.0f} s", flush=True)
+
+
+def on_this_computer(case, record):
+    """Numbers of samples that were computed in other ways than where they were recorded."""
+    exported, runs = case.made.exported, len(record.observations) // record.run
+    checked = runs * (IN_NUMPY_SLOW if CONTROLLERS[case.controller].slow else IN_NUMPY)
+    kept = {"samples": here(exported, record), "samples_numpy": interpreted(exported, record, checked)}
+    if exported.source.lowered is not None:
+        kept["samples_llvm"] = native(exported, record)
+    return {key: told(case, rung).measured["samples"] for key, rung in kept.items()}
+
+
+def on_chip(case, record, chip):
+    return told(case, emulated(case.made.exported, record, chip)).measured
+
+
+def prove(results, cases):
+    """MISRA C:2012 and the proofs, of what has none yet."""
+    for case in cases:
+        proofs = results.of(case)["proofs"]
+        for name, rung_of in (("rules", misra), ("bounds", bounds_proved), ("change", change_proved)):
+            if name in proofs:
+                continue
+            start = time.perf_counter()
+            rung = rung_of(case.made.exported)
+            took = time.perf_counter() - start
+            proofs[name] = {"holds": rung.holds, "found": rung.found, "seconds": round(took)}
+            results.write()
+            print(f"{case.name}: {rung.found} ({took:.0f} s)", flush=True)
+
+
+def told(case, rung):
     if not rung.holds:
-        sys.exit(f"{rung.check}: {rung.found}")
+        sys.exit(f"{case.name}: {rung.check}: {rung.found}")
     return rung
+
+
+def table(columns, numbers, rows):
+    """A table whose last columns are numbers."""
+    words = len(columns) - numbers
+    return [f"| {' | '.join(columns)} |", "|" + " :--- |" * words + " ---: |" * numbers, *rows, ""]
+
+
+def row(*cells):
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def tables(found):
+    """Samples, sizes, and proofs."""
+    samples, sizes, proofs = [], [], []
+    for name, of in found.items():
+        words = name.split()
+        cells = [of["cells"].get(chip, {"samples": 0}) for chip in (HERE, *CHIPS)]
+        in_numpy = cells[0].get("samples_numpy", 0)
+        in_llvm = cells[0].get("samples_llvm", "-")
+        samples.append(row(*words, *(cell["samples"] for cell in cells), in_llvm, in_numpy))
+        for chip, cell in zip(CHIPS, cells[1:], strict=True):
+            if cell["samples"]:
+                bytes_ = (f"{cell[key]}" for key in ("flash_bytes", "ram_bytes", "stack_bytes"))
+                sizes.append(row(*words, of["form"], chip, *bytes_, cell["instructions"], f"{cell['ms_assumed']:.2g}"))
+        if of["proofs"]:
+            tasks = [of["proofs"].get(task) for task in ("rules", "bounds", "change")]
+            cells = ("not run" if task is None else task["found"] for task in tasks)
+            proofs.append(row(*words, *cells, sum(task["seconds"] for task in tasks if task)))
+    case = ("Controller", "Guard", "Arithmetic")
+    yield from table((*case, "Computer", "M4F", "M7", "RV32", "of them in LLVM", "in NumPy"), 6, samples)
+    memory = ("Program and tables (B)", "State and workspace (B)", "Stack (B)")
+    yield from table((*case, "Form", "Chip", *memory, "Instructions", "ms"), 5, sizes)
+    found_by = ("MISRA C:2012", "Dose and status", "Change of the rate", "Seconds")
+    yield from table((*case, *found_by), 1, proofs)
 
 
 def main():
     given = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    given.add_argument("--precision", choices=("float32", "float64"), default="float32")
-    given.add_argument("--samples", type=int, default=120)
-    given.add_argument("controllers", nargs="+")
+    given.add_argument("--controller", action="append", choices=list(CONTROLLERS), help="All, unless some are given.")
+    given.add_argument("--precision", choices=PRECISIONS, help="Both, unless one is given.")
+    given.add_argument("--samples", type=int, default=10_000)
+    given.add_argument("--proofs", action="store_true", help="Check MISRA C:2012 and prove the bounds instead.")
+    given.add_argument("--tables", action="store_true", help="Write the tables alone.")
     asked = given.parse_args()
-    for controller in asked.controllers:
-        sizes, proof = rows_of(controller, asked.precision, asked.samples)
-        old = FIGURES.read_text(encoding="utf-8").split("\n\n") if FIGURES.is_file() else ["", ""]
-        begin = f"| {controller} | {asked.precision} |"
-        kept = [[row for row in part.splitlines()[2:] if not row.startswith(begin)] for part in old]
-        parts = ([*SIZES, *kept[0], *sizes], [*PROOFS, *kept[1], proof])
-        FIGURES.write_text("\n\n".join("\n".join(part) for part in parts) + "\n", encoding="utf-8")
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # a step of a patient is too short for another thread
+    results = Results()
+    chosen = [case for case in cases(asked.controller or CONTROLLERS) if asked.precision in (None, case.precision)]
+    if asked.tables:
+        results.write()
+    elif asked.proofs:
+        prove(results, chosen)
+    else:
+        compare(results, chosen, asked.samples)
 
 
 if __name__ == "__main__":

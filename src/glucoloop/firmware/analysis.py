@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from glucoloop.control.protocol import Status
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.rung import Rung, ran, written
-from glucoloop.firmware.samples import Record
+from glucoloop.firmware.rung import Rung, ran
+from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS
 
 _ADVISORY: Final = frozenset({
@@ -33,8 +36,7 @@ int main(void)
 {
 @FILL@
   gl_step(&workspace, &state, &observation, &decision);
-  /*@ assert dose: @LEAST@ <= decision.insulin_mU_min <= @MOST@; */
-  /*@ assert status: 0 <= decision.status <= 11; */
+@BOUNDS@
   return 0;
 }
 """
@@ -43,8 +45,10 @@ int main(void)
 _SLICES: Final = 512
 """Number of parts of the range of delivered rates; Frama-C keeps one interval for each number, not their difference."""
 _CHANGE: Final = """\
-#include "controller.c"
 #include "__fc_builtin.h"
+#include <float.h>
+#include <stdbool.h>
+@FUNCTION@
 int main(void)
 {
   const @REAL@ rate = Frama_C_@REAL@_interval(-@MAX@, @MAX@);
@@ -64,14 +68,14 @@ _EVA: Final = ("-eva", "-eva-precision", "0", "-eva-auto-loop-unroll", "4", "-wa
 _PACKAGE: Final = "frama-c is not installed; Debian's package frama-c-base brings it"
 
 
-def misra(exported: Exported, record: Record) -> Rung:
+def misra(exported: Exported) -> Rung:
     """Findings of cppcheck's add-on; one of a required rule fails the check."""
     name = "MISRA C:2012, by cppcheck"
     if shutil.which("cppcheck") is None:
         return Rung(name, None, "cppcheck is not installed; Debian's package cppcheck brings it", {})
     with tempfile.TemporaryDirectory(prefix="glucoloop-misra-") as made:
         folder = Path(made)
-        written(exported, record, None, folder)
+        _write(folder, _code(exported))
         flags = ["--std=c99", "--enable=style", "--addon=misra", "--quiet", "--template={id}", "--inline-suppr"]
         code, said = ran(["cppcheck", *flags, "controller.c"], folder)
     if code == 124:
@@ -90,7 +94,7 @@ def misra(exported: Exported, record: Record) -> Rung:
     return Rung(name, not required, told, {"required": required, "advisory": advisory})
 
 
-def bounds_proved(exported: Exported, record: Record) -> Rung:
+def bounds_proved(exported: Exported) -> Rung:
     """Proof that a step gives a dose and a status within their bounds without a run-time error, for any bits."""
     name = "bounds of the dose for any state and observation, by Frama-C EVA"
     lines = []
@@ -100,17 +104,23 @@ def bounds_proved(exported: Exported, record: Record) -> Rung:
                 at = f"&{structure}.{field.name}{'[0]' if field.is_array else ''}"
                 lines.append(f"  anything({at}, sizeof({structure}.{field.name}));")
     last = exported.last
+    bounds = {last.rate: (last.least.hex(), last.most.hex()), "status": (0, max(Status).value)}
+    if last.bolus is not None:
+        bounds[last.bolus[0]] = ("0.0", last.bolus[1].hex())
+    told = [f"  /*@ assert {least} <= decision.{name} <= {most}; */" for name, (least, most) in bounds.items()]
     text = '#include "controller.h"\n' + _ANYTHING + _STEP.replace("@FILL@", "\n".join(lines))
-    text = text.replace("@LEAST@", last.least.hex()).replace("@MOST@", last.most.hex())
-    return _analysed(name, exported, record, text, ["controller.c"], "dose and status within bounds", 2)
+    text = text.replace("@BOUNDS@", "\n".join(told))
+    what = f"{'dose' if last.bolus is None else 'rate, bolus'} and status within bounds"
+    return _analysed(name, {**_code(exported), "main.c": text}, what, len(bounds))
 
 
-def change_proved(exported: Exported, record: Record) -> Rung:
+def change_proved(exported: Exported) -> Rung:
     """Proof that the rate changes by no more than the pump may from a delivered rate within its limits."""
     name = "largest change of the rate, by Frama-C EVA"
     last, format = exported.last, FORMATS[exported.precision]
     of_step = exported.source.code.split("void gl_step(")[1].split("\n}")[0].rstrip()
-    if not of_step.endswith("\n  ".join(last.lines(format))):
+    function = "\n".join(last.function(format))
+    if function not in exported.source.code or not of_step.endswith("\n  ".join(last.lines(format))):
         return Rung(name, False, "the step does not end by the function that bounds the rate", {})
     width = (last.most - last.least) / _SLICES * (1.0 + 1e-6)
     bound = math.nextafter(last.change + 1.01 * width, math.inf)
@@ -118,20 +128,15 @@ def change_proved(exported: Exported, record: Record) -> Rung:
     text = text.replace("@MAX@", "FLT_MAX" if format.type == "float" else "DBL_MAX")
     text = text.replace("@LEAST@", format.literal(last.least)).replace("@MOST@", format.literal(last.most))
     text = text.replace("@WIDTH@", format.literal(width)).replace("@BOUND@", bound.hex())
+    text = text.replace("@FUNCTION@", "\n".join([*helpers([function], format), function]))
     told = f"at most {bound:.4g} mU/min from any delivered rate within the limits"
-    return _analysed(name, exported, record, text, [], told, 1)
+    return _analysed(name, {"main.c": text}, told, 1)
 
 
-def _analysed(
-    name: str, exported: Exported, record: Record, main: str, others: list[str], told: str, assertions: int
-) -> Rung:
+def _analysed(name: str, files: Mapping[str, str], told: str, assertions: int) -> Rung:
     if shutil.which("frama-c") is None:
         return Rung(name, None, _PACKAGE, {})
-    with tempfile.TemporaryDirectory(prefix="glucoloop-eva-") as made:
-        folder = Path(made)
-        written(exported, record, None, folder)
-        (folder / "main.c").write_text(main)
-        code, said = ran(["frama-c", *_EVA, *(str(folder / file) for file in ("main.c", *others))], folder)
+    code, said = _eva(tuple(files.items()))
     if code:
         return Rung(name, None, f"Frama-C does not run: {' '.join(said.split())[-300:]}", {})
     alarms = len(re.findall(r"\[eva:alarm\]", said))
@@ -141,3 +146,21 @@ def _analysed(
         said = f"{alarms} alarms are left" + ("" if proved else "; a bound is not proved")
         return Rung(name, False, said, {"alarms": alarms})
     return Rung(name, True, f"{told}, and no run-time error", {"alarms": 0})
+
+
+@functools.lru_cache(maxsize=8)
+def _eva(files: tuple[tuple[str, str], ...]) -> tuple[int, str]:
+    """Exit code and output of Frama-C; the function that bounds the rate is the same in many controllers."""
+    with tempfile.TemporaryDirectory(prefix="glucoloop-eva-") as made:
+        folder = Path(made)
+        _write(folder, dict(files))
+        return ran(["frama-c", *_EVA, *(str(folder / name) for name, _ in files if name.endswith(".c"))], folder)
+
+
+def _code(exported: Exported) -> dict[str, str]:
+    return {"controller.h": exported.source.header, "controller.c": exported.source.code}
+
+
+def _write(folder: Path, files: Mapping[str, str]) -> None:
+    for name, text in files.items():
+        (folder / name).write_text(text)

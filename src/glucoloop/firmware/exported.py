@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.control.protocol import Controller, Decision, Observation, Status
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.evaluate import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
-from glucoloop.pumps import DoseLimits
+from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 
 PRECISIONS = ("float32", "float64")
 
@@ -27,11 +27,8 @@ class Exported:
     traced: Traced
     precision: str
     limits: DoseLimits
-
-    @property
-    def last(self) -> LastClamp:
-        """Bounds that C applies last."""
-        return _last_clamp(self.limits, np.dtype(self.precision))
+    last: LastClamp
+    """Bounds that C applies last."""
 
     def meaning(self) -> tuple[Evaluation, Evaluation]:
         """Init and step of the compact form in NumPy, as a reference."""
@@ -46,6 +43,7 @@ def export(
     *,
     precision: str = "float32",
     form: str = "auto",
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
 ) -> Exported:
     """Write a controller in C.
 
@@ -60,6 +58,8 @@ def export(
         Lines for the head of the files.
     precision : {"float32", "float64"}
     form : {"auto", "unrolled", "compact"}
+    bolus : BolusLimits
+        Limits of boluses of the pump, the largest of which bounds those of the controller.
 
     Raises
     ------
@@ -76,21 +76,21 @@ def export(
 
     of_chip = jax.tree.map(cast, controller)
     seen = jax.tree.map(lambda leaf: np.asarray(cast(leaf)), observation)
-    least, most = real.type(limits.min_mU_min), real.type(limits.max_mU_min)
+    last = _last_clamp(limits, bolus if gives_boluses(controller) else None, real)
 
     def step(state: Any, observation: Observation) -> tuple[Any, Decision]:
         state, decision = of_chip.step(state, observation)
-        return state, _finished(decision, least, most)
+        return state, _finished(decision, last, real)
 
     try:
         traced = trace(of_chip.init, step, seen, precision)
-        source = write_source(traced, title, form, _last_clamp(limits, real))
+        source = write_source(traced, title, form, last)
     except UnsupportedError as error:
         raise ValueError(f"this controller cannot be written in C in the {form} form: it uses {error}") from None
-    return Exported(source=source, traced=traced, precision=precision, limits=limits)
+    return Exported(source=source, traced=traced, precision=precision, limits=limits, last=last)
 
 
-def _last_clamp(limits: DoseLimits, real: np.dtype[Any]) -> LastClamp:
+def _last_clamp(limits: DoseLimits, bolus: BolusLimits | None, real: np.dtype[Any]) -> LastClamp:
     """Limits of the pump as C applies them last, with room for the rounding that controllers and guard allow."""
     rounding = 8.0 * float(np.finfo(real).eps) * float(limits.max_mU_min)
     return LastClamp(
@@ -99,16 +99,17 @@ def _last_clamp(limits: DoseLimits, real: np.dtype[Any]) -> LastClamp:
         least=float(real.type(limits.min_mU_min)),
         most=float(real.type(limits.max_mU_min)),
         change=float(real.type(float(limits.max_change_mU_min) + rounding)),
+        bolus=None if bolus is None else ("bolus_mU", float(real.type(bolus.max_mU))),
     )
 
 
-def _finished(decision: Decision, least: Any, most: Any) -> Decision:
+def _finished(decision: Decision, last: LastClamp, real: np.dtype[Any]) -> Decision:
     """A decision whose dose is a number within the limits of the pump."""
-    dose, bolus = decision.insulin_mU_min, decision.bolus_mU
+    dose, bolus, least, most = decision.insulin_mU_min, decision.bolus_mU, real.type(last.least), real.type(last.most)
     finite = jnp.isfinite(dose)
-    if bolus is not None:
+    if bolus is not None and last.bolus is not None:
         finite = finite & jnp.isfinite(bolus)
-        bolus = jnp.where(finite & (bolus > 0.0), bolus, 0.0)
+        bolus = jnp.where(finite & (bolus > 0.0), jnp.minimum(bolus, real.type(last.bolus[1])), 0.0)
     return dataclasses.replace(
         decision,
         insulin_mU_min=jnp.clip(jnp.where(finite, dose, least), least, most),

@@ -99,6 +99,7 @@ def _samples(exported: Exported, record: Record) -> str:
             "#include <string.h>",
             "",
             f"#define SAMPLES {len(record.observations)}U",
+            f"#define RUN {record.run}U /* samples after which the controller is woken anew */",
             f"#define LEAST {format.literal(float(limits.min_mU_min))}",
             f"#define MOST {format.literal(float(limits.max_mU_min))}",
             "",

@@ -40,17 +40,61 @@ _ABSURD_SHARE: Final = 6
 
 @dataclass(frozen=True)
 class Record:
-    """Samples in their order; the state passes from each to the next."""
+    """Samples of one or more runs; within a run the state passes from each sample to the next."""
 
     observations: list[Leaves]
+    states: list[Leaves]
+    """States before the samples."""
     decisions: list[Leaves]
+    run: int
+    """Number of samples of a run, after which the controller is woken anew."""
 
     def differs(self, other: Record) -> int | None:
         """First sample at which the decisions differ in a bit; None if they are the same."""
         for i, (here, there) in enumerate(zip(self.decisions, other.decisions, strict=True)):
-            if not all(same(a, b) for a, b in zip(here, there, strict=True)):
+            if not equal(here, there):
                 return i
         return None
+
+    def wrong_step(self, init: Init, step: Step, samples: int | None = None) -> int | None:
+        """First sample at which another implementation gives another decision or state; None if there is none.
+
+        Parameters
+        ----------
+        init, step : callable
+        samples : int, optional
+            Number of samples that are computed, spread over the record; all by default.
+        """
+        last = len(self.observations) - 1
+        for i in range(last + 1) if samples is None else spread(samples, last):
+            if i % self.run == 0 and not equal(init(self.observations[i]), self.states[i]):
+                return i
+            after, decided = step(self.states[i], self.observations[i])
+            goes_on = i < last and (i + 1) % self.run
+            if not equal(decided, self.decisions[i]) or (goes_on and not equal(after, self.states[i + 1])):
+                return i
+        return None
+
+
+def spread(number: int, last: int) -> list[int]:
+    """Up to so many places from 0 to the last one, at distances as equal as can be."""
+    return sorted({round(place) for place in np.linspace(0, last, min(number, last + 1))})
+
+
+def joined(records: Sequence[Record]) -> Record:
+    """Records of equally long runs, one after another."""
+    (run,) = {record.run for record in records}
+    return Record(
+        observations=[leaves for record in records for leaves in record.observations],
+        states=[leaves for record in records for leaves in record.states],
+        decisions=[leaves for record in records for leaves in record.decisions],
+        run=run,
+    )
+
+
+def equal(here: Sequence[Any], there: Sequence[Any]) -> bool:
+    """Whether all arrays have the same bits."""
+    return all(same(a, b) for a, b in zip(here, there, strict=True))
 
 
 def same(a: Any, b: Any) -> bool:
@@ -135,6 +179,7 @@ def record(
     stepper, rng = stepper_of(situation, seed), np.random.default_rng(seed)
     seen = example(controller, stepper)
     observations: list[Leaves] = []
+    states: list[Leaves] = []
     decisions: list[Leaves] = []
     state: Leaves = []
     for i in range(samples):
@@ -142,6 +187,7 @@ def record(
         if i >= samples - samples // _ABSURD_SHARE:
             leaves = [_absurd(leaf, rng) for leaf in leaves]
         state = state if i else init(leaves)
+        states.append(state)
         state, decided = step(state, leaves)
         observations.append(leaves)
         decisions.append(decided)
@@ -151,19 +197,19 @@ def record(
         seen = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
         if situation.announced:
             seen = dataclasses.replace(seen, announced_carbs_g=jnp.asarray(carbs))
-    return Record(observations, decisions)
+    return Record(observations, states, decisions, samples)
 
 
-def replayed(of: Record, init: Init, step: Step, samples: int | None = None) -> Record:
+def replayed(of: Record, init: Init, step: Step) -> Record:
     """Decisions of another implementation for the same observations."""
     state: Leaves = []
-    decisions = []
-    observations = of.observations[:samples]
-    for i, seen in enumerate(observations):
-        state = state if i else init(seen)
+    states, decisions = [], []
+    for i, seen in enumerate(of.observations):
+        state = state if i % of.run else init(seen)
+        states.append(state)
         state, decided = step(state, seen)
         decisions.append(decided)
-    return Record(observations, decisions)
+    return Record(of.observations, states, decisions, of.run)
 
 
 def leaves_of(seen: Observation, exported: Exported) -> Leaves:

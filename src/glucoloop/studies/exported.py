@@ -30,6 +30,7 @@ def exported_controller(
         title,
         precision=code.precision,
         form=code.form,
+        bolus=situation.bolus,
     )
 
 

@@ -45,7 +45,7 @@ int main(void)
   for (uint32_t i = 0U; i < SAMPLES; i++)
   {
     samples_given(i, &observation);
-    if (i == 0U)
+    if ((i % RUN) == 0U)
     {
       gl_init(&workspace, &state, &observation);
     }

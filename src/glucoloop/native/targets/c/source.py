@@ -48,7 +48,7 @@ class Traced:
 
 @dataclass(frozen=True)
 class LastClamp:
-    """Bounds of a rate that the step keeps already, and that C applies once more, so that tools can prove them."""
+    """Bounds of doses that the step keeps already, and that C applies once more, so that tools can prove them."""
 
     rate: str
     """Field of the decision."""
@@ -58,20 +58,31 @@ class LastClamp:
     most: float
     change: float
     """Largest change from a delivered rate that is within the bounds, with all rounding of the step."""
+    bolus: tuple[str, float] | None = None
+    """Field of the decision for a bolus, and the largest one; None without boluses."""
 
     def lines(self, format: Format) -> list[str]:
         """Last statements of the step."""
         place = f"decision->{self.rate}"
+        doses = [(place, f"gl_limited({place}, observation->{self.delivered})", self.least)]
+        if self.bolus is not None:
+            name, largest = self.bolus
+            place = f"decision->{name}"
+            doses.append((place, f"gl_clip({place}, {format.literal(0.0)}, {format.literal(largest)})", 0.0))
+        # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
         return [
-            f"{place} = gl_limited({place}, observation->{self.delivered});",
-            # Frama-C concludes that a number is one from x == x alone, not from a comparison with a bound.
-            f"{place} = ({place} == {place}) ? {place} : {format.literal(self.least)};",
+            line
+            for place, bounded, least in doses
+            for line in (
+                f"{place} = {bounded};",
+                f"{place} = ({place} == {place}) ? {place} : {format.literal(least)};",
+            )
         ]
 
     def function(self, format: Format) -> list[str]:
         """Definition of the function that is called."""
         real, low, high, change = format.type, *map(format.literal, (self.least, self.most, self.change))
-        return [
+        lines = [
             "/* The rate, which the limits of the pump have bounded before: once more, so that it can be proved. */",
             f"static {real} gl_limited({real} rate, {real} delivered)",
             "{",
@@ -81,6 +92,7 @@ class LastClamp:
             "}",
             "",
         ]
+        return _indented(lines)
 
 
 @dataclass(frozen=True)
@@ -266,7 +278,8 @@ def _code(bodies: Sequence[Body], tables: Tables, format: Format, last: Sequence
     return [
         *_tables(tables, "\n".join([*first, *each]), format),
         *helpers([*functions, *last, *first, *each], format),
-        *_indented([*functions, *last]),
+        *_indented(functions),
+        *last,
         *first,
         "",
         *each,
