@@ -45,7 +45,9 @@ export function fromToml(text) {
 /** @param {string} text @param {string} line */
 function valueOf(text, line) {
   try {
-    return JSON.parse(text.replace(/,\s*\]$/, "]"));
+    // Short tables are written in one line, as { key = value }, which JSON writes as { "key": value }.
+    const json = text.includes("{ ") ? text.replace(/([{,] )(\w+) = /g, '$1"$2": ') : text;
+    return JSON.parse(json.replace(/,\s*\]$/, "]"));
   } catch {
     throw new RangeError(`the configuration has the line '${line}', which this page cannot read`);
   }

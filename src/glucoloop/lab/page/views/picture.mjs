@@ -99,11 +99,12 @@ function mark(session, place) {
   const button = element("button", { type: "button", class: "mark", "aria-describedby": "lane-help" });
   /** The meal that this button moves; its place changes when it passes another. */
   let own = place;
-  const set = (/** @type {Meal} */ meal) => {
+  /** @param {Meal} meal @param {string} by */
+  const set = (meal, by) => {
     const meals = [...session.situation.meals];
     meals[own] = meal;
     try {
-      session.change({ meals }, `meal ${place}`);
+      session.change({ meals }, by);
     } catch (error) {
       if (!(error instanceof RangeError)) throw error;
       say(texts.refused(error.message), true);
@@ -124,7 +125,7 @@ function mark(session, place) {
       byId("add-meal").focus();
     } else if (event.key in moves) {
       const [right, up] = moves[/** @type {keyof typeof moves} */ (event.key)];
-      set(within(meal.t_min + right * MEAL_STEP_MIN, meal.carbs_g + up * MEAL_STEP_G));
+      set(within(meal.t_min + right * MEAL_STEP_MIN, meal.carbs_g + up * MEAL_STEP_G), `meal ${place} by keys`);
       /** @type {HTMLElement} */ (byId("lane").children[own]).focus();
     } else return;
     event.preventDefault();
@@ -133,11 +134,12 @@ function mark(session, place) {
     own = place;
     const from = { ...session.situation.meals[own], x: event.clientX, y: event.clientY };
     const per_px = session.end_min / (byId("glucose").clientWidth || 1);
+    const drag = `drag ${event.timeStamp}`;
     button.setPointerCapture(event.pointerId);
     const move = (/** @type {PointerEvent} */ to) => {
       const t = from.t_min + (to.clientX - from.x) * per_px;
       const g = from.carbs_g - (to.clientY - from.y) / PX_PER_G;
-      set(within(MEAL_STEP_MIN * Math.round(t / MEAL_STEP_MIN), MEAL_STEP_G * Math.round(g / MEAL_STEP_G)));
+      set(within(MEAL_STEP_MIN * Math.round(t / MEAL_STEP_MIN), MEAL_STEP_G * Math.round(g / MEAL_STEP_G)), drag);
     };
     button.addEventListener("pointermove", move);
     button.addEventListener("lostpointercapture", () => button.removeEventListener("pointermove", move), { once: true });

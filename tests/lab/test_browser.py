@@ -1,0 +1,134 @@
+"""The page in a browser: axe-core finds nothing, every control answers to the keyboard, and what is told is saved.
+
+It needs node, chromium, and a folder with the packages `playwright-core` and `axe-core` of npm, whose path is in
+GLUCOLOOP_NODE_MODULES: ``npm install --prefix /tmp/axe playwright-core axe-core``, then ``/tmp/axe/node_modules``.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glucoloop.config.run import read_run
+from glucoloop.config.toml import toml_text
+from glucoloop.lab.pack import page
+from glucoloop.report._page import Repeat, situation
+from glucoloop.report._page import page as page_of
+from glucoloop.report._plot import GLUCOSE, Panel, plot
+
+NODE, CHROMIUM = shutil.which("node"), shutil.which("chromium") or shutil.which("chromium-browser")
+MODULES = os.environ.get("GLUCOLOOP_NODE_MODULES")
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (NODE and CHROMIUM and MODULES),
+        reason="needs node, chromium, and GLUCOLOOP_NODE_MODULES with playwright-core and axe-core",
+    ),
+]
+
+
+def trial_page():
+    """A page with the percentiles of people, as that of a trial has them."""
+    t = np.arange(0.0, 300.0, 5.0)
+    panel = Panel(GLUCOSE, 60.0, 200.0, 10.0, "Glucose")
+    for low, high, name in ((-20.0, 30.0, "90 % of the people"), (-10.0, 12.0, "50 % of the people")):
+        panel.band(t, 100.0 + low + 0.0 * t, 100.0 + high + t / 10.0, f'class="band" data-name="{name}"')
+    panel.line(t, 100.0 + t / 20.0, 'data-name="median"')
+    keys = {"population": "parker2000", "people": 9, "days": 1, "meals": ["40g@60min"], "case": [{"controller": "imc"}]}
+    told = situation({}, Repeat("trial --config trial.toml", keys))
+    return page_of("Trial", plot([panel], 300.0, name="imc") + told)
+
+
+@pytest.fixture(scope="module")
+def shown(in_node, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lab")
+    [answer] = in_node(["#controller=imc&meals=30g%4020min"])
+    names = {0: "ok", 1: "dose limited"}
+    trace = answer["trace"]
+    columns = ["t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min"]
+    lines = [
+        ",".join([*map(str, values), names[status]])
+        for *values, status in zip(*(trace[name] for name in columns), trace["status"], strict=True)
+    ]
+    files = {
+        "lab.html": page(),
+        "trace.csv": "\n".join([",".join([*columns, "status"]), *lines]) + "\n",
+        "run.toml": toml_text(read_run({"controller": "imc", "meals": ["30g@20min"]}).keys(), "run --config run.toml"),
+        "report.html": trial_page(),
+    }
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    command = [NODE, Path(__file__).with_name("use.mjs"), CHROMIUM, MODULES, *(folder / name for name in files)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_nobody_is_kept_out_and_nothing_is_loaded(shown):
+    assert len(shown["views"]) == 4
+    for view in (*shown["views"], {**shown["used"]["seen"], "violations": [], "wide": 0, "width": 0}):
+        assert view["violations"] == []
+        assert view["errors"] == []
+        assert [load.rpartition("/")[2].partition("#")[0] for load in view["loads"]] == ["lab.html"]
+        assert view["wide"] <= view["width"]
+
+
+def test_every_control_is_reached_by_the_keyboard(shown):
+    assert shown["used"]["reached"] == shown["used"]["controls"] > 20
+
+
+def test_meals_are_moved_by_keys_and_by_hand_and_moved_back(shown):
+    used = shown["used"]
+    assert used["byKeys"] == ["55g@55min", "Meal 1: 55 g at 55 min"]
+    carbs, _, time = used["dragged"].removesuffix("min").partition("g@")
+    assert int(carbs) == 75
+    assert 120 <= int(time) <= 150
+    assert used["undone"] == "55g@55min"
+
+
+def test_a_moment_is_explained_in_the_units_that_were_chosen(shown):
+    used = shown["used"]
+    assert used["moment"].startswith("70 min: glucose ")
+    assert used["why"].startswith("At 70 min: glucose ")
+    assert "Its model expects" in used["why"]
+    table, why, link = used["units"]
+    assert "mmol/l" in table
+    assert "mg/dl" not in table
+    assert "mmol/l" in why
+    assert "U/h" in why
+    assert "mU/min" not in why
+    assert link.endswith("&shown_glucose=mmol%2Fl&shown_insulin=U%2Fh")
+
+
+def test_numbers_picture_and_program_are_taken_along(shown):
+    saved = shown["used"]["saved"]
+    assert set(saved) == {"glucoloop-lab.csv", "glucoloop-lab.svg", "glucoloop-lab.png"}
+    table = saved["glucoloop-lab.csv"].split("\n")
+    assert table[0] == "t_min,glucose_mg_dl,reading_mg_dl,command_mU_min,insulin_mU_min,status"
+    assert len(table) == 122
+    assert saved["glucoloop-lab.svg"].startswith("<svg xmlns=")
+    assert "glucoloop run --patient parker-1999" in saved["glucoloop-lab.svg"]
+    assert saved["glucoloop-lab.png"].startswith("\x89PNG")
+    assert "outcome = close_the_loop(read_run(keys))" in shown["used"]["python"]
+
+
+def test_results_are_loaded(shown):
+    told, rows = shown["used"]["run"]
+    assert "differs by 0.0000 mmol/l at most" in told
+    assert rows == 2
+    told, cases = shown["used"]["trial"]
+    assert told.startswith("Behind the picture are the people of the trial under imc")
+    assert cases == []
+    assert shown["used"]["foreign"].startswith("Nothing was loaded: the page tells no configuration")
+
+
+def test_nonsense_is_refused_in_a_sentence_and_the_page_works(shown):
+    assert shown["used"]["nonsense"].startswith(
+        "The link was not used: the controller is 'fuzzy'; the known ones are: "
+    )
+    assert shown["used"]["after"] == "Change anything; the picture follows at once."

@@ -1,0 +1,111 @@
+// Uses the page as people do, and says what it shows: node use.mjs CHROMIUM FOLDER_OF_NODE_MODULES PAGE FILES... prints JSON.
+// FILES are results to load: a table and a configuration of a run, and the page of a trial.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { pathToFileURL } from "node:url";
+
+const [, , executablePath, modules, file, table, configuration, trial] = process.argv;
+const require = createRequire(`${modules}/`);
+const { chromium } = require("playwright-core");
+const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
+const address = pathToFileURL(file).href;
+
+async function open(hash, options = {}) {
+  const page = await browser.newPage({ viewport: { width: 1280, height: 900 }, ...options });
+  const seen = { loads: [], errors: [] };
+  page.on("request", (request) => {
+    if (!/^(data|blob):/.test(request.url())) seen.loads.push(request.url());
+  });
+  page.on("pageerror", (error) => seen.errors.push(error.message));
+  await page.goto(address + hash);
+  await page.waitForFunction(() => document.documentElement.dataset.ready);
+  return { page, seen };
+}
+const drawn = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+const of = (page, selector) => page.locator(selector).innerText();
+const hash = (page) => page.evaluate(() => new URLSearchParams(location.hash.slice(1)).get("meals"));
+
+const views = [];
+for (const width of [1280, 390])
+  for (const colorScheme of ["light", "dark"]) {
+    const { page, seen } = await open("#controller=mpc&guard=true&noise_variance=1.45", { viewport: { width, height: 844 }, colorScheme });
+    for (const details of await page.locator("details:visible > summary").all()) await details.click();
+    await page.locator("#pin").click();
+    await page.locator("#moment").press("ArrowRight");
+    await drawn(page);
+    await page.evaluate(axe);
+    const { violations } = await page.evaluate(() => axe.run());
+    views.push({
+      width, colorScheme, ...seen,
+      violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html.slice(0, 120)).join("; ")}`),
+      wide: await page.evaluate(() => document.documentElement.scrollWidth),
+    });
+    await page.close();
+  }
+
+const { page, seen } = await open("");
+const used = {};
+// Every control is reached by the tabulator, and has a name.
+used.controls = await page.locator("a[href]:visible, button:enabled:visible, input:visible, select:visible, summary:visible").count();
+const reached = new Set();
+await page.evaluate(() => /** @type {HTMLElement} */ (document.activeElement).blur());
+for (let press = 0; press < 3 * used.controls; press++) {
+  await page.keyboard.press("Tab");
+  const at = await page.evaluate(() => {
+    const all = [...document.querySelectorAll("a[href], button, input, select, summary")];
+    return all.indexOf(document.activeElement);
+  });
+  if (at >= 0) reached.add(at);
+}
+used.reached = reached.size;
+const mark = page.locator(".mark").first();
+await mark.press("ArrowRight");
+await mark.press("ArrowUp");
+await drawn(page);
+used.byKeys = [await hash(page), await mark.getAttribute("aria-label")];
+const box = await mark.boundingBox();
+await page.mouse.move(box.x + 8, box.y + 8);
+await page.mouse.down();
+await page.mouse.move(box.x + 108, box.y - 32, { steps: 4 });
+await page.mouse.up();
+await drawn(page);
+used.dragged = await hash(page);
+await page.locator("#undo").click();
+await drawn(page);
+used.undone = await hash(page);
+await page.locator("#moment").press("Home");
+for (let press = 0; press < 14; press++) await page.locator("#moment").press("ArrowRight");
+await drawn(page);
+used.moment = await page.locator("#moment").getAttribute("aria-valuetext");
+used.why = await of(page, "#why");
+await page.locator("#glucose-unit").selectOption("mmol/l");
+await page.locator("#insulin-unit").selectOption("U/h");
+await drawn(page);
+used.units = [await of(page, "thead"), await of(page, "#why"), await page.evaluate(() => location.hash)];
+used.saved = {};
+for (const kind of ["csv", "svg", "png"]) {
+  const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#save-${kind}`).click()]);
+  used.saved[download.suggestedFilename()] = readFileSync(await download.path()).subarray(0, 200_000).toString("latin1");
+}
+await page.locator("#form").selectOption("python");
+used.python = await of(page, "#same");
+await page.locator("#load-box summary").click();
+await page.setInputFiles("#load", [table, configuration]);
+await drawn(page);
+used.run = [await of(page, "#said"), await page.locator("#numbers tr").count()];
+await page.setInputFiles("#load", [trial]);
+await drawn(page);
+used.trial = [await of(page, "#said"), await page.locator("#loaded-cases button").allInnerTexts()];
+await page.setInputFiles("#load", [file]);
+await drawn(page);
+used.foreign = await of(page, "#said");
+await page.evaluate(() => { location.hash = "#controller=fuzzy"; });
+await drawn(page);
+used.nonsense = await of(page, "#said");
+await page.locator("#controller").selectOption("pid");
+await drawn(page);
+used.after = await of(page, "#said");
+used.seen = seen;
+await browser.close();
+console.log(JSON.stringify({ views, used }));
