@@ -22,9 +22,10 @@ from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
+from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
-from glucoloop.tuning.designers import designer
+from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
 from glucoloop.tuning.paper import paper_tuning_surface, printed_tuning
 from glucoloop.tuning.search import _block, search
@@ -242,3 +243,11 @@ def test_printed_tuning_of_linear_mpc_is_not_the_least_sum_of_squares(identified
     assert (rank.rank, rank.points) == (28, 40)
     assert rank.best.move_horizon == 4
     assert rank.best_sse < 0.5 * rank.sse
+
+
+def test_reference_filters_of_a_grid_are_those_of_the_entry_or_the_usual_one(monkeypatch):
+    assert usual_filters("mpc", {"move_horizon": 2}) is None
+    assert usual_filters("mpc-se", {"reference_filter": 0.65}) == ".3:.8:.05"
+    entry = dataclasses.replace(controller_entry("mpc-se"), name="outside", reference_filters=None)
+    monkeypatch.setitem(CONTROLLERS, "outside", entry)
+    assert usual_filters("outside", {"reference_filter": 0.65}) == "0.65"

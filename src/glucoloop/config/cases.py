@@ -53,7 +53,7 @@ def take_cases(given: dict[str, Any], of_file: dict[str, Any]) -> list[dict[str,
 
 def under_shared(shared: Mapping[str, object], case: Mapping[str, object]) -> dict[str, object]:
     """The keys of a case over those that all cases share; limits of a guard hold where there is one."""
-    keys = overlay(shared, {"controller": "mpc", **case})
+    keys = overlay(shared, {"controller": catalogue.USUAL_CONTROLLER, **case})
     if keys.get("guard") is True:
         return keys
     return {key: value for key, value in keys.items() if key not in GUARD or key in case}
@@ -108,7 +108,7 @@ def refuse_idle(
 def _with(given: Mapping[str, Any], case: Mapping[str, Any], of_file: Mapping[str, Any]) -> dict[str, Any]:
     """A case of the file with those given keys that its controller and its guard have."""
     told = {**of_file, **case, **given}
-    controllers = ["mpc", *controllers_of(of_file, [told])]
+    controllers = [catalogue.USUAL_CONTROLLER, *controllers_of(of_file, [told])]
     upper = {key: value for key, value in given.items() if key in case_key_names(*controllers)}
     own = {setting.name for setting in catalogue.controller_entry(controllers[-1]).settings}
     foreign = {*(catalogue.setting_names(*controllers) - own), *(() if told.get("guard") is True else GUARD)}

@@ -159,7 +159,7 @@ def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], name
 def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
     """Read a case from flat keys, completed for its situation."""
     own = own_keys(keys, CaseKeys)
-    controller = str(own.get("controller", "mpc"))
+    controller = str(own.get("controller", catalogue.USUAL_CONTROLLER))
     _refuse_reserved(catalogue.controller_entry(controller))
     known = catalogue.setting_names(controller)
     settings = {key: value for key, value in keys.items() if key in known}
@@ -303,7 +303,10 @@ def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
     sample_time = lower.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
     if isinstance(sample_time, int | float) and sample_time > 0.0:
         usual |= entry.identification(float(sample_time))
-    point, controller = lower.get("operating_point", entry.usual_point), lower.get("controller", "mpc")
+    point, controller = (
+        lower.get("operating_point", entry.usual_point),
+        lower.get("controller", catalogue.USUAL_CONTROLLER),
+    )
     noisy = bool(lower.get("noise_variance"))
     usual |= catalogue.complete(str(controller), {}, entry, str(point), noisy=noisy)
     usual |= complete_guard({}, entry)

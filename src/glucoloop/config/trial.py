@@ -32,6 +32,7 @@ from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
+from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import refuse_unknown_keys
 from glucoloop.simulation.closed_loop import sample_grid
@@ -216,7 +217,7 @@ def _cases(
 ) -> tuple[Case, ...]:
     if len(tables) > MOST_CASES:
         raise ValueError(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
-    read = [_read_case(table, shared, situation) for table in tables or [{"label": "mpc"}]]
+    read = [_read_case(table, shared, situation) for table in tables or [{"label": USUAL_CONTROLLER}]]
     guarded = any(case.guard is not None for case in read)
     refuse_idle(shared, [case.controller for case in read], guarded=guarded, names=names)
     return tuple(read)

@@ -47,6 +47,9 @@ class ControllerEntry(Entry):
     tunable: bool = False
     """Whether `glucoloop tune` tries a grid of it: it has the settings of a predictive controller, and `horizons` and
     `padded` as `control.LinearMPC` has them."""
+    reference_filters: str | None = None
+    """Range of the setting ``reference_filter`` that `glucoloop tune` tries unless another one is given, like
+    ``.3:.8:.05``; without it, the usual value alone."""
     gives_boluses: bool = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
     slow: bool = False
@@ -111,6 +114,7 @@ CONTROLLERS: Final = Catalogue(
             uses_model=False,
             individual="glucoloop.experiments.individual:mpc_se",
             tunable=True,
+            reference_filters=".3:.8:.05",
         ),
         ControllerEntry(
             name="nlqdmc-se",
@@ -119,6 +123,7 @@ CONTROLLERS: Final = Catalogue(
             record="glucoloop.control.settings:NLQDMCSettings",
             uses_model=False,
             tunable=True,
+            reference_filters=".3:.5:.1,.57,.7,.8",  # half as many, since its loops take a hundred times as long
             slow=True,
         ),
         ControllerEntry(
@@ -183,6 +188,7 @@ CONTROLLERS: Final = Catalogue(
 )
 
 
+USUAL_CONTROLLER: Final = "mpc"
 TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tunable)
 """Controllers of which `glucoloop tune` tries a grid."""
 SEARCHED: Final = next(entry for entry in CONTROLLERS.values() if entry.searched)

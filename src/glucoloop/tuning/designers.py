@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from glucoloop.control import Controller, MPCTuning, StateTuning
 from glucoloop.experiments.case import Case
@@ -11,6 +11,7 @@ from glucoloop.experiments.designs import design_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.registry.controllers import TUNABLE, controller_entry
+from glucoloop.registry.settings import Value
 
 Designer = Callable[[MPCTuning], Controller]
 """Function that makes the controller of a tuning."""
@@ -28,6 +29,13 @@ def kind_of_tuning(controller: str) -> type[MPCTuning]:
     if not entry.tunable:
         raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
     return StateTuning if any(setting.name == "reference_filter" for setting in entry.settings) else MPCTuning
+
+
+def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
+    """Range of reference filters that a grid tries unless another one is given; None without such a setting."""
+    if "reference_filter" not in tuning:
+        return None
+    return controller_entry(controller).reference_filters or f"{tuning['reference_filter']:g}"
 
 
 def designer(

@@ -14,9 +14,8 @@ from glucoloop.control import MPCTuning
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.tuning.designers import designer, kind_of_tuning
+from glucoloop.tuning.designers import designer, kind_of_tuning, usual_filters
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
-from glucoloop.tuning.ranges import REFERENCE_FILTERS
 from glucoloop.tuning.search import Progress, search
 from glucoloop.tuning.surface import TuningSurface
 
@@ -71,7 +70,8 @@ def paper_tuning_surface(
         Callback as in `search`.
     """
     situation, printed = _situation(operating_point), printed_tuning(operating_point, controller)
-    filters = REFERENCE_FILTERS.get(controller)
+    case = usual_case(controller, situation)
+    filters = usual_filters(controller, case.tuning)
     grid = tuning_grid(
         MOVE_HORIZONS,
         PREDICTION_HORIZONS,
@@ -80,6 +80,6 @@ def paper_tuning_surface(
         reference_filters=None if filters is None else parse_numbers(filters),
         reference_start=getattr(printed, "reference_start", 1),
     )
-    design = designer(situation, usual_case(controller, situation), model)
+    design = designer(situation, case, model)
     points = grid if printed in grid else [*grid, printed]
     return search(situation, design, points, name=controller, progress=progress)

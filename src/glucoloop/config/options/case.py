@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from glucoloop.config.key import Key, plain
 from glucoloop.plausible import NOISE_VARIANCE
-from glucoloop.registry.controllers import CONTROLLERS
+from glucoloop.registry.controllers import CONTROLLERS, USUAL_CONTROLLER
 from glucoloop.registry.settings import Value
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ LAGUERRE_FUNCTIONS: Final = _model(
 class CaseKeys:
     """A controller, its tuning, and the model it is designed on."""
 
-    controller: Annotated[str, Key(f"{CONTROLLERS_TOLD}; {OF_OTHERS}.", panel=CONTROLLER_PANEL)] = "mpc"
+    controller: Annotated[str, Key(f"{CONTROLLERS_TOLD}; {OF_OTHERS}.", panel=CONTROLLER_PANEL)] = USUAL_CONTROLLER
     tuning: Mapping[str, Value] = field(default_factory=dict)
     """Settings of the controller, which `control.settings` declares."""
     known_dead_time: Annotated[

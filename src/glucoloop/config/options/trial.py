@@ -11,6 +11,7 @@ from glucoloop.config.options.case import CONTROLLERS_TOLD, OF_OTHERS
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
 from glucoloop.plausible import DURATION
+from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import PATIENTS
 from glucoloop.units import MIN_PER_DAY
 
@@ -84,7 +85,9 @@ class TrialKeys:
     ] = 0.0
     controllers: Annotated[
         tuple[str, ...],
-        _controllers(f"{CONTROLLERS_TOLD}; {OF_OTHERS}. Repeat it for more.", flag="--controller", told="mpc"),
+        _controllers(
+            f"{CONTROLLERS_TOLD}; {OF_OTHERS}. Repeat it for more.", flag="--controller", told=USUAL_CONTROLLER
+        ),
     ] = ()
     design: Annotated[
         Literal["nominal", "individual"],

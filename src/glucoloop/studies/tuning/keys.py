@@ -10,11 +10,10 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import Run, read_run
 from glucoloop.control import MPCTuning
-from glucoloop.registry.controllers import controller_entry
+from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
 from glucoloop.studies.tuning.options import GridKeys, RangeKeys
-from glucoloop.tuning.designers import kind_of_tuning
+from glucoloop.tuning.designers import kind_of_tuning, usual_filters
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.ranges import REFERENCE_FILTERS
 
 _USUAL_SEEDS: Final = 5
 
@@ -53,7 +52,7 @@ def read_grid_search(keys: Mapping[str, object], names: Mapping[str, str] | None
         For a key that is unknown, wrong or at odds with another, or a controller that cannot be tuned.
     """
     called = {key: (names or {}).get(key, key) for key in (*declared(RangeKeys), *declared(GridKeys))}
-    controller = str(keys.get("controller", "mpc"))
+    controller = str(keys.get("controller", USUAL_CONTROLLER))
     kind_of_tuning(controller)
     given = {key: _text(value, called[key]) for key, value in own_keys(keys, RangeKeys).items()}
     for key in given:
@@ -84,7 +83,7 @@ def _text(value: object, name: str) -> str:
 
 def _usual_ranges(run: Run) -> dict[str, str]:
     weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
-    filters = REFERENCE_FILTERS.get(run.case.controller)
+    filters = usual_filters(run.case.controller, run.case.tuning)
     horizons = {"move_horizon": RangeKeys.move_horizon, "prediction_horizon": RangeKeys.prediction_horizon}
     return {**horizons, **weights, **({} if filters is None else {"reference_filter": filters})}
 

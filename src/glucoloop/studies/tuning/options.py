@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from glucoloop.config.key import Key
+from glucoloop.registry.controllers import CONTROLLERS
 from glucoloop.registry.guard import GUARD
-from glucoloop.tuning.ranges import REFERENCE_FILTERS
 
 MOST_SEEDS: Final = 1000
 NOT_TUNED: Final = ("guard", *GUARD)
@@ -27,7 +27,9 @@ class RangeKeys:
         str | None,
         _range(
             "Filters of the reference, φ_r; closer to 1 is slower.",
-            told="; ".join(f"{name}: {values}" for name, values in REFERENCE_FILTERS.items()),
+            told="; ".join(
+                f"{entry.name}: {entry.reference_filters}" for entry in CONTROLLERS.values() if entry.reference_filters
+            ),
         ),
     ] = None
     output_weight: Annotated[
