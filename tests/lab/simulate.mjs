@@ -42,6 +42,7 @@ function answered(asked) {
       trace,
       summary: summary(trace),
       predictions,
+      unlike: found.unlike,
       hash,
       link,
       units: found.units,

@@ -1,5 +1,7 @@
 """What the page prints to repeat a run - a command, a file, a program - is run, and gives the page's trace."""
 
+import html
+import re
 import shlex
 import tomllib
 
@@ -9,6 +11,7 @@ import pytest
 from glucoloop.cli.app import main
 from glucoloop.config.run import read_run
 from glucoloop.config.toml import toml_text
+from glucoloop.report._page import Repeat, situation
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
 
 LINK = "#controller=mpc&guard=true&move_weight=2&meals=60g%4045min+20g%40300min&noise_variance=1.45&seed=3"
@@ -86,6 +89,15 @@ def test_a_complete_configuration_brings_back_its_situation(in_node, corpus):
         assert loaded["unlike"] == []
         assert loaded["situation"]["tuning"].items() <= answer["situation"]["tuning"].items()
         assert loaded["here"] == answer["trace"]
+
+
+def test_a_page_of_results_opens_the_laboratory_with_its_configuration(in_node, corpus):
+    keys = {**tomllib.loads(in_node(corpus[:1])[0]["toml"]), "announce_meals": True, "metrics": []}
+    written = situation({}, Repeat("run --config run.toml", keys))
+    [link] = re.findall(r'href="lab\.html(#[^"]+)"', written)
+    [opened, plain] = in_node([html.unescape(link), corpus[0]])
+    assert opened["trace"] == plain["trace"]
+    assert opened["unlike"] == ["announce_meals = true"]
 
 
 def test_what_the_page_leaves_out_of_a_configuration_is_told(in_node):

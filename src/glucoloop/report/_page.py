@@ -13,12 +13,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from string import Template
 from typing import Any, Final
+from urllib.parse import quote
 
 import glucoloop
 from glucoloop.config.toml import toml_text
 from glucoloop.registry.metrics import NOT_AVAILABLE
 from glucoloop.units import MG_DL_PER_MMOL_L
 
+_LAB: Final = "lab.html"
 FOOTER: Final = "Research software, not a medical device."
 
 _GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+)?))?) mg/dl(?![/²)])")
@@ -96,6 +98,13 @@ def situation(told: Mapping[str, str], repeat: Repeat | None) -> str:
             f"<details><summary>The whole configuration, <code>{html.escape(name)}</code></summary>"
             f"<pre><code>{html.escape(toml_text(repeat.keys, repeat.command))}</code></pre></details>",
         ]
+        if "controller" in repeat.keys or "case" in repeat.keys:
+            opened = f"{_LAB}#configuration={quote(toml_text(repeat.keys, repeat.command), safe='')}"
+            parts.append(
+                "<p>To change it and watch what follows, write the laboratory beside this page, "
+                f"<code>glucoloop lab --out {_LAB}</code>, and "
+                f'<a href="{html.escape(opened)}">open it with this configuration</a>.</p>'
+            )
         if repeat.files:
             links = ", ".join(
                 f'<a href="{html.escape(file)}">{html.escape(file)}</a> ({html.escape(what)})'

@@ -1,13 +1,16 @@
 // @ts-check
 /** The part of the page's address after the #: the situation with its version, and the units in which it is shown. */
 
-import { fromHash, hash } from "./situation.mjs";
+import { fromToml, situationOf } from "./configuration.mjs";
+import { fromHash, hash, VERSION } from "./situation.mjs";
 import { unitOf, usualUnits, UNITS } from "./units.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./units.mjs").Units} Units */
 
+/** Key under which pages of results hand over their whole configuration, as the text of its file. */
+const CONFIGURATION = "configuration";
 /** Keys of the units in a link. */
 const KEYS = { glucose: "shown_glucose", insulin: "shown_insulin" };
 
@@ -29,7 +32,8 @@ export function link(situation, units, data, version) {
  * What a link tells.
  * @param {string} text from the # on
  * @param {Data} data
- * @returns {{situation: Situation, version: string | null, units: Units}}
+ * @returns {{situation: Situation, version: string | null, units: Units, unlike: string[]}} with what a configuration has and the
+ *   page has not
  * @throws {RangeError} with a sentence, for a link that tells nothing possible
  */
 export function fromLink(text, data) {
@@ -40,5 +44,8 @@ export function fromLink(text, data) {
     if (name !== null) units[quantity] = unitOf(quantity, name);
     told.delete(KEYS[quantity]);
   }
-  return { ...fromHash(`#${told}`, data), units };
+  const configuration = told.get(CONFIGURATION);
+  if (configuration === null) return { ...fromHash(`#${told}`, data), units, unlike: [] };
+  const keys = fromToml(configuration);
+  return { ...situationOf(keys, data), version: keys[VERSION] ?? null, units };
 }

@@ -50,9 +50,10 @@ function open() {
     const lesson = lessonOf(hash);
     session.change(found.situation);
     if (lesson === undefined) session.show(found.units);
-    if (lesson !== undefined) say(lesson.text);
-    else if (found.version === null) say(texts.noVersion);
-    else say(found.version === version ? texts.fromLink : texts.otherVersion(found.version, version));
+    if (lesson !== undefined) return say(lesson.text);
+    const left_out = found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "";
+    if (found.version === null) say(texts.noVersion + left_out);
+    else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
   } catch (error) {
     if (!(error instanceof RangeError)) throw error;
     session.change(usual(data));
