@@ -13,9 +13,10 @@ from glucoloop.identification import (
     best_pole,
     laguerre_coefficients,
     laguerre_functions,
+    laguerre_realisation,
     laguerre_smooth,
-    laguerre_tail_pole,
 )
+from glucoloop.identification.laguerre import laguerre_sum
 
 poles = st.floats(0.05, 0.95)
 responses = arrays(float, 36, elements=st.floats(-1, 1, allow_subnormal=False))
@@ -139,25 +140,22 @@ def test_what_has_no_projection_is_refused(refused, sentence):
 
 @settings(deadline=None, max_examples=20)
 @given(st.floats(0.95, 0.97), st.floats(-5, -0.1))
-def test_the_tail_of_a_first_order_decay_is_the_decay_itself(pole, size):
+def test_a_first_order_decay_goes_on_as_it_was(pole, size):
     coefficients = laguerre_coefficients(size * pole ** np.arange(36), pole, 3)
-    assert laguerre_tail_pole(coefficients, pole, 36) == pytest.approx(pole, abs=1e-6)
+    later = laguerre_realisation(coefficients, pole, 36).advanced(36)
+    h = later.output @ later.states(100)
+    np.testing.assert_allclose(h, size * pole ** np.arange(36, 136), atol=1e-8)
 
 
-def test_the_tail_has_what_the_functions_sum_to_after_the_memory():
-    pole, memory, coefficients = 0.98, 200, np.array([-0.9, -0.5, -0.2, 0.1])
-    p = float(laguerre_tail_pole(coefficients, pole, memory))
-    h = coefficients @ np.asarray(laguerre_functions(pole, 4, 20 * memory))
-    assert 0.0 < p < 1.0
-    assert h[memory - 1] * p / (1.0 - p) == pytest.approx(h[memory:].sum(), rel=1e-9)
+def test_a_realisation_is_the_functions_and_what_they_sum_to():
+    pole, coefficients = 0.98, np.array([-0.9, -0.5, -0.2, 0.1])
+    realisation = laguerre_realisation(coefficients, pole, 200)
+    h = coefficients @ np.asarray(laguerre_functions(pole, 4, 4000))
+    np.testing.assert_allclose(realisation.output @ realisation.states(4000), h, atol=1e-12)
+    np.testing.assert_allclose(realisation.sum, coefficients.sum() * laguerre_sum(pole), rtol=1e-9)
 
 
 @settings(deadline=None, max_examples=20)
 @given(arrays(float, 2, elements=st.floats(-5, -0.01)))
 def test_the_published_patients_response_has_died_out_within_its_memory(coefficients):
-    assert laguerre_tail_pole(coefficients, 0.84, 36) is None
-
-
-def test_people_without_a_response_or_with_a_rest_of_another_sign_have_no_tail():
-    people = np.array([[0.0, -1.0, 1.0], [0.0, 0.0, -0.9]])
-    assert laguerre_tail_pole(people, 0.97, 36).tolist() == pytest.approx([0.0, 0.97, 0.0])
+    assert laguerre_realisation(coefficients, 0.84, 36) is None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import signal
 
-from glucoloop.models.step_response import StepResponseModel, extended, lagged_inputs
+from glucoloop.models.step_response import Realisation, StepResponseModel, extended, lagged_inputs
 
 values = st.floats(-50, 50, allow_subnormal=False)
 impulse_responses = arrays(float, 12, elements=values)
@@ -107,20 +107,51 @@ def test_an_input_with_two_axes_is_refused():
         StepResponseModel.from_impulse_response([-0.1], 5.0).predict(np.zeros((3, 2)))
 
 
+def geometric(first, pole, after):
+    """Realisation of increments that fall by the same ratio after so many samples."""
+    return Realisation(transition=np.array([[pole]]), start=np.array([first]), output=np.ones(1), after=after)
+
+
 @settings(deadline=None, max_examples=20)
 @given(impulse_responses, inputs, st.floats(0.0, 0.95))
-def test_a_tail_is_an_impulse_response_that_goes_on_geometrically(h, u, pole):
-    model = StepResponseModel.from_impulse_response(h, 5.0, tail_pole=pole)
+def test_a_realisation_goes_on_after_the_memory(h, u, pole):
+    model = StepResponseModel.from_impulse_response(h, 5.0, realisation=geometric(h[-1] * pole, pole, len(h)))
     whole = np.r_[h, h[-1] * pole ** np.arange(1, 400)]
     np.testing.assert_allclose(model.predict(u), signal.lfilter(np.r_[0.0, whole], [1.0], np.r_[u, 0.0]), atol=1e-9)
     np.testing.assert_allclose(model.gain, whole.sum(), atol=1e-5)
     np.testing.assert_allclose(model.delayed(3).gain, model.gain)
     for response in (model.step_response, np.asarray(model.step_response)):
-        longer = extended(response, model.tail_pole, 60)
+        longer = extended(response, model.realisation, 60)
         np.testing.assert_allclose(longer, np.cumsum(whole)[:60], atol=1e-9)
 
 
-@pytest.mark.parametrize("pole", [-0.1, 1.0, np.nan])
-def test_a_pole_without_a_steady_gain_is_refused(pole):
-    with pytest.raises(ValueError, match="at least 0 and less than 1"):
-        StepResponseModel.from_impulse_response([-1.0, -0.5], 5.0, tail_pole=pole)
+@settings(deadline=None, max_examples=20)
+@given(st.integers(1, 4), st.integers(0, 10_000), st.integers(0, 9))
+def test_a_realisation_is_a_discrete_time_system(order, seed, after):
+    rng = np.random.default_rng(seed)
+    A = rng.uniform(-1.0, 1.0, (order, order))
+    A *= 0.95 / max(1.0, np.abs(np.linalg.eigvals(A)).max())
+    b, c = rng.uniform(-1.0, 1.0, (2, order))
+    _, (y,) = signal.dimpulse((A, b[:, None], c[None], np.zeros((1, 1)), 1.0), n=600)
+    early, generated = rng.uniform(-1.0, 1.0, after), y[1:, 0]
+    realisation = Realisation(transition=A, start=b, output=c, after=after)
+    model = StepResponseModel.from_impulse_response(np.r_[early, generated[:5]], 5.0, realisation=realisation)
+    np.testing.assert_allclose(
+        extended(model.step_response, realisation, 100), np.cumsum(np.r_[early, generated])[:100], atol=1e-9
+    )
+    np.testing.assert_allclose(model.gain, early.sum() + generated.sum(), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("realisation", "sentence"),
+    [
+        (geometric(-0.25, 1.0, 2), "eigenvalue of magnitude 1 does not decay: give one .* less than 1"),
+        (geometric(-0.25, np.nan, 2), "eigenvalue of magnitude inf does not decay"),
+        (geometric(-0.25, 0.5, 3), "after 3 samples .* the memory of 2: give one that begins there or before"),
+        (geometric(-0.4, 0.5, 1), "differs from the impulse response by 0.1 mg/dl per mU/min within its memory"),
+        (geometric(np.nan, 0.5, 1), "differs from the impulse response by nan"),
+    ],
+)
+def test_a_realisation_of_another_response_is_refused(realisation, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        StepResponseModel.from_impulse_response([-1.0, -0.5], 5.0, realisation=realisation)

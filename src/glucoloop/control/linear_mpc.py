@@ -1,11 +1,14 @@
 """Linear model predictive control on a step-response model: dynamic matrix control.
 
-Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV, eq. (15)-(20).
+Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999, Sec. IV, eq. (15)-(20). What a response does after the
+prediction horizon is kept as a small state, the "residual dynamics" of Lee, Morari and Garcia, Automatica 30(4), 1994,
+707-717.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +23,7 @@ from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plan
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LinearMPCSettings, MPCTuning
 from glucoloop.control.tuning import NOISE_FREE, check_gain
-from glucoloop.models.step_response import StepResponseModel, extended
+from glucoloop.models.step_response import Realisation, StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -29,11 +32,13 @@ class LinearMPCState:
     """State of the controller."""
 
     free_response: jax.Array
-    """(M, ...) glucose deviation at this sample and after, from all moves made before it."""
+    """(N, ...) glucose deviation at this sample and after, from all moves made before it."""
     disturbance_mg_dl: jax.Array
     """Reading less the model's present value: held over the horizon, and while readings are missing."""
     insulin_mU_min: jax.Array
     """Rate delivered before this sample."""
+    residual: jax.Array | None = None
+    """(L, ...) state of what comes after N samples; None for a response that is constant there."""
 
 
 @pytree
@@ -41,11 +46,11 @@ class LinearMPC:
     """Linear MPC; see `design_linear_mpc`."""
 
     step_response: jax.Array
-    """(M,) S_1 .. S_M, long enough for the prediction horizon."""
+    """(N,) S_1 .. S_N, long enough for the prediction horizon."""
     plan: MovePlan
     sample_time_min: float = static()
-    tail_pole: jax.Array | None = None
-    """p, ratio of the increments of the step response after S_M; None for a response that is constant there."""
+    realisation: Realisation | None = None
+    """The response after N samples; None for one that is constant there."""
 
     @property
     def gain(self) -> jax.Array:
@@ -59,46 +64,59 @@ class LinearMPC:
 
     def padded(self, moves: int, horizon: int) -> LinearMPC:
         """The same controller with room for more moves and more samples, none of which has any weight."""
-        longer = extended(self.step_response, self.tail_pole, horizon + 1)
-        return dataclasses.replace(self, step_response=longer, plan=self.plan.padded(moves, horizon))
+        longer, after = _remembered(self.step_response, self.realisation, horizon)
+        return dataclasses.replace(self, step_response=longer, realisation=after, plan=self.plan.padded(moves, horizon))
 
     def init(self, observation: Observation) -> LinearMPCState:
         """State of a controller at rest under the delivered rate, with glucose at the first reading."""
-        reading = observation.glucose_mg_dl
+        reading, after = observation.glucose_mg_dl, self.realisation
         return LinearMPCState(
             free_response=jnp.zeros((self.step_response.shape[0], *reading.shape), reading.dtype),
             disturbance_mg_dl=jnp.where(is_known(observation), reading, observation.setpoint_mg_dl),
             insulin_mU_min=rate_at_start(observation, self.plan.limits.min_mU_min),
+            residual=None if after is None else jnp.zeros((after.start.shape[0], *reading.shape), reading.dtype),
         )
 
     def step(self, state: LinearMPCState, observation: Observation) -> tuple[LinearMPCState, Decision]:
         """Include the delivered rate and the reading, and decide on one move."""
         # The pump's word, not our command: what it clipped must not wind up in the prediction.
         delivered = delivered_since(observation, state.insulin_mU_min)
-        free = _after_move(state.free_response, self.step_response, delivered - state.insulin_mU_min, self.tail_pole)
+        free, residual = self._after_move(state, delivered - state.insulin_mU_min)
         known = is_known(observation)
         disturbance = jnp.where(known, observation.glucose_mg_dl - free[0], state.disturbance_mg_dl)
 
         ahead = free[1 : self.gain.shape[0] + 1]
         error = observation.setpoint_mg_dl - disturbance - ahead
         move, converged = self.plan.first_move(error, delivered, disturbance + ahead)
-        state = LinearMPCState(free_response=free, disturbance_mg_dl=disturbance, insulin_mU_min=delivered)
+        state = LinearMPCState(
+            free_response=free, disturbance_mg_dl=disturbance, insulin_mU_min=delivered, residual=residual
+        )
         return state, decide(delivered + move, delivered, self.plan.limits, known, converged)
 
+    def _after_move(self, state: LinearMPCState, move: jax.Array) -> tuple[jax.Array, jax.Array | None]:
+        """Free response one sample on, with a move made at the last sample, and what comes after it.
 
-def _after_move(
-    free_response: jax.Array, step_response: jax.Array, move: jax.Array, tail_pole: jax.Array | None
-) -> jax.Array:
-    """Free response one sample on, with a move made at the last sample.
+        At the far end it stays at its last value, or goes on with the realisation, which is exact for every move ever
+        made.
+        """
+        last, after, residual = state.free_response[-1:], self.realisation, state.residual
+        if after is not None and residual is not None:
+            last = last + after.output @ residual
+            residual = after.transition @ residual + jnp.multiply.outer(after.start, move)
+        shifted = jnp.concatenate([state.free_response[1:], last])
+        return shifted + jnp.multiply.outer(self.step_response, move), residual
 
-    At the far end it stays at its last value, or goes on with the tail. The tail is exact for every move ever made,
-    since the increments of each answer fall by the same ratio from there on.
+
+def _remembered(step_response: Any, realisation: Realisation | None, horizon: int) -> tuple[Any, Realisation | None]:
+    """Coefficients that a controller keeps one by one, and the realisation of the response after them.
+
+    A response without a realisation is kept whole. Otherwise the controller keeps the least number that the prediction
+    horizon and the realisation need.
     """
-    last = free_response[-1:]
-    if tail_pole is not None:
-        last = last + tail_pole * (last - free_response[-2:-1])
-    shifted = jnp.concatenate([free_response[1:], last])
-    return shifted + jnp.multiply.outer(step_response, move)
+    if realisation is None:
+        return extended(step_response, None, horizon + 1), None
+    kept = max(realisation.after, horizon + 1)
+    return extended(step_response, realisation, kept)[:kept], realisation.advanced(kept)
 
 
 @checked
@@ -123,11 +141,14 @@ def design_linear_mpc(
     ============  ==========================================  ========
     variable      meaning                                     size
     ============  ==========================================  ========
-    ``S``         step response                               (M,)
+    ``S``         step response                               (N,)
     ``A``         dynamic matrix, ``A_ij = S_(i-j+1)``        (p, m)
     ``K``         gain, first row of the solution             (p,)
-    ``free``      free response, at the sample and after      (M,)
+    ``free``      free response, at the sample and after      (N,)
     ============  ==========================================  ========
+
+    N is the memory of the model, or for a model with a realisation ``p + 1``: what comes after that is then the
+    response of L further states.
 
     Parameters
     ----------
@@ -161,13 +182,13 @@ def design_linear_mpc(
     [-0.2, -0.36, -0.48]
     """
     response = model.step_response
-    S = extended(
-        response if is_traced(response) else np.asarray(response, float), model.tail_pole, tuning.prediction_horizon + 1
+    S, after = _remembered(
+        response if is_traced(response) else np.asarray(response, float), model.realisation, tuning.prediction_horizon
     )
     plan = plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight))
     check_gain(model.gain)
     return LinearMPC(
-        step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min, tail_pole=model.tail_pole
+        step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min, realisation=_as_jax(after)
     )
 
 
@@ -177,7 +198,7 @@ def linear_mpc_of_people(
     limits: DoseLimits,
     *,
     sample_time_min: float,
-    tail_pole: npt.NDArray[np.float64] | None = None,
+    realisation: Realisation | None = None,
     constraints: str = "clip",
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
@@ -187,19 +208,24 @@ def linear_mpc_of_people(
     Parameters
     ----------
     step_response : (M, people) array
-    tail_pole : (people,) array, optional
-        Ratio of the increments after M samples, 0 for a person whose response ends there; None if everybody's does.
+    realisation : Realisation, optional
+        The responses after n <= M samples, with outputs ``(L, people)``; None for responses that end.
     tuning, limits, constraints, glucose_floor_mg_dl, floor_weight
         As for `design_linear_mpc`.
     sample_time_min : float
     """
-    S = extended(step_response, tail_pole, tuning.prediction_horizon + 1)
+    S, after = _remembered(step_response, realisation, tuning.prediction_horizon)
     return LinearMPC(
         step_response=jnp.asarray(S),
         plan=plans_of_people(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight)),
         sample_time_min=sample_time_min,
-        tail_pole=None if tail_pole is None else jnp.asarray(tail_pole),
+        realisation=_as_jax(after),
     )
+
+
+def _as_jax(realisation: Realisation | None) -> Realisation | None:
+    arrays: Realisation | None = jax.tree.map(jnp.asarray, realisation)
+    return arrays
 
 
 def design(case: DesignCase, settings: LinearMPCSettings) -> LinearMPC:

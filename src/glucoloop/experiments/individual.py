@@ -8,6 +8,7 @@ controllers are designed one by one.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -29,7 +30,7 @@ from glucoloop.identification import (
     design_csrs,
     laguerre_coefficients,
     laguerre_functions,
-    laguerre_tail_pole,
+    laguerre_realisation,
 )
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
@@ -95,19 +96,21 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         known = np.isfinite(glucose).all(axis=0)
         deviation = np.where(known, (glucose - glucose.mean(axis=0)) / np.where(known, amplitude, 1.0), 0.0)
         response = cross_correlation(pulses, deviation, memory)
-        smooth, tail_pole = response, None
+        smooth, network = response, None
         if functions:
             pole = case.laguerre_pole or 0.0
             coefficients = laguerre_coefficients(response, pole, functions)
             smooth = laguerre_functions(pole, functions, memory).T @ coefficients
-            tail_pole = laguerre_tail_pole(coefficients, pole, memory)
+            network = laguerre_realisation(coefficients, pole, memory)
+            if network is not None:
+                network = dataclasses.replace(network, after=late)
         S = np.where(known, np.cumsum(np.asarray(smooth), axis=0), np.nan)
         return linear_mpc_of_people(
             np.concatenate([np.zeros((late, S.shape[1])), S]),
             tuning,
             situation.limits,
             sample_time_min=situation.sample_time_min,
-            tail_pole=tail_pole,
+            realisation=network,
             **settings.moves,
         )
 

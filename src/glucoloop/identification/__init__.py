@@ -13,8 +13,8 @@ from glucoloop.identification.laguerre import (
     best_pole,
     laguerre_coefficients,
     laguerre_functions,
+    laguerre_realisation,
     laguerre_smooth,
-    laguerre_tail_pole,
 )
 from glucoloop.identification.meal_response import meal_answer
 from glucoloop.identification.record import Record, record_from_samples
@@ -37,8 +37,8 @@ __all__ = [
     "identify_record",
     "laguerre_coefficients",
     "laguerre_functions",
+    "laguerre_realisation",
     "laguerre_smooth",
-    "laguerre_tail_pole",
     "least_squares",
     "meal_answer",
     "random_binary_sequence",

@@ -13,8 +13,8 @@ from glucoloop.identification.impulse_response import cross_correlation, least_s
 from glucoloop.identification.laguerre import (
     laguerre_coefficients,
     laguerre_functions,
+    laguerre_realisation,
     laguerre_sum,
-    laguerre_tail_pole,
 )
 from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
@@ -190,9 +190,8 @@ def identify_record(
 
         estimate, coefficients = fit(None), None if basis is None else fit(basis)
     smoothed = estimate if basis is None or coefficients is None else basis.T @ coefficients
-    tail_pole = None if coefficients is None else laguerre_tail_pole(coefficients, laguerre_pole, memory)
-    tail_pole = tail_pole if tail_pole else None
-    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, tail_pole=tail_pole)
+    network = None if coefficients is None else laguerre_realisation(coefficients, laguerre_pole, memory)
+    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
 
     first = 0 if starts_at_rest else memory
     past, readings, meals = lagged_inputs(insulin, memory)[first:], (glucose - offset)[first:], meals[first:]
@@ -204,7 +203,7 @@ def identify_record(
     sought = past if basis is None else past @ basis.T
     of_gain = np.ones(memory)
     if basis is not None:
-        of_gain = np.full(basis.shape[0], laguerre_sum(laguerre_pole)) if tail_pole else np.asarray(basis.sum(axis=1))
+        of_gain = np.full(basis.shape[0], laguerre_sum(laguerre_pole)) if network else np.asarray(basis.sum(axis=1))
     return Identification(
         model=model,
         impulse_response=estimate,

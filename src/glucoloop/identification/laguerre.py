@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from numpy.typing import NDArray
 
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
+from glucoloop.models.step_response import Realisation
 
 LEAST_TAIL: Final = 0.05
-"""Share of the gain that must come after the memory for a response to have a tail."""
+"""Share of the sum of a Laguerre function that must come after the memory for a response to go on after it."""
 
 
 @pytree
@@ -149,17 +149,8 @@ def laguerre_sum(pole: float) -> float:
     return math.sqrt((1.0 + pole) / (1.0 - pole))
 
 
-def laguerre_tail_pole(coefficients: ArrayLike, pole: float, memory: int) -> NDArray[np.float64] | None:
-    """Pole of the geometric tail with which a smoothed impulse response goes on after its memory.
-
-    The coefficients tell the sum of the functions over all time, and so what comes after the memory. The tail begins
-    at the last coefficient of the response and has the same sum::
-
-        h_(M+j) = p^j h_M,    h_M p / (1 - p) = sum_m c_m sqrt((1 + a) / (1 - a)) - sum_{i=1..M} h_i
-
-    A response has died out, and no tail, if less than `LEAST_TAIL` of its sum would come after its memory. One whose
-    tail would last longer than the memory, or have another sign than the whole, is left without a tail, because the
-    record does not show it.
+def laguerre_realisation(coefficients: ArrayLike, pole: float, memory: int) -> Realisation | None:
+    """Realisation of a smoothed impulse response: the Laguerre network that generates its functions, without end.
 
     Parameters
     ----------
@@ -168,22 +159,20 @@ def laguerre_tail_pole(coefficients: ArrayLike, pole: float, memory: int) -> NDA
     pole : float
         a, between 0 and 1.
     memory : int
-        M, the number of samples.
+        M, the number of samples over which the response was fitted.
 
     Returns
     -------
-    array, shape () or (R,), or None
-        p, at most ``1 - 1 / M``, and 0 for a response without a tail; None if each function itself has died out.
+    Realisation or None
+        Realisation of all coefficients, those of the memory included; None if each function has died out, with less
+        than `LEAST_TAIL` of its sum after the memory.
     """
     c, over_all_time = np.asarray(coefficients, dtype=float), laguerre_sum(pole)
-    functions = np.asarray(laguerre_functions(pole, c.shape[0], memory))
-    if np.all(np.abs(over_all_time - functions.sum(axis=1)) < LEAST_TAIL * over_all_time):
+    later = over_all_time - np.asarray(laguerre_functions(pole, c.shape[0], memory)).sum(axis=1)
+    if np.all(np.abs(later) < LEAST_TAIL * over_all_time):
         return None
-    whole, last = c.sum(axis=0) * over_all_time, np.tensordot(functions[:, -1], c, 1)
-    rest = whole - np.tensordot(functions.sum(axis=1), c, 1)
-    late = (rest * whole > 0.0) & (rest * last > 0.0) & (np.abs(rest) >= LEAST_TAIL * np.abs(whole))
-    p = np.where(late, rest / np.where(late, last + rest, 1.0), 0.0)
-    return np.where(p <= 1.0 - 1.0 / memory, p, 0.0)
+    transition, start = _network(jnp.asarray(pole, dtype=float), c.shape[0])
+    return Realisation(transition=transition, start=start, output=jnp.asarray(c))
 
 
 def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | None = None) -> PoleSearch:
@@ -234,13 +223,18 @@ def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | Non
 
 @partial(jax.jit, static_argnums=(1, 2))
 def _functions(pole: Array, functions: int, memory: int) -> Array:
+    transition, start = _network(pole, functions)
+    states = jax.lax.scan(lambda x, _: (transition @ x, x), start, length=memory)[1]
+    return jnp.transpose(states)
+
+
+def _network(pole: Array, functions: int) -> tuple[Array, Array]:
+    """A and X(0)."""
     order = jnp.arange(functions)
     lag = order[:, None] - order[None, :]
     below = (-pole) ** jnp.maximum(lag - 1, 0) * (1 - pole**2)
     transition = jnp.where(lag == 0, pole, jnp.where(lag > 0, below, 0.0))
-    start = (-pole) ** order * jnp.sqrt(1 - pole**2)
-    states = jax.lax.scan(lambda x, _: (transition @ x, x), start, length=memory)[1]
-    return jnp.transpose(states)
+    return transition, (-pole) ** order * jnp.sqrt(1 - pole**2)
 
 
 def _fit(basis: Array, response: Array) -> Array:

@@ -114,8 +114,10 @@ def _patient(operating_point: str, patient: SemilinearPatient) -> dict[str, Any]
     linear = linear_model(patient, sample_time_min=SAMPLE_TIME_MIN)
     Phi, Gamma = np.asarray(linear.Phi), np.asarray(linear.Gamma)
     model = identified_model(around, usual_case("mpc", around), patient).model
-    if model.tail_pole is not None:
-        raise ValueError(f"the model of {operating_point} has a tail, which the controller of the page has not")
+    if model.realisation is not None:
+        raise ValueError(
+            f"the model of {operating_point} outlasts its memory, which the controller of the page does not know"
+        )
     return {
         **plant_numbers(operating_point),
         "x": np.asarray(x).tolist(),

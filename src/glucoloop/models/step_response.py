@@ -1,14 +1,14 @@
 """Step-response model: the finite-memory model of a patient that linear predictive control uses.
 
-Parker, Doyle & Peppas, IEEE Trans. Biomed. Eng. 46(2), 148-157, 1999, eq. (1)-(4). The geometric tail is the "residual
-dynamics" of J. H. Lee, M. Morari, C. E. Garcia, "State-space interpretation of model predictive control", Automatica
-30(4), 1994, 707-717.
+Parker, Doyle & Peppas, IEEE Trans. Biomed. Eng. 46(2), 148-157, 1999, eq. (1)-(4). The realisation of what comes after
+the memory is the "residual dynamics" of J. H. Lee, M. Morari, C. E. Garcia, "State-space interpretation of model
+predictive control", Automatica 30(4), 1994, 707-717.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,48 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
 
+_ROUNDING: Final = 1e-9
+
+
+@pytree
+class Realisation:
+    """State-space realisation of an impulse response after n samples: ``h_(n+j) = c' A^(j-1) b`` for j = 1, 2, ...
+
+    Attributes
+    ----------
+    transition : Array, shape (L, L)
+        A, with eigenvalues within the unit circle.
+    start : Array, shape (L,)
+        b, state one sample after a unit impulse that the first n coefficients have answered.
+    output : Array, shape (L,) or (L, people)
+        c [mg/dl per mU/min].
+    after : int
+        n.
+    """
+
+    transition: Array
+    start: Array
+    output: Array
+    after: int = static(default=0)
+
+    @property
+    def sum(self) -> Array:
+        """Sum of all coefficients after the first n, ``c' (I - A)^-1 b``."""
+        still = jnp.eye(self.transition.shape[0]) - self.transition
+        return jnp.tensordot(jnp.linalg.solve(still, self.start), self.output, 1)
+
+    def states(self, samples: int) -> Any:
+        """States ``b, A b, A^2 b, ..`` from n on, ``(L, samples)``."""
+        xp: Any = jnp if is_traced(self.transition, self.start) else np
+        states, power = xp.asarray(self.start)[:, None], xp.asarray(self.transition)
+        while states.shape[1] < samples:
+            states, power = xp.concatenate([states, power @ states], axis=1), power @ power
+        return states[:, :samples]
+
+    def advanced(self, after: int) -> Realisation:
+        """The same response, realised after a number of samples that is at least n."""
+        return dataclasses.replace(self, start=self.states(after - self.after + 1)[:, -1], after=after)
+
 
 @pytree
 class StepResponseModel:
@@ -26,10 +68,10 @@ class StepResponseModel:
 
     ::
 
-        y_k = sum_{i>=1} h_i u_(k-i),    S_i = h_1 + ... + h_i,    h_(M+j) = p^j h_M
+        y_k = sum_{i>=1} h_i u_(k-i),    S_i = h_1 + ... + h_i
 
-    where u_k is held from t_k to t_(k+1), so that glucose at t_k depends on insulin up to u_(k-1). Without a pole p the
-    response is constant after M samples.
+    where u_k is held from t_k to t_(k+1), so that glucose at t_k depends on insulin up to u_(k-1). Without a
+    realisation the response is constant after M samples.
 
     Attributes
     ----------
@@ -37,17 +79,17 @@ class StepResponseModel:
         S_1..S_M [mg/dl per mU/min]. Trailing axes, one column per model, are allowed.
     sample_time_min : float
         Sample time [min].
-    tail_pole : Array, shape (), or None
-        p, ratio of the increments after M samples, from 0 to less than 1; None for a response that ends there.
+    realisation : Realisation or None
+        Realisation of the response after n <= M samples, for one that outlasts the memory; None for one that ends.
     """
 
     step_response: Array
     sample_time_min: float = static()
-    tail_pole: Array | None = None
+    realisation: Realisation | None = None
 
     @classmethod
     def from_impulse_response(
-        cls, impulse_response: ArrayLike, sample_time_min: float, *, tail_pole: ArrayLike | None = None
+        cls, impulse_response: ArrayLike, sample_time_min: float, *, realisation: Realisation | None = None
     ) -> Self:
         """Model whose step response is the running sum of an impulse response.
 
@@ -57,14 +99,14 @@ class StepResponseModel:
             h_1..h_M [mg/dl per mU/min].
         sample_time_min : float
             Sample time [min].
-        tail_pole : float, optional
-            p, by which the increments fall from sample to sample after the last of these.
+        realisation : Realisation, optional
+            Realisation of the response after n <= M samples.
 
         Raises
         ------
         ValueError
-            If the response is empty or not finite, the sample time is not positive, or the pole is not at least 0 and
-            less than 1.
+            If the response is empty or not finite, the sample time is not positive, or the realisation is not one of
+            this response.
         """
         if not sample_time_min > 0 or not np.isfinite(sample_time_min):
             raise ValueError(
@@ -80,21 +122,10 @@ class StepResponseModel:
                     f"{int((~finite).sum())} of {finite.size} impulse-response coefficients are not finite: "
                     "identify the model again from a record without missing readings."
                 )
-        if (
-            tail_pole is not None
-            and not is_traced(tail_pole)
-            and not 0.0 <= np.min(tail_pole) <= np.max(tail_pole) < 1.0
-        ):
-            raise ValueError(
-                f"A pole of {tail_pole} at the end of the step response is not possible: give one of at least 0 and "
-                "less than 1, or None for a response that ends there."
-            )
+        if realisation is not None and not is_traced(realisation, impulse_response):
+            refuse_other_response(realisation, impulse_response)
         step_response = jnp.cumsum(jnp.asarray(impulse_response, dtype=float), axis=0)
-        return cls(
-            step_response=step_response,
-            sample_time_min=float(sample_time_min),
-            tail_pole=None if tail_pole is None else jnp.asarray(tail_pole, dtype=float),
-        )
+        return cls(step_response=step_response, sample_time_min=float(sample_time_min), realisation=realisation)
 
     @property
     def impulse_response(self) -> Array:
@@ -103,14 +134,14 @@ class StepResponseModel:
 
     @property
     def gain(self) -> Array:
-        """Steady change of glucose for a lasting change of insulin [mg/dl per mU/min]: S_M and the tail after it."""
-        if self.tail_pole is None:
+        """Steady change of glucose for a lasting change of insulin [mg/dl per mU/min]: S_M and what comes after it."""
+        if self.realisation is None:
             return self.step_response[-1]
-        return self.step_response[-1] + self.impulse_response[-1] * self.tail_pole / (1.0 - self.tail_pole)
+        return self.step_response[-1] + self.realisation.advanced(self.memory).sum
 
     @property
     def memory(self) -> int:
-        """Number of samples M after which the response is settled, or has only its tail."""
+        """Number of samples M after which the response is settled, or has only its realisation."""
         return int(self.step_response.shape[0])
 
     def delayed(self, samples: int) -> Self:
@@ -128,8 +159,11 @@ class StepResponseModel:
         """
         if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 0:
             raise ValueError(f"A delay of {samples!r} samples is not a whole number of at least 0.")
-        zeros = jnp.zeros((int(samples), *self.step_response.shape[1:]))
-        return dataclasses.replace(self, step_response=jnp.concatenate([zeros, self.step_response]))
+        zeros, later = jnp.zeros((int(samples), *self.step_response.shape[1:])), self.realisation
+        if later is not None:
+            later = dataclasses.replace(later, after=later.after + int(samples))
+        step_response = jnp.concatenate([zeros, self.step_response])
+        return dataclasses.replace(self, step_response=step_response, realisation=later)
 
     def predict(self, insulin_deviation: ArrayLike) -> Array:
         """Glucose deviation that answers an insulin sequence, starting from rest.
@@ -149,32 +183,68 @@ class StepResponseModel:
         ValueError
             If the sequence isn't one-dimensional.
         """
-        if self.tail_pole is None:
+        if self.realisation is None:
             return lagged_inputs(insulin_deviation, self.memory) @ self.impulse_response
-        longer = extended(self.step_response, self.tail_pole, np.shape(insulin_deviation)[0])
+        longer = extended(self.step_response, self.realisation, np.shape(insulin_deviation)[0])
         whole = dataclasses.replace(self, step_response=longer)
         return lagged_inputs(insulin_deviation, whole.memory) @ whole.impulse_response
 
 
-def extended(step_response: Any, tail_pole: Any, samples: int) -> Any:
-    """Step response S_1..S_N of at least the given length: constant after S_M, or with its geometric tail.
+def extended(step_response: Any, realisation: Realisation | None, samples: int) -> Any:
+    """Step response S_1..S_N of at least the given length, constant after S_M or going on with its realisation.
 
     Parameters
     ----------
     step_response : Array, shape (M, ...)
-    tail_pole : Array, shape (...), or None
-        Ratio p of the increments after M samples; None for none.
+    realisation : Realisation or None
+        Realisation of the response after n <= M samples, with outputs ``(L, ...)``.
     samples : int
         Least number N of samples; a response of as many or more is unchanged.
     """
-    xp: Any = jnp if is_traced(step_response, tail_pole) or isinstance(step_response, Array) else np
-    missing = max(0, samples - step_response.shape[0])
+    memory = step_response.shape[0]
+    missing = max(0, samples - memory)
+    xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, Array) else np
     after = xp.repeat(step_response[-1:], missing, axis=0)
-    if tail_pole is not None and missing:
-        last = step_response[-1] - (step_response[-2] if step_response.shape[0] > 1 else 0.0)
-        order = xp.arange(1, missing + 1).reshape(-1, *[1] * (step_response.ndim - 1))
-        after = after + last * xp.cumsum(tail_pole**order, axis=0)
+    if realisation is not None and missing:
+        states = realisation.advanced(memory).states(missing)
+        after = after + xp.cumsum(xp.tensordot(states.T, xp.asarray(realisation.output), 1), axis=0)
     return xp.concatenate([step_response, after])
+
+
+def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike) -> None:
+    """Refuse a realisation that is not one of this impulse response, or does not decay after it.
+
+    Parameters
+    ----------
+    realisation : Realisation
+    impulse_response : array_like, shape (M,)
+
+    Raises
+    ------
+    ValueError
+        If the realisation begins after M samples, has an eigenvalue whose magnitude is not below 1, or differs from
+        the impulse response between n and M.
+    """
+    h = np.asarray(impulse_response, dtype=float)
+    if realisation.after > h.shape[0]:
+        raise ValueError(
+            f"a realisation of the response after {realisation.after} samples does not tell what comes after the "
+            f"memory of {h.shape[0]}: give one that begins there or before"
+        )
+    transition = np.asarray(realisation.transition, float)
+    largest = np.max(np.abs(np.linalg.eigvals(transition))) if np.isfinite(transition).all() else np.inf
+    if not largest < 1.0:
+        raise ValueError(
+            f"a realisation with an eigenvalue of magnitude {largest:.4g} does not decay: give one whose eigenvalues "
+            "are less than 1, or None for a response that ends after its memory"
+        )
+    known = h[realisation.after :]
+    apart = np.abs(realisation.states(len(known)).T @ np.asarray(realisation.output) - known)
+    if not np.all(apart <= _ROUNDING * np.abs(h).max()):
+        raise ValueError(
+            f"a realisation that differs from the impulse response by {np.max(apart):.3g} mg/dl per mU/min within its "
+            "memory: give one that begins later, or the response that it generates"
+        )
 
 
 def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:

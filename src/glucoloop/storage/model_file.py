@@ -17,12 +17,13 @@ from glucoloop.config.options.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST
 from glucoloop.config.sentences import one_sentence
 from glucoloop.config.toml import deeper_than
 from glucoloop.identification import Identification, Reliability, doubts
-from glucoloop.models.step_response import StepResponseModel
+from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
 
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
+_MOST_STATES: Final = 100
 _LARGEST_RESPONSE: Final = 1e6
 """Largest response of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
@@ -68,6 +69,39 @@ class Quality(BaseModel):
     """Share of the variance of readings left out of the fit that is predicted."""
 
 
+class Recursion(BaseModel):
+    """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
+
+    model_config = STRICT
+
+    transition: Annotated[list[Response], Field(min_length=1, max_length=_MOST_STATES)]
+    start: Response
+    output: Response
+    """Output of each state, mg/dl per mU/min."""
+    after: Annotated[int, Field(ge=0)]
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        if {len(self.start), len(self.output), *map(len, self.transition)} != {len(self.transition)}:
+            raise ValueError("a realisation whose transition, start and output do not have the same number of states")
+        return self
+
+    def value(self) -> Realisation:
+        """Realisation for a model."""
+        numbers = (jnp.asarray(part) for part in (self.transition, self.start, self.output))
+        return Realisation(**dict(zip(("transition", "start", "output"), numbers, strict=True)), after=self.after)
+
+    @classmethod
+    def of(cls, realisation: Realisation) -> Self:
+        """Contents of the file for a realisation."""
+        return cls(
+            **{
+                part: np.asarray(getattr(realisation, part)).tolist()
+                for part in ("transition", "start", "output", "after")
+            }
+        )
+
+
 class ModelFile(BaseModel):
     """Contents of a model file."""
 
@@ -80,8 +114,8 @@ class ModelFile(BaseModel):
     """S_1 .. S_M, mg/dl per mU/min."""
     impulse_response: Response
     """h_1 .. h_M, its increments."""
-    tail_pole: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    """Ratio of the increments after h_M; None for a response that ends there."""
+    realisation: Recursion | None = None
+    """The response beyond its memory; None for one that ends there."""
     operating_point: RestingPoint
     quality: Quality | None = None
     """Quality of the model; None in a file from another program."""
@@ -103,6 +137,8 @@ class ModelFile(BaseModel):
             total = np.cumsum(impulse)
         if not np.allclose(total, step, rtol=0.0, atol=_ROUNDING * largest):
             raise ValueError("a step response that is not the running sum of the impulse response")
+        if self.realisation is not None:
+            refuse_other_response(self.realisation.value(), impulse)
         return self
 
     def step_response_model(self) -> StepResponseModel:
@@ -110,7 +146,7 @@ class ModelFile(BaseModel):
         return StepResponseModel(
             step_response=jnp.asarray(self.step_response),
             sample_time_min=self.sample_time_min,
-            tail_pole=None if self.tail_pole is None else jnp.asarray(self.tail_pole),
+            realisation=None if self.realisation is None else self.realisation.value(),
         )
 
     @property
@@ -150,7 +186,7 @@ def model_file(
         sample_time_min=model.sample_time_min,
         step_response=np.asarray(model.step_response).tolist(),
         impulse_response=np.asarray(model.impulse_response).tolist(),
-        tail_pole=None if model.tail_pole is None else float(model.tail_pole),
+        realisation=None if model.realisation is None else Recursion.of(model.realisation),
         operating_point=RestingPoint(
             name=operating_point,
             basal_insulin_mU_min=identification.basal_insulin_mU_min,

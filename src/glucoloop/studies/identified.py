@@ -72,9 +72,9 @@ class Identified:
         yield "Gain, 95 % confidence", f"± {self.identification.reliability.gain_margin:.4f}", "mg/dl per mU/min"
         yield "Time constant, first-order fit", _time_constant(self.identification), "min"
         yield "Memory", f"{self.identification.model.memory}", f"samples of {self.record.sample_time_min:g} min"
-        if self.model.tail_pole is not None:
+        if self.model.realisation is not None:
             late_pct = 100.0 * (1.0 - self.model.step_response[-1] / self.model.gain)
-            yield "Gain after the memory, as a geometric tail", f"{late_pct:.1f}", "% of the gain"
+            yield "Gain after the memory, by the Laguerre functions", f"{late_pct:.1f}", "% of the gain"
         yield "Basal insulin", f"{self.identification.basal_insulin_mU_min:.3f}", "mU/min"
         yield "Glucose at that rate", f"{self.identification.baseline_glucose_mg_dl:.2f}", "mg/dl"
         yield "Laguerre pole", f"{self.identification.laguerre_pole:.4g}", ""
