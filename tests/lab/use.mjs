@@ -22,7 +22,10 @@ async function open(hash, options = {}) {
   await page.waitForFunction(() => document.documentElement.dataset.ready);
   return { page, seen };
 }
-const drawn = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+const drawn = async (page) => {
+  await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+  await page.waitForTimeout(200); // the link and the controls follow a moment later
+};
 const of = (page, selector) => page.locator(selector).innerText();
 const hash = (page) => page.evaluate(() => new URLSearchParams(location.hash.slice(1)).get("meals"));
 

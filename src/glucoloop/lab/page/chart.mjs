@@ -8,8 +8,22 @@
 const NARROW_PX = 600;
 const GUARD_PX = 5;
 
-/** @param {string} name of a colour of the style sheet */
-const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const NAMES = /** @type {const} */ (["--ink", "--paper", "--soft", "--rule", "--accent", "--band", "--guard", "--fault"]);
+
+/** @typedef {Record<typeof NAMES[number], string>} Colours */
+
+/** @type {{light?: Colours, dark?: Colours}} */
+const read = {};
+
+/** Colours of the style sheet, which are asked for once: asking makes the browser lay out the page. @returns {Colours} */
+function styles() {
+  const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  const of = getComputedStyle(document.documentElement);
+  return (read[theme] ??= /** @type {Colours} */ (Object.fromEntries(NAMES.map((name) => [name, of.getPropertyValue(name).trim()]))));
+}
+
+/** @param {typeof NAMES[number]} name of a colour of the style sheet */
+const style = (name) => styles()[name];
 
 /** A panel with its axes, made again only when its size or colours change. */
 class Chart {

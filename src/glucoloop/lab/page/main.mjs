@@ -27,18 +27,24 @@ const data = JSON.parse(new TextDecoder().decode(packed));
 const session = new Session(new Lab(await load(module, "float64"), data), data, version);
 lessonsView();
 folderView(session);
-const views = [
-  pictureView(session),
-  whyView(session),
-  numbersView(session),
-  controlsView(session),
-  shareView(session),
-];
+/** What follows a control at the next frame, and what may come a moment later. */
+const views = [pictureView(session), whyView(session), numbersView(session)];
+const later = [controlsView(session), shareView(session)];
+const LATER_MS = 60;
+let waiting = 0;
+let resting = 0;
 
-/** Show everything, and put the situation into the link. */
+/** Show the run. */
 function show() {
-  history.replaceState(null, "", link(session.situation, session.units, data, version));
   for (const view of views) view();
+  clearTimeout(resting);
+  resting = setTimeout(showRest, LATER_MS);
+}
+
+/** Show the rest, and put the situation into the link, which takes a browser longer than everything else. */
+function showRest() {
+  for (const view of later) view();
+  history.replaceState(null, "", link(session.situation, session.units, data, version));
 }
 
 /** Take the situation of the link, or the usual one where the link tells none. */
@@ -61,7 +67,6 @@ function open() {
   }
 }
 
-let waiting = 0;
 /** Show at the next frame, once for all changes until then. */
 function showSoon() {
   cancelAnimationFrame(waiting);
@@ -71,6 +76,7 @@ function showSoon() {
 open();
 session.before.length = 0;
 show();
+showRest();
 session.onChange(showSoon);
 window.addEventListener("hashchange", open);
 window.addEventListener("resize", showSoon);
