@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import struct
 import subprocess
 
 import jax
@@ -11,11 +12,11 @@ import pytest
 from glucoloop.cli.app import main
 from glucoloop.control.protocol import Status
 from glucoloop.firmware.hil.build import HOST
-from glucoloop.firmware.hil.exchange import Exchange
+from glucoloop.firmware.hil.exchange import Exchange, Patience
 from glucoloop.firmware.hil.faults import Disturbances
 from glucoloop.firmware.hil.link import SerialLink
 from glucoloop.firmware.hil.loop import Fallback, Pace
-from glucoloop.firmware.hil.protocol import Plan, record_bytes
+from glucoloop.firmware.hil.protocol import Decoder, Frame, Plan, Type, record_bytes
 from glucoloop.firmware.samples import leaves_of
 from glucoloop.native.targets.c.host import compiler
 from glucoloop.simulation import simulate
@@ -180,6 +181,54 @@ def test_a_chip_with_another_controller_is_refused(on_chip, tmp_path):
             Exchange(link, "0" * 64, on_chip.payloads.sizes).begin()
     finally:
         link.close()
+
+
+class _Twice:
+    """A chip that waits for sample 0 and sends each of its answers three times."""
+
+    def __init__(self, exported, payloads):
+        self.asked, self._answers = 0, b""
+        self._hello = bytes.fromhex(exported.source.design) + struct.pack("<HHI", *payloads.sizes, 1000)
+        self._decision = bytes(payloads.sizes[1])
+
+    def send(self, data):
+        [frame] = Decoder().feed(data)
+        if frame.type == Type.OBSERVATION:
+            self.asked += 1
+            answer = Frame(Type.DECISION, frame.session, frame.sample, self._decision)
+        else:
+            asked = frame.sample if frame.type == Type.ASK else 0
+            answer = Frame(Type.HELLO, frame.session, 0, self._hello + struct.pack("<I", asked))
+        self._answers += 3 * answer.encoded()
+
+    def receive(self, wait_s):
+        told, self._answers = self._answers, b""
+        return told
+
+
+def test_an_answer_that_comes_twice_asks_for_nothing(on_chip):
+    line = _Twice(on_chip.exported, on_chip.payloads)
+    _, answers = _asked(on_chip, line, [b""] * 50)
+    assert None not in answers
+    assert line.asked < 100  # a few greetings more; once, each repeated answer asked for another
+
+
+def test_a_frame_is_sent_again_after_the_usual_time_of_an_answer():
+    patience = Patience()
+    assert patience.wait_s == 0.02
+    patience.repeated()
+    assert patience.wait_s == 0.04
+    for _ in range(60):
+        patience.answered(0.03)
+    assert patience.wait_s == pytest.approx(0.03, rel=1e-3)
+    patience.answered(0.05)
+    assert patience.wait_s == pytest.approx(0.03 + 0.02 / 8 + 4.0 * 0.02 / 4.0, rel=1e-3)
+    for _ in range(60):
+        patience.answered(1e-5)
+    assert patience.wait_s == 0.002
+    for _ in range(20):
+        patience.repeated()
+    assert patience.wait_s == 1.0
 
 
 class _Nobody:

@@ -29,6 +29,31 @@ _BOARDS: Final = {
     "cortex-m7": (*_EMULATED, "semihosting.c", "mps2.c"),
     "rv32": (*_EMULATED, "semihosting.c", "virt.c"),
 }
+_IMAGE: Final = "image.bin"
+_VECTORS: Final = "vectors.bin"
+_VECTORS_BYTES: Final = 8
+"""Stack and first instruction of a Cortex-M, at address 0."""
+
+
+@dataclass(frozen=True)
+class _Memory:
+    """The memory of an emulated board that holds the program; QEMU takes its content from a file.
+
+    A program that QEMU loads itself is written to memory again with each reset, and translated again.
+    """
+
+    at: str
+    size: int
+    vectors: bool
+
+
+_MEMORY: Final = {
+    "cortex-m4f": _Memory("0x21000000", 16 << 20, vectors=True),
+    "cortex-m7": _Memory("0x60000000", 16 << 20, vectors=True),
+    "rv32": _Memory("0x80000000", 128 << 20, vectors=False),
+}
+_INSTRUCTION_TIME: Final = "shift=6"
+"""Each instruction takes 64 ns of the emulated time: a loaded computer delays no step beyond the watchdog's time."""
 EMULATED: Final = tuple(_BOARDS)
 """Names of the chips that need no hardware."""
 
@@ -57,7 +82,7 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
     if chip in CHIPS:
         of = CHIPS[chip]
         own |= {name: template(name) for name in ("chip.c", "chip.h")}
-        own["chip.ld"] = template("chip.ld").replace("@FLASH@", of.flash).replace("@RAM@", of.ram)
+        own["chip.ld"] = template("chip.ld").replace("@FLASH@", _MEMORY[chip].at).replace("@RAM@", of.ram)
     return portable_files(exported) | own
 
 
@@ -98,16 +123,25 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
             )
     flags = [*WARNINGS, *extra, "-Os", "-ffp-contract=off", *of.flags, *LINK, "-fno-tree-loop-distribute-patterns"]
     _compile([of.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
+    _compile([of.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
+    with (folder / _IMAGE).open("r+b") as image:
+        (folder / _VECTORS).write_bytes(image.read(_VECTORS_BYTES))
+        image.truncate(_MEMORY[chip].size)
     return Program(_emulation(of))
 
 
 def _emulation(chip: Chip) -> tuple[str, ...]:
-    """QEMU with the serial port at its own standard input and output; it ends where the chip is reset."""
-    machine = chip.machine[: chip.machine.index("-nographic")]
+    """QEMU with the serial port at its standard input and output, and the switch of the power at its standard error."""
+    memory = _MEMORY[chip.name]
+    option, board, *rest = chip.machine[: chip.machine.index("-nographic")]
+    machine = (option, f"{board},memory-backend=image", *rest)
+    image = f"memory-backend-file,id=image,mem-path={_IMAGE},size={memory.size},share=off"
+    program = ("-object", image, *(("-kernel", _VECTORS) if memory.vectors else ()))
     semihosting = ("-semihosting-config", "enable=on,target=native")
     line = ("-chardev", "stdio,id=line,signal=off", "-serial", "chardev:line")
-    quiet = ("-display", "none", "-monitor", "none", "-no-reboot")
-    return (*_bound_to_us(), chip.emulator, *machine, *semihosting, *quiet, *line, "-kernel", "firmware.elf")
+    switch = ("-chardev", "socket,id=switch,fd=2", "-mon", "chardev=switch,mode=control")
+    own = ("-display", "none", "-icount", _INSTRUCTION_TIME)
+    return (*_bound_to_us(), chip.emulator, *machine, *program, *semihosting, *line, *switch, *own)
 
 
 def _bound_to_us() -> tuple[str, ...]:

@@ -10,12 +10,39 @@ from glucoloop.firmware.hil.link import Link
 from glucoloop.firmware.hil.protocol import Decoder, Frame, Hello, Type
 
 FIRST_WAIT_S: Final = 0.02
-"""Time after which a frame that was not answered is sent again; it doubles each time."""
+"""Time after which a frame that was not answered is sent again, before an answer was timed."""
+LEAST_WAIT_S: Final = 0.002
 LONGEST_WAIT_S: Final = 1.0
 ANSWER_WITHIN_S: Final = 10.0
 """Time after which the pump gives its fallback rate for the sample."""
 KEPT: Final = 288
 """Number of observations that are kept for a chip that is late: a day of 5-min samples."""
+
+
+class Patience:
+    """Time to wait for an answer before a frame is sent again, from the times of earlier answers.
+
+    It is the smoothed time of an answer plus four times its smoothed deviation, and doubles with each frame that is
+    sent again until an answer to a frame that was sent once is timed: the rule of RFC 6298, as for TCP.
+    """
+
+    def __init__(self) -> None:
+        self.wait_s = FIRST_WAIT_S
+        self._mean_s: float | None = None
+        self._deviation_s = 0.0
+
+    def answered(self, took_s: float) -> None:
+        """Learn from the time of the answer to a frame that was sent once."""
+        if self._mean_s is None:
+            self._mean_s, self._deviation_s = took_s, took_s / 2.0
+        else:
+            self._deviation_s += (abs(took_s - self._mean_s) - self._deviation_s) / 4.0
+            self._mean_s += (took_s - self._mean_s) / 8.0
+        self.wait_s = min(max(self._mean_s + 4.0 * self._deviation_s, LEAST_WAIT_S), LONGEST_WAIT_S)
+
+    def repeated(self) -> None:
+        """Wait for twice as long from now on."""
+        self.wait_s = min(2.0 * self.wait_s, LONGEST_WAIT_S)
 
 
 class Exchange:
@@ -51,6 +78,9 @@ class Exchange:
     ) -> None:
         self._link, self._design, self._sizes, self._clock = link, design, sizes, clock
         self._decoder = Decoder()
+        self._patience = Patience()
+        self._sent_s: float | None = None
+        """When the last frame was sent that is to be timed; None if it was answered or sent again."""
         self._kept: dict[int, bytes] = {}
         self._session = self._question = 0
         self._fresh = True
@@ -135,19 +165,28 @@ class Exchange:
 
     def _until(self, ask: Callable[[], None], took: Callable[[Frame], bool], within_s: float = ANSWER_WITHIN_S) -> bool:
         """Ask until a frame is the one that is waited for; False if none was in time."""
-        wait, end = FIRST_WAIT_S, self._clock() + within_s
+        end = self._clock() + within_s
         ask()
-        again = self._clock() + wait
+        again = self._clock() + self._patience.wait_s
         while (now := self._clock()) < end:
             for frame in self._decoder.feed(self._link.receive(max(0.0, min(again, end) - now))):
+                self._heard()
                 if took(frame):
                     return True
+                again = self._clock() + self._patience.wait_s
             if self._clock() >= again:
+                self._patience.repeated()
                 ask()
+                self._sent_s = None
                 self.repeated += 1
-                wait = min(2.0 * wait, LONGEST_WAIT_S)
-                again = self._clock() + wait
+                again = self._clock() + self._patience.wait_s
         return False
+
+    def _heard(self) -> None:
+        """Time the answer, unless the frame was sent twice and it may be that of either."""
+        if self._sent_s is not None:
+            self._patience.answered(self._clock() - self._sent_s)
+            self._sent_s = None
 
     def _take(self, frame: Frame, current: int) -> None:
         if frame.type == Type.DECISION:
@@ -175,12 +214,13 @@ class Exchange:
             self._ask()
 
     def _decided(self, frame: Frame, current: int) -> None:
-        if frame.sample not in self._kept:
+        if frame.sample not in self._kept or frame.sample > current:
             return
         self._fresh = self._doubted = False
+        known = frame.sample in self.answers
         before = self.answers.setdefault(frame.sample, frame.payload)
         self.contradictions += before != frame.payload
-        if frame.sample < current:
+        if frame.sample < current and not known:  # an answer that came twice asks for nothing twice
             self._observe(frame.sample + 1)
 
     def _new_session(self, first: int) -> None:
@@ -207,3 +247,4 @@ class Exchange:
 
     def _send(self, frame: Frame) -> None:
         self._link.send(frame.encoded())
+        self._sent_s = self._clock()

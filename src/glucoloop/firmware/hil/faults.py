@@ -179,8 +179,7 @@ class DisturbedLink:
     def _restart(self, plan: Plan = Plan.NONE, after_bytes: int = 0) -> None:
         if not isinstance(self._inner, ProcessLink):
             raise TypeError("the power of a real board cannot be cut from here")
-        self._inner.power_off()
-        self._inner.power_on(plan, after_bytes)
+        self._inner.cut_power(plan, after_bytes)
 
 
 def _disturbed(data: bytes, event: Event) -> list[bytes]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import socket
 import struct
 import subprocess
 import time
@@ -22,6 +23,13 @@ except ImportError:  # Windows
 _PLAN: Final = struct.Struct("<II")
 _CHUNK: Final = 4096
 _LONGEST_SEND_S: Final = 1.0
+_LONGEST_RESET_S: Final = 10.0
+_LONGEST_QUIT_S: Final = 2.0
+_TALK: Final = b'{"execute": "qmp_capabilities"}\n'
+_RESET: Final = b'{"execute": "system_reset"}\n'
+_QUIT: Final = b'{"execute": "quit"}\n'
+_WAS_RESET: Final = b"host-qmp-system-reset"
+"""Reason of a reset from here, in the words of QEMU; the chip's own resets have another one."""
 
 
 class Link(Protocol):
@@ -43,6 +51,8 @@ class Link(Protocol):
 class ProcessLink:
     """An emulated chip: a process whose standard input and output are the line.
 
+    Its standard error is the switch of its power: it is reset there by the protocol of QEMU's monitor, QMP.
+
     Parameters
     ----------
     program : Program
@@ -55,38 +65,58 @@ class ProcessLink:
     def __init__(self, program: Program, folder: Path, plan_at: int) -> None:
         self._program, self._folder, self._plan_at = program, folder, plan_at
         self._process: subprocess.Popen[bytes] | None = None
-        self.starts = 0
-        """Number of times that the chip got power, or was reset by its watchdog."""
+        self._switch: socket.socket | None = None
         (folder / NVM).write_bytes(b"\xff" * (plan_at + _PLAN.size))
         self.power_on()
 
     def power_on(self, plan: Plan = Plan.NONE, after_bytes: int = 0) -> None:
         """Start the chip, which perhaps fails once it has written so many bytes to its memory."""
-        with (self._folder / NVM).open("r+b") as memory:
-            memory.seek(self._plan_at)
-            memory.write(_PLAN.pack(plan, after_bytes))
-        self._process = subprocess.Popen(
-            self._program.command,
-            cwd=self._folder,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            start_new_session=True,  # Ctrl-C is for this program, which ends the chip itself
-        )
-        self.starts += 1
+        self._write_plan(plan, after_bytes)
+        self._switch, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(
+                self._program.command,
+                cwd=self._folder,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=theirs.fileno(),
+                bufsize=0,
+                start_new_session=True,  # Ctrl-C is for this program, which ends the chip itself
+            )
+        self._switch.settimeout(_LONGEST_RESET_S)
+        self._switch.sendall(_TALK)
+
+    def cut_power(self, plan: Plan = Plan.NONE, after_bytes: int = 0) -> None:
+        """Cut the power for a moment, wherever the chip is; `plan` and `after_bytes` are as for `power_on`.
+
+        What is in non-volatile memory stays, and so do bytes on the line that the chip has not read yet.
+
+        Raises
+        ------
+        ValueError
+            If the emulator does not reset the chip.
+        """
+        self._write_plan(plan, after_bytes)
+        if self._switch is None or not _was_reset(self._switch):
+            self.power_off()
+            raise ValueError(f"the emulator did not reset the chip within {_LONGEST_RESET_S:g} s; run it again")
 
     def power_off(self) -> None:
         """Cut the power: the process ends at once, wherever it is."""
         process, self._process = self._process, None
         if process is None:
             return
-        with contextlib.suppress(ProcessLookupError):
-            process.kill()
+        if self._switch is not None:
+            with contextlib.suppress(OSError), self._switch as switch:
+                switch.sendall(_QUIT)
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 pipe.close()
-        process.wait()
+        try:
+            process.wait(_LONGEST_QUIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
     def send(self, data: bytes) -> None:
         """Send bytes; without power they are lost."""
@@ -110,6 +140,26 @@ class ProcessLink:
     def close(self) -> None:
         """End the process."""
         self.power_off()
+
+    def _write_plan(self, plan: Plan, after_bytes: int) -> None:
+        with (self._folder / NVM).open("r+b") as memory:
+            memory.seek(self._plan_at)
+            memory.write(_PLAN.pack(plan, after_bytes))
+
+
+def _was_reset(switch: socket.socket) -> bool:
+    """Ask for a reset, and wait until it has happened; False if it does not."""
+    said = b""
+    try:
+        switch.sendall(_RESET)
+        while _WAS_RESET not in said:
+            more = switch.recv(_CHUNK)
+            if not more:
+                return False
+            said += more
+    except OSError:
+        return False
+    return True
 
 
 class SerialLink:

@@ -82,17 +82,14 @@ class Decoder:
 
     def feed(self, received: bytes) -> Iterator[Frame]:
         """Take bytes, and give the frames that they complete."""
-        for byte in received:
-            self._held.append(byte)
-            while (frame := self._next()) is not None:
-                yield frame
+        self._held += received
+        while (frame := self._next()) is not None:
+            yield frame
 
     def _next(self) -> Frame | None:
         while self._held:
             length = self._length()
-            if length is None:
-                return None
-            if length and len(self._held) < length:
+            if length is None or len(self._held) < length:
                 return None
             if length:
                 told = bytes(self._held[:length])
@@ -101,7 +98,8 @@ class Decoder:
                     _, _, type, session, sample, _, _ = _HEADER.unpack_from(told)
                     return Frame(type, session, sample, told[HEADER_BYTES:-4])
             self.refused += self._held[0] == MARK[0]
-            del self._held[0]
+            next_mark = self._held.find(MARK[0], 1)
+            del self._held[: next_mark if next_mark > 0 else len(self._held)]
         return None
 
     def _length(self) -> int | None:

@@ -93,6 +93,12 @@ static uint32_t per_round;
 
 void chip_begin(void)
 {
+  if (per_round == 0U)
+  {
+    count();
+    turn(100000U);
+    per_round = TICKS;
+  }
   count();
 }
 
@@ -130,9 +136,6 @@ static void begin(void)
   {
     *to = 0U;
   }
-  count();
-  turn(100000U);
-  per_round = TICKS;
   leave(main());
 }
 

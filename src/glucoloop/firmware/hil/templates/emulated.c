@@ -11,10 +11,14 @@ static uint32_t left;
 void emulated_begin(void)
 {
   uint8_t plan[8];
-  file_open();
   file_read(HIL_PLAN_AT, plan, (uint32_t)sizeof(plan));
   failure = hil_get32(&plan[0]);
   left = hil_get32(&plan[4]);
+  if (failure != HIL_PLAN_NONE)
+  {
+    hil_put32(&plan[0], HIL_PLAN_NONE);
+    file_write(HIL_PLAN_AT, plan, 4U); /* it happens once */
+  }
 }
 
 void board_nvm_read(uint32_t offset, uint8_t bytes[], uint32_t size)
@@ -33,7 +37,7 @@ void board_nvm_write(uint32_t offset, const uint8_t bytes[], uint32_t size)
     {
       if (failure == HIL_PLAN_CUT)
       {
-        power_off();
+        power_fails();
       }
       for (;;)
       {

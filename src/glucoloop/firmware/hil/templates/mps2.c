@@ -33,6 +33,11 @@ static void restart(void)
   }
 }
 
+void power_fails(void)
+{
+  restart();
+}
+
 typedef void (*handler)(void);
 static const handler vectors[16] __attribute__((aligned(128))) = {
   0,       restart, restart, restart, restart, restart, restart, restart,

@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #define OPEN 0x01
+#define CLOSE 0x02
 #define WRITE 0x05
 #define READ 0x06
 #define SEEK 0x0A
@@ -28,14 +29,6 @@ static int ask(int what, const void *with)
 }
 #endif
 
-static uintptr_t file;
-
-void power_off(void)
-{
-  const uintptr_t with[2] = {0x20026U, 2U};
-  (void)ask(EXIT, with);
-}
-
 static void check(int answer)
 {
   if (answer != 0)
@@ -45,31 +38,28 @@ static void check(int answer)
   }
 }
 
-void file_open(void)
+/* It is opened each time: after a reset nobody would know which one was open. */
+static uintptr_t opened_at(uint32_t offset)
 {
   static const char name[] = "nvm.bin";
   const uintptr_t with[3] = {(uintptr_t)name, 3U, sizeof(name) - 1U}; /* 3: "r+b" */
   const int opened = ask(OPEN, with);
+  const uintptr_t place[2] = {(uintptr_t)opened, offset};
   check((opened < 0) ? 1 : 0);
-  file = (uintptr_t)opened;
-}
-
-static void go_to(uint32_t offset)
-{
-  const uintptr_t with[2] = {file, offset};
-  check(ask(SEEK, with));
+  check(ask(SEEK, place));
+  return place[0];
 }
 
 void file_read(uint32_t offset, uint8_t bytes[], uint32_t size)
 {
-  const uintptr_t with[3] = {file, (uintptr_t)bytes, size};
-  go_to(offset);
+  const uintptr_t with[3] = {opened_at(offset), (uintptr_t)bytes, size};
   check(ask(READ, with));
+  check(ask(CLOSE, with));
 }
 
 void file_write(uint32_t offset, const uint8_t bytes[], uint32_t size)
 {
-  const uintptr_t with[3] = {file, (uintptr_t)bytes, size};
-  go_to(offset);
+  const uintptr_t with[3] = {opened_at(offset), (uintptr_t)bytes, size};
   check(ask(WRITE, with));
+  check(ask(CLOSE, with));
 }

@@ -42,13 +42,18 @@ static void wake_after(uint32_t ms)
   TIMER_AT_HIGH = (uint32_t)(at >> 32);
 }
 
-/* The watchdog calls this, and so does whatever goes wrong: a reset. */
-__attribute__((interrupt("machine"), aligned(4))) static void restart(void)
+void power_fails(void)
 {
   TEST_DEVICE = 0x7777U;
   for (;;)
   {
   }
+}
+
+/* The watchdog calls this, and so does whatever goes wrong: a reset. */
+__attribute__((interrupt("machine"), aligned(4))) static void restart(void)
+{
+  power_fails();
 }
 
 void board_begin(uint32_t watchdog_ms)
