@@ -108,30 +108,42 @@ def test_the_usual_situation_is_that_of_a_run_without_options(in_node):
     assert run == read_run({})
 
 
+def low_and_peak(answer):
+    return answer["summary"]["minimum_mg_dl"], answer["summary"]["peak_mg_dl"]
+
+
+def moved(answer):
+    rates = answer["trace"]["insulin_mU_min"]
+    return sum(abs(b - a) for a, b in itertools.pairwise(rates))
+
+
 def test_the_lessons_show_what_they_tell(in_node):
-    [links] = in_node(["lessons"])
-    slow, far, late, noisy, guarded = in_node(links)
+    [lessons] = in_node(["lessons"])
+    slow, far, late, unannounced = in_node([lesson["hash"] for lesson in lessons])
     others = ("#controller=pid&closed_loop_min=10", "#prediction_horizon=3", "#move_weight=5", "#")
     quick, near, weighted, usual = in_node(others)
-    calmer, tuned = in_node(["#dead_time_min=10&move_weight=8", "#noise_variance=1.45"])
-
-    def low_and_peak(answer):
-        return answer["summary"]["minimum_mg_dl"], answer["summary"]["peak_mg_dl"]
-
-    def moved(answer):
-        rates = answer["trace"]["insulin_mU_min"]
-        return sum(abs(b - a) for a, b in itertools.pairwise(rates))
-
-    assert low_and_peak(slow)[0] < low_and_peak(quick)[0]
-    assert low_and_peak(slow)[1] > low_and_peak(quick)[1]
+    [calmer] = in_node(["#dead_time_min=10&move_weight=8"])
+    assert [round(value) for value in low_and_peak(slow)] == [64, 119]
+    assert low_and_peak(quick)[0] > 70.0
+    assert low_and_peak(quick)[1] < 100.0
     assert low_and_peak(far)[1] > low_and_peak(near)[1]
     assert low_and_peak(weighted)[0] < 50.0
     assert moved(late) > 5.0 * moved(usual) > moved(calmer)
     assert low_and_peak(calmer)[0] < low_and_peak(late)[0]
-    assert moved(noisy) > 5.0 * moved(tuned)
-    low, peak = low_and_peak(guarded)
-    assert (round(low), round(peak)) == (79, 113)
-    assert low_and_peak(usual)[0] < 71.0
+    meal = "&meals=90g%4060min"
+    state, guarded = in_node([f"#controller=mpc-se{meal}", f"#controller=pid&closed_loop_min=60&guard=true{meal}"])
+    assert round(low_and_peak(unannounced)[0]) == 53
+    assert low_and_peak(state)[0] > 77.0
+    assert low_and_peak(guarded)[0] > 80.0
+    assert round(low_and_peak(guarded)[1]) == 124
+
+
+def test_each_preset_is_a_situation_of_its_own(in_node):
+    [presets] = in_node(["presets"])
+    answers = in_node([preset["hash"] for preset in presets])
+    assert len({json.dumps(answer["situation"]) for answer in answers}) == len(presets) > 5
+    for answer in answers:
+        assert answer["summary"]["minimum_mg_dl"] > 60.0
 
 
 LINKS = {

@@ -10,7 +10,7 @@ import { usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { controlsView } from "./views/controls.mjs";
 import { folderView } from "./views/folder.mjs";
-import { lessonOf, lessonsView } from "./views/lessons.mjs";
+import { isOwn, lessonOf, lessonsView, putBeside } from "./views/lessons.mjs";
 import { numbersView } from "./views/numbers.mjs";
 import { pictureView } from "./views/picture.mjs";
 import { shareView } from "./views/share.mjs";
@@ -55,8 +55,12 @@ function open() {
     const found = fromLink(hash, data);
     const lesson = lessonOf(hash);
     session.change(found.situation);
-    if (lesson === undefined) session.show(found.units);
-    if (lesson !== undefined) return say(lesson.text);
+    if (!isOwn(hash)) session.show(found.units);
+    if (lesson !== undefined) {
+      putBeside(session, lesson);
+      return say(lesson.text);
+    }
+    if (isOwn(hash)) return say(texts.ready);
     const left_out = found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "";
     if (found.version === null) say(texts.noVersion + left_out);
     else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
