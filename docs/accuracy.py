@@ -1,10 +1,11 @@
 """Measure how accurate the integrators are, against SciPy, and write the figures for ``guide/integrator.md``.
 
-    python docs/accuracy.py        # a minute; rewrites docs/guide/accuracy.md
+    python docs/accuracy.py        # minutes; rewrites docs/guide/accuracy.md and docs/guide/accuracy_rough.md
 
 One day with three meals under linear MPC. The insulin of the loop is fixed first; then glucose at every sample is
 compared with SciPy's DOP853 at a relative tolerance of 1e-12, started anew at every sample and every kink of a meal.
-A second day has insulin that varies smoothly, which shows the order of convergence.
+A second day has insulin that varies smoothly, which shows the order of convergence. In further days insulin jumps at
+every sample by as much as the paper's pump can: so the steps of a sample are chosen.
 """
 
 import itertools
@@ -22,7 +23,9 @@ import scipy.integrate
 from glucoloop import design_linear_mpc, identify, patient, simulate
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.patients import Inputs
+from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation import Adaptive, Exponential
+from glucoloop.simulation.exponential import USUAL_ACCURACY_MG_DL, substeps_for
 from glucoloop.simulation.plant import SampleGrid
 
 T = 5.0
@@ -34,11 +37,13 @@ METHODS = {
     "exponential, 8 steps": Exponential(substeps=8),
     "adaptive, tolerance 1e-9 (default)": Adaptive(),
 }
+SAMPLE_TIMES_MIN = (1.0, 2.5, 5.0, 10.0, 15.0, 30.0)
+ROUGH_SEEDS = range(3)
 
 
-def run(person, integrator, insulin):
+def run(person, integrator, insulin, sample_time_min=T):
     """Glucose at each sample and at the end."""
-    grid = SampleGrid(sample_time_min=T, samples=insulin.size)
+    grid = SampleGrid(sample_time_min=sample_time_min, samples=insulin.size)
     plant, meals = integrator.prepare(person, DAY.absorbed_by(person), grid)
 
     def sample(x, entry):
@@ -75,6 +80,36 @@ def errors(person, insulin):
     return {name: float(np.abs(run(person, method, insulin) - truth).max()) for name, method in METHODS.items()}
 
 
+def rough_insulin(person, sample_time_min, seed):
+    """Insulin that goes up or down by the largest step of the pump at every sample, at random."""
+    rng, limits = np.random.default_rng(seed), PARKER_1999_LIMITS
+    rates = [float(person.basal_insulin_mU_min)]
+    for change in rng.choice([-1.0, 1.0], round(DAY.horizon_min / sample_time_min)):
+        wanted = rates[-1] + change * float(limits.max_change_mU_min)
+        rates.append(float(np.clip(wanted, float(limits.min_mU_min), float(limits.max_mU_min))))
+    return np.array(rates[1:])
+
+
+def rough(person):
+    """Lines of the table of errors under rough insulin, by sample time."""
+    lines = [
+        "| Sample time, min | One step, mg/dl | Steps by default | With them, mg/dl | Model of the error, mg/dl |",
+        "| ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for sample_time_min in SAMPLE_TIMES_MIN:
+        one, usual = [], []
+        for seed in ROUGH_SEEDS:
+            insulin = rough_insulin(person, sample_time_min, seed)
+            truth = run(person, Adaptive(1e-10), insulin, sample_time_min)
+            for errors_of, integrator in ((one, Exponential(substeps=1)), (usual, Exponential())):
+                found = run(person, integrator, insulin, sample_time_min)
+                errors_of.append(float(np.abs(found - truth).max()))
+        steps = substeps_for(sample_time_min)
+        model = USUAL_ACCURACY_MG_DL * (sample_time_min / steps / 5.0) ** 2.4
+        lines.append(f"| {sample_time_min:g} | {max(one):.1e} | {steps} | {max(usual):.1e} | {model:.1e} |")
+    return lines
+
+
 def main():
     person = patient()
     controller = design_linear_mpc(identify(person).model)
@@ -95,6 +130,9 @@ def main():
     )
     text = "\n".join(lines) + "\n"
     (Path(__file__).resolve().parent / "guide" / "accuracy.md").write_text(text, encoding="utf-8")
+    print(text)
+    text = "\n".join(rough(person)) + "\n"
+    (Path(__file__).resolve().parent / "guide" / "accuracy_rough.md").write_text(text, encoding="utf-8")
     print(text)
 
 

@@ -55,7 +55,7 @@ def test_what_is_no_number_is_refused_by_name(junk):
         (lambda: gl.with_resolution(junk), "step_mU_min"),
         (lambda: gl.design_imc(-3.0, 90.0, junk), "delay_min"),
         (lambda: gl.Adaptive(junk), "tolerance"),
-        (lambda: gl.Exponential(junk), "substeps"),
+        (lambda: gl.Exponential(accuracy_mg_dl=junk), "accuracy_mg_dl"),
         (lambda: gl.MealHabits(mean_carbs_g=junk), "mean_carbs_g"),
         (lambda: random_key(junk), "key"),
     ):

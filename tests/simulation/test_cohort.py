@@ -21,7 +21,7 @@ from glucoloop.pumps import LimitedPump, with_resolution
 from glucoloop.sensors import IdealSensor, dead_time, white_noise
 from glucoloop.simulation import Adaptive, linear_model, simulate
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import SUBSTEPS, Cohort, People
+from glucoloop.simulation.cohort import PER_NOMINAL, Cohort, People
 from glucoloop.simulation.exponential import ExponentialPlant, design, meal_moments, substeps_of
 from glucoloop.simulation.loop import Loop, begin, sample
 
@@ -127,7 +127,7 @@ def person(tree, i):
 
 def plant_of(nominal, patient, grid):
     """A person with the matrices of insulin designed for him alone, and the slow block as the cohort has it."""
-    h, dense = substeps_of(grid, SUBSTEPS)
+    h, dense = substeps_of(grid, PER_NOMINAL)
     common = design(nominal, h, dense, nominal.working_state(), nominal.stiff_couplings())
     own = design(patient, h, dense, nominal.working_state())
     matrices = dataclasses.replace(common, driven_end=own.driven_end, driven_gauss=own.driven_gauss)
@@ -314,7 +314,7 @@ def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc
             pump=with_resolution(0.5),
             setpoint_mg_dl=jnp.asarray(SETPOINT),
         )
-        moments = meal_moments(SHORT.samples, SUBSTEPS, 5.0 / SUBSTEPS, absorb(person(guts, i), meals))
+        moments = meal_moments(SHORT.samples, PER_NOMINAL, 5.0 / PER_NOMINAL, absorb(person(guts, i), meals))
         glucose, insulin, lowest = plain_scan(loop, varied.rest[:, i], basal, people.key[i], moments, told)
         assert np.ptp(np.asarray(insulin)) > 1.0
         for run in runs.values():

@@ -1,15 +1,20 @@
 import itertools
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
+from hypothesis import given
+from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
 from glucoloop.control import MPCTuning, design_linear_mpc
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients import Patient, SemilinearPatient
 from glucoloop.simulation import Adaptive, Exponential, simulate
+from glucoloop.simulation.exponential import substeps_for
+from glucoloop.simulation.plant import SampleGrid
 
 KNOWN = {100: 96.8476163, 200: 148.431132, 300: 115.816276, 600: 82.0380888}
 VARYING = 25.6 + 14.0 * np.sin(np.arange(72) / 3.0)
@@ -76,6 +81,42 @@ def test_exponential_is_exact_enough_when_insulin_jumps(patient_81, script, vari
     assert errors[0] < 1e-3
     assert errors[1] < 1e-5
     assert errors[1] / errors[2] > 2.0**3.5
+
+
+@pytest.mark.parametrize(("sample_time_min", "steps"), [(1.0, 1), (5.0, 1), (10.0, 2), (15.0, 3), (30.0, 6)])
+def test_steps_of_a_sample_are_chosen_from_its_length(sample_time_min, steps):
+    grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
+    assert Exponential().steps_of(grid) == steps
+    assert Exponential(substeps=5).steps_of(grid) == 5
+
+
+@given(sample_time_min=st.floats(0.5, 60.0), accuracy_mg_dl=st.floats(1e-4, 1.0))
+def test_a_finer_accuracy_or_a_longer_sample_takes_more_steps(sample_time_min, accuracy_mg_dl):
+    steps = substeps_for(sample_time_min, accuracy_mg_dl)
+    assert 1 <= steps <= substeps_for(sample_time_min, accuracy_mg_dl / 2.0)
+    assert steps <= substeps_for(2.0 * sample_time_min, accuracy_mg_dl)
+
+
+@pytest.mark.parametrize("accuracy_mg_dl", [0.0, -1.0, np.inf, np.nan])
+def test_an_accuracy_that_is_not_possible_is_refused(accuracy_mg_dl):
+    with pytest.raises(ValueError, match="give a finite number above 0"):
+        Exponential(accuracy_mg_dl=accuracy_mg_dl)
+
+
+@pytest.mark.long
+def test_rough_insulin_is_carried_as_accurately_as_asked(patient_81, script):
+    rates = np.where(np.random.default_rng(3).random(24) < 0.5, 0.0, 50.0)
+    scenario = Scenario([Meal(20.0, 17.3)], 360.0)
+    every_15_min = replace(script(rates), sample_time_min=15.0)
+    truth = simulate(patient_81, every_15_min, scenario=scenario, integrator=Adaptive(1e-10))
+    errors = {}
+    for integrator in (Exponential(substeps=1), Exponential(), Exponential(accuracy_mg_dl=1e-3)):
+        trace = simulate(patient_81, every_15_min, scenario=scenario, integrator=integrator)
+        errors[integrator] = float(np.abs(np.asarray(trace.glucose_mg_dl - truth.glucose_mg_dl)).max())
+    one, usual, fine = errors.values()
+    assert one > 0.1
+    assert usual < 0.06
+    assert fine < 1e-3
 
 
 @pytest.mark.long

@@ -51,9 +51,9 @@ TOLERANCE_MG_DL: Final = 1e-4
 _LESS_WEIGHT: Final = 0.01
 _STATIONARY_MG_DL: Final = 2e-3
 _STATIONARY_SHARE: Final = 5e-3
-_SLACK_MG_DL: Final = 1e-3
-_SLACK_SHARE: Final = 1e-3
-_CALM: Final = 1e-5  # weight of squares in the second minimisation, beside 1 for each mg/dl beyond the best
+_SLACK_MG_DL: Final = 5e-4  # the shown plan comes so close to the bound
+_CALM: Final = 1e-5  # weight of squares in the second minimisation
+_HELD: Final = 10.0  # weight there of each mg/dl beyond the slack; with 1, squares outweighed it
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class OptimalDoses:
     bound: float
     """Least value of the objective that was found, mg/dl, or (mg/dl)^2 for ``sse``."""
     deviation_mg_dl: float
-    """Largest deviation from the setpoint under this plan; the second minimisation may have raised it by a thousandth
-    and 0.001 mg/dl."""
+    """Largest deviation from the setpoint under this plan; the second minimisation may have raised it by less than
+    0.001 mg/dl."""
     undershoot_mg_dl: float
     """Setpoint less the least glucose."""
     peak_mg_dl: float
@@ -331,8 +331,8 @@ class DosePlan:
         low, high = measure.excess(found.g)
         if measure.joint:
             high = low
-        caps = (low + _SLACK_SHARE * low + _SLACK_MG_DL, high + _SLACK_SHARE * high + _SLACK_MG_DL)
-        calm = Measure(cost=(1.0, 1.0), cap_mg_dl=caps, weight=_CALM * self._at_samples(), moves=_CALM)
+        caps = (low + _SLACK_MG_DL, high + _SLACK_MG_DL)
+        calm = Measure(cost=(_HELD, _HELD), cap_mg_dl=caps, weight=_CALM * self._at_samples(), moves=_CALM)
         return self._minimise(calm, found.v, TOLERANCE_MG_DL / 10.0)
 
     def _measure(self, objective: str, undershoot_weight: float) -> Measure:

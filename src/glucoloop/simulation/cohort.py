@@ -27,7 +27,7 @@ from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
-from glucoloop.simulation.exponential import meal_moments
+from glucoloop.simulation.exponential import meal_moments, substeps_for
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
@@ -35,7 +35,8 @@ from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
 
-SUBSTEPS: Final = 2
+PER_NOMINAL: Final = 2
+"""Steps of the people's integrator for each that the nominal patient needs; see `people_plant`."""
 
 
 class Fold(Protocol):
@@ -143,8 +144,8 @@ class Cohort:
         Precision of native code.
     products : {"fused", "strict"}
         Rounding of products in native code, see `glucoloop.native.targets.products`.
-    substeps : int
-        Steps of the integrator per sample.
+    substeps : int, optional
+        Steps of the integrator per sample; by default twice as many as `substeps_for` gives one patient.
     tell_decisions : bool
         Whether a run returns readings and statuses too.
 
@@ -176,11 +177,13 @@ class Cohort:
         engine: str | None = None,
         precision: str = "float64",
         products: str = FUSED,
-        substeps: int = SUBSTEPS,
+        substeps: int | None = None,
         tell_decisions: bool = False,
     ) -> None:
         self._tells_decisions = tell_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
+        if substeps is None:
+            substeps = PER_NOMINAL * substeps_for(grid.sample_time_min)
         self._substeps, self._meals, self._instead = substeps, meals, meal_model
         self._plants = PeoplePlant(nominal, varied, grid, substeps, products)
         self._single = Loop(

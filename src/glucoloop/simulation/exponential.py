@@ -17,6 +17,7 @@ M. Hochbruck, A. Ostermann, "Exponential integrators", Acta Numerica 19, 2010.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -272,22 +273,65 @@ def substeps_of(grid: SampleGrid, substeps: int) -> tuple[float, list[Matrix]]:
     return h, [grid.inside_min[index == i] - i * h for i in range(substeps)]
 
 
-@checked
-@dataclass(frozen=True)
-class Exponential:
-    """The fast integrator: exact transport, fourth order in the rest, by default one step per sample.
+_USUAL_STEP_MIN: Final = 5.0
+USUAL_ACCURACY_MG_DL: Final = 0.06
+"""Largest error of glucose with steps of 5 min, under the roughest insulin that the paper's pump can give."""
+_ROUGH_ORDER: Final = 2.4
+"""Exponent with which that error grows with the step. It is less than four, since insulin that jumps moves within a
+minute."""
+
+
+def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_MG_DL) -> int:
+    """Steps of one sample for an accuracy, by the measured error of rough insulin.
+
+    With steps of h min and insulin that jumps at every sample, the largest error of glucose in a day is at most about
+    ``0.06 (h / 5)^2.4`` mg/dl. The page of the integrator compares this with measured errors.
 
     Parameters
     ----------
-    substeps : int
-        Steps per sample.
+    sample_time_min : float
+    accuracy_mg_dl : float
+        Largest error that is accepted under such insulin; smooth insulin has a much smaller one.
+
+    Raises
+    ------
+    ValueError
+        For an accuracy that is not positive.
+    """
+    if not 0.0 < accuracy_mg_dl < math.inf:
+        raise ValueError(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")
+    step_min = _USUAL_STEP_MIN * math.pow(accuracy_mg_dl / USUAL_ACCURACY_MG_DL, 1.0 / _ROUGH_ORDER)
+    return max(1, math.ceil(sample_time_min / step_min - 1e-9))
+
+
+@checked
+@dataclass(frozen=True)
+class Exponential:
+    """The fast integrator: exact transport, fourth order in the rest, one step per sample of up to 5 min by default.
+
+    Parameters
+    ----------
+    substeps : int, optional
+        Steps per sample; by default as many as the accuracy needs at the sample time, see `substeps_for`.
     near_rest : bool
         Linearise at the basal state instead of the working state: better for a patient who fasts and stays near it,
         since the error is then quadratic in the distance from it.
+    accuracy_mg_dl : float
+        Error of glucose that is accepted under insulin that jumps at every sample, where no substeps are given.
     """
 
-    substeps: int = 1
+    substeps: int | None = None
     near_rest: bool = False
+    accuracy_mg_dl: float = USUAL_ACCURACY_MG_DL
+
+    def __post_init__(self) -> None:
+        if self.substeps is not None and self.substeps < 1:
+            raise ValueError(f"substeps of {self.substeps} are not possible; give 1 or more")
+        substeps_for(_USUAL_STEP_MIN, self.accuracy_mg_dl)
+
+    def steps_of(self, grid: SampleGrid) -> int:
+        """Steps that this integrator makes in each sample of a grid."""
+        return substeps_for(grid.sample_time_min, self.accuracy_mg_dl) if self.substeps is None else self.substeps
 
     def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[ExponentialPlant, jax.Array]:
         """Matrices for the patient, and the meal's moments `(samples, substeps, 3, ...)`.
@@ -304,19 +348,21 @@ class Exponential:
                 "the patient is traced by JAX, but the matrices that carry the patient are exponentials that SciPy "
                 "computes; make the patient outside of the transformation, and use simulate_people for many"
             )
-        h, dense = substeps_of(grid, self.substeps)
+        substeps = self.steps_of(grid)
+        h, dense = substeps_of(grid, substeps)
         with at_once():
             state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
             matrices = design(patient, h, dense, state)
         plant = ExponentialPlant(patient=patient, matrices=matrices)
-        return plant, meal_moments(grid.samples, self.substeps, h, absorption)
+        return plant, meal_moments(grid.samples, substeps, h, absorption)
 
     def at_sample(
         self, plant: ExponentialPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
     ) -> tuple[ExponentialPlant, jax.Array]:
         """The same plant, and the meals' moments ``(substeps, 3)`` of the sample with the given number."""
-        h = grid.sample_time_min / self.substeps
-        starts = (index * self.substeps + jnp.arange(self.substeps)) * h
+        substeps = self.steps_of(grid)
+        h = grid.sample_time_min / substeps
+        starts = (index * substeps + jnp.arange(substeps)) * h
         return plant, _moments(starts[None], h, absorption)[0]
 
 

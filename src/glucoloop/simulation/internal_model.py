@@ -88,7 +88,7 @@ def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> Intern
     ValueError
         For a sample time that is not positive.
     """
-    plant, _ = Exponential(near_rest=True).prepare(
+    plant, _ = Exponential(substeps=1, near_rest=True).prepare(
         patient, fasting(meal_model_of(patient)), SampleGrid(sample_time_min=sample_time_min, samples=1)
     )
     insulin = patient.basal_insulin_mU_min

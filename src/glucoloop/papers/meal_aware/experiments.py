@@ -312,17 +312,22 @@ def numbers_of(
 
 
 def _bounds(situations: Sequence[NamedSituation]) -> dict[str, OptimalDoses]:
-    """Best possible doses with any noise; they depend only on whether the meal is announced."""
-    found: dict[bool, OptimalDoses] = {}
+    """Best possible doses with any noise; they depend on whether the meal is announced, and on the dead time."""
+    found: dict[tuple[bool, float], OptimalDoses] = {}
     bounds = {}
     for situation in situations:
         run = read_run(situation.of(OURS, 0))
-        made, announced = run.situation.situation(), run.situation.announce_meals
-        if announced not in found:
-            found[announced] = bound_of_situation(
-                made.nominal, _scenario(run), made.limits, sample_time_min=made.sample_time_min
+        made, dead_time_min = run.situation.situation(), run.situation.dead_time_min
+        known = run.situation.announce_meals, dead_time_min
+        if known not in found:
+            found[known] = bound_of_situation(
+                made.nominal,
+                _scenario(run),
+                made.limits,
+                dead_time_min=dead_time_min,
+                sample_time_min=made.sample_time_min,
             )
-        bounds[situation.name] = found[announced]
+        bounds[situation.name] = found[known]
     return bounds
 
 
