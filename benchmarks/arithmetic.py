@@ -9,12 +9,11 @@ are compared. Beside them, the largest difference that the arithmetic makes to g
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from typing import Any
 
 import numpy as np
+from pairs import answer
 
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
@@ -48,26 +47,13 @@ def measured(controller: str, precision: str, people: int, repeats: int) -> dict
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    parser.add_argument("--people", type=int, default=1024)
-    parser.add_argument("--repeats", type=int, default=15)
-    asked = parser.parse_args()
-    rows = [
-        measured(controller, precision, asked.people, asked.repeats)
-        for controller in CONTROLLERS
-        for precision in ("float64", "float32")
-    ]
-    if asked.json:
-        print(json.dumps(rows, indent=2))
-        return
-    print(f"{'':22}{'fused':>12}{'portable':>12}{'cost':>8}{'difference, mg/dl':>20}")
-    for row in rows:
-        speeds = f"{row['fused_patient_days_s']:12.0f}{row['portable_patient_days_s']:12.0f}"
-        cost = f"{row['cost_pct']:6.1f} %{row['difference_mg_dl']:20.1e}"
-        print(f"{row['controller']:>8}, {row['precision']:12}{speeds}{cost}")
-
-
 if __name__ == "__main__":
-    main()
+    answer(
+        __doc__,
+        measured,
+        CONTROLLERS,
+        ("fused", "portable"),
+        people=1024,
+        head=f"{'difference, mg/dl':>20}",
+        more=lambda row: f"{row['difference_mg_dl']:20.1e}",
+    )

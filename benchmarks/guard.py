@@ -8,13 +8,12 @@ Times are of the processor, so that what else runs on the machine disturbs less;
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import time
 from typing import Any
 
 import numpy as np
+from pairs import answer
 
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
@@ -49,25 +48,5 @@ def measured(controller: str, precision: str, people: int, repeats: int) -> dict
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    parser.add_argument("--people", type=int, default=4096)
-    parser.add_argument("--repeats", type=int, default=15)
-    asked = parser.parse_args()
-    rows = [
-        measured(controller, precision, asked.people, asked.repeats)
-        for controller in CONTROLLERS
-        for precision in ("float64", "float32")
-    ]
-    if asked.json:
-        print(json.dumps(rows, indent=2))
-        return
-    print(f"{'':22}{'bare':>12}{'guarded':>12}{'cost':>8}")
-    for row in rows:
-        speeds = f"{row['bare_patient_days_s']:12.0f}{row['guarded_patient_days_s']:12.0f}"
-        print(f"{row['controller']:>8}, {row['precision']:12}{speeds}{row['cost_pct']:7.1f} %")
-
-
 if __name__ == "__main__":
-    main()
+    answer(__doc__, measured, CONTROLLERS, ("bare", "guarded"), people=4096)

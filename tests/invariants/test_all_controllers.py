@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from designed import Designed
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Observation, Status
 from glucoloop.control.protocol import gives_boluses
@@ -20,7 +21,7 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits, LimitedPump
+from glucoloop.pumps import LimitedPump
 from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate
@@ -129,29 +130,7 @@ Q = np.array([5.0, 1e-5, 0.1])
 IMAGINED = Imagined(patient=PATIENT, state=PATIENT.steady_state(25.0), insulin_mU_min=PATIENT.basal_insulin_mU_min)
 
 
-@dataclasses.dataclass(frozen=True)
-class Designed:
-    """What designs may know of the patient; implements `control.design_case.DesignCase`."""
-
-    dead_time_samples: int = 0
-    noise_variance: float = 1.45
-    sample_time_min: float = 5.0
-    limits: DoseLimits = PARKER_1999_LIMITS
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS
-    basal_insulin_mU_min: float = 25.0
-    identified: StepResponseModel = IDENTIFIED
-
-    def linearised(self):
-        return LINEAR
-
-    def nonlinear(self):
-        return IMAGINED
-
-    def first_order(self, step_mU_min, delay_min=None):
-        del step_mU_min
-        delay = 10.0 if delay_min is None else delay_min
-        return FirstOrderModel(gain=-2.0, tau_min=60.0, delay_min=delay, residual_rms_mg_dl=0.0)
-
+class MinimalDesign(Designed):
     def process_noise(self, glucose, other, glucagon):
         del glucose, other, glucagon
         return Q
@@ -177,7 +156,15 @@ VARIANTS = {
 
 def designed(name, own, dead_time_samples):
     values = ENTRIES[name].values({**SETTINGS.get(name, {}), **own})
-    return ENTRIES[name].designer()(Designed(dead_time_samples), *(() if values is None else (values,)))
+    design = MinimalDesign(
+        linear=LINEAR,
+        imagined=IMAGINED,
+        identified=IDENTIFIED,
+        first=FirstOrderModel(gain=-2.0, tau_min=60.0, delay_min=10.0, residual_rms_mg_dl=0.0),
+        basal_insulin_mU_min=25.0,
+        dead_time_samples=dead_time_samples,
+    )
+    return ENTRIES[name].designer()(design, *(() if values is None else (values,)))
 
 
 CONTROLLERS = {name: designed(*variant) for name, variant in VARIANTS.items()}

@@ -1,6 +1,5 @@
 """Guarded controllers under faults in any order: doses keep their limits, states stay finite, statuses are known."""
 
-import dataclasses
 import functools
 
 import jax
@@ -18,12 +17,12 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from designed import Designed
 from glucoloop.control import Observation, Status, guarded
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
@@ -39,30 +38,18 @@ LINEAR = LinearModel(
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class Designed:
-    """What designs may know of the patient; implements `control.design_case.DesignCase`."""
-
-    dead_time_samples: int = 0
-    noise_variance: float = 1.45
-    sample_time_min: float = 5.0
-    limits: DoseLimits = PARKER_1999_LIMITS
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS
-    basal_insulin_mU_min: float = 22.3
-    identified: StepResponseModel = MODEL
-
-    def linearised(self):
-        return LINEAR
-
-    def first_order(self, step_mU_min, delay_min=None):
-        del step_mU_min, delay_min
-        return FirstOrderModel(gain=-3.45, tau_min=89.1, delay_min=5.0, residual_rms_mg_dl=0.0)
-
+class LinearDesign(Designed):
     def process_noise(self, glucose, other, glucagon):
         del other, glucagon
         return np.array([glucose, 0.1 * glucose])
 
 
+DESIGN = LinearDesign(
+    linear=LINEAR,
+    identified=MODEL,
+    first=FirstOrderModel(gain=-3.45, tau_min=89.1, delay_min=5.0, residual_rms_mg_dl=0.0),
+    basal_insulin_mU_min=22.3,
+)
 # with a controller that is slow, as many steps would take minutes
 CONTROLLERS = [name for name, entry in ENTRIES.items() if not entry.slow]
 
@@ -90,7 +77,7 @@ def step(guard, state, numbers, valid):
 @functools.lru_cache
 def waking(name):
     values = ENTRIES[name].values({})
-    guard = guarded(ENTRIES[name].designer()(Designed(), *(() if values is None else (values,))))
+    guard = guarded(ENTRIES[name].designer()(DESIGN, *(() if values is None else (values,))))
     return guard, jax.jit(lambda numbers, valid: guard.init(observation(guard, numbers, valid)))
 
 

@@ -1,0 +1,34 @@
+"""What designs may know of a patient of whom a test makes up the models."""
+
+import dataclasses
+from typing import Any
+
+from glucoloop.identification import FirstOrderModel
+from glucoloop.models.step_response import StepResponseModel
+from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Designed:
+    """Implements `control.design_case.DesignCase` but for the process noise."""
+
+    linear: Any
+    identified: StepResponseModel
+    first: FirstOrderModel
+    basal_insulin_mU_min: float
+    imagined: Any = None
+    dead_time_samples: int = 0
+    noise_variance: float = 1.45
+    sample_time_min: float = 5.0
+    limits: DoseLimits = PARKER_1999_LIMITS
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS
+
+    def linearised(self):
+        return self.linear
+
+    def nonlinear(self):
+        return self.imagined
+
+    def first_order(self, step_mU_min, delay_min=None):
+        del step_mU_min
+        return self.first if delay_min is None else dataclasses.replace(self.first, delay_min=delay_min)
