@@ -125,6 +125,7 @@ def test_the_plan_minimises_the_objective_of_the_docstring():
         state, decision, estimate = step(controller, state, seen(reading, delivered=delivered))
         before, delivered = delivered, float(decision.insulin_mU_min)
     told = controller.expected.without(estimate, 0.6)
+    explained = dataclasses.replace(told, disturbance_mg_min=jnp.minimum(told.disturbance_mg_min, 0.0))
     P, goes_on = float(told.eating), 1.0 - float(controller.ends)
     assert 0.05 < P < 0.95
     assert decision.status == Status.OK
@@ -132,7 +133,7 @@ def test_the_plan_minimises_the_objective_of_the_docstring():
     def objective(moves):
         rates = before + np.cumsum(np.r_[moves, np.zeros(4)])
         likely = forecast_by_hand(controller, told, rates, P * goes_on ** np.arange(1, 7))
-        ends = forecast_by_hand(controller, told, rates, np.zeros(6))
+        ends = forecast_by_hand(controller, explained, rates, np.zeros(6))
         return (
             np.sum((SETPOINT - likely) ** 2)
             + 0.22**2 * np.sum(moves**2)
@@ -183,6 +184,7 @@ def test_a_design_that_is_not_possible_is_refused(bad, sentence):
         ({"caution_mg_dl": float("nan")}, "a caution of nan mg/dl is not possible"),
         ({"glucose_floor_mg_dl": -5.0}, "a glucose floor of -5 mg/dl is not possible"),
         ({"floor_weight": 0.0}, "a floor weight of 0 is not possible"),
+        ({"doubt": -0.5}, "a doubt of -0.5 is not possible"),
         ({"anticipation": 1.5}, "an anticipation of 1.5 is not possible"),
         ({"iterations": 0}, "iterations of 0 are not possible; give a whole number from 1 to 10"),
         ({"prediction_horizon": 1}, "a prediction horizon of 1 is not possible"),

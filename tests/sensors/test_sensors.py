@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from glucoloop.sensors import IdealSensor, dead_time, white_noise
+from glucoloop.sensors import IdealSensor, correlated_noise, dead_time, white_noise
 
 N = 20_000
 KEYS = jax.random.split(jax.random.key(7), N)
@@ -38,6 +38,27 @@ def test_noise_keeps_its_bound():
     assert np.abs(noise).max() == pytest.approx(2.0, abs=1e-13)
     beyond = 2.0 * scipy.stats.norm.sf(2.0 / 5.0)
     assert abs(np.mean(np.abs(noise) > 2.0 - 1e-12) - beyond) < 5.0 * np.sqrt(beyond * (1.0 - beyond) / N)
+
+
+def test_correlated_noise_is_stationary_with_its_variance_and_correlation():
+    sensor = correlated_noise(9.0, 0.7)
+
+    def three(key):
+        state, told = sensor.init(jnp.asarray(100.0), key), []
+        for k in range(3):
+            state, reading = sensor.read(state, jnp.asarray(100.0), jax.random.fold_in(key, k))
+            told.append(reading.glucose_mg_dl - 100.0)
+        return jnp.stack(told)
+
+    noise = np.asarray(jax.vmap(three)(KEYS))
+    covariance = noise.T @ noise / N
+    np.testing.assert_allclose(covariance, 9.0 * 0.7 ** np.abs(np.subtract.outer(range(3), range(3))), atol=0.5)
+    assert np.abs(noise.mean(axis=0)).max() < 5.0 * 3.0 / np.sqrt(N)
+
+
+def test_a_correlation_of_1_is_refused():
+    with pytest.raises(ValueError, match="a correlation of 1 is not possible; give 0 or more and less than 1"):
+        correlated_noise(9.0, 1.0)
 
 
 def test_without_variance_there_is_no_noise():

@@ -52,6 +52,20 @@ def imagined(patient_81):
     return nonlinear_model(patient_81)
 
 
+@pytest.mark.parametrize("setpoint", [80.0, 110.0, 140.0])
+def test_the_nonlinear_model_rests_at_the_setpoint(patient_81, sorensen_by_hand, setpoint):
+    model = nonlinear_model(patient_81, setpoint_mg_dl=setpoint)
+    assert float(model.glucose_mg_dl(model.state)) == pytest.approx(setpoint, abs=1e-9)
+    np.testing.assert_allclose(
+        sorensen_by_hand(np.asarray(model.state), float(model.insulin_mU_min), 0.0), 0.0, atol=1e-7
+    )
+
+
+def test_a_setpoint_that_no_infusion_holds_is_refused(patient_81):
+    with pytest.raises(ValueError, match="no infusion holds the patient at 900 mg/dl"):
+        nonlinear_model(patient_81, setpoint_mg_dl=900.0)
+
+
 def test_the_nonlinear_model_follows_an_adaptive_integrator(imagined, sorensen_by_hand):
     """Four hours of changes as large as the pump makes in a sample; the error of its one step is of their square."""
     follow = jax.jit(

@@ -64,7 +64,7 @@ class DesignCase(Protocol):
         ...
 
     def nonlinear(self) -> FedModel:
-        """The equations of the patient."""
+        """The equations of the patient, at rest at the setpoint."""
         ...
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:

@@ -84,6 +84,7 @@ class MealMPC:
     glucose_floor_mg_dl: jax.Array | float
     floor_weight: jax.Array | float
     anticipation: jax.Array | float
+    doubt: jax.Array | float
     limits: DoseLimits
     move_horizon: int = static()
     prediction_horizon: int = static()
@@ -182,14 +183,18 @@ class MealMPC:
         return at
 
     def _forecasts(self, now: _Ahead, rates: jax.Array) -> jax.Array:
-        """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now."""
+        """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now.
+
+        In the second the unexplained appearance ends too, as far as it is doubted.
+        """
         goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
 
         def one(at: _Ahead, insulin: jax.Array) -> tuple[_Ahead, jax.Array]:
             at = jax.vmap(self._sample, in_axes=(0, None, 0))(at, insulin, goes_on)
             return at, jax.vmap(self.model.glucose_mg_dl)(at.x)
 
-        twice = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), now)
+        ends = dataclasses.replace(now, disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance, 0.0))
+        twice = jax.tree.map(lambda *leaves: jnp.stack(leaves), now, ends)
         return jax.lax.scan(one, twice, rates)[1].T
 
     def _plan(
@@ -248,13 +253,16 @@ def design_meal_mpc(
     meal_horizon: int = 10,
     disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
+    largest_disturbance_mg_min: float = 100.0,
+    noise_pace: float = 0.2,
     dead_time_samples: int = 0,
 ) -> MealMPC:
     """Predictive control on a nonlinear model, with estimated and announced meals.
 
     At each sample an estimator gives the state of the person, the probability that a meal is being served, and the
     content of stomach and gut. From there the nonlinear model predicts glucose twice: its expected value, where a meal
-    under way ends with its usual probability, and its value if that meal ended at this moment. The moves solve::
+    under way ends with its usual probability, and its value if that meal ended at this moment, and with it the share
+    `doubt` of the glucose that no meal explains. The moves solve::
 
         min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2 + w^2 P (1 - P) |max(0, r - c - G_end)|^2
                         + w_f^2 |max(0, floor - G_end)|^2
@@ -268,7 +276,7 @@ def design_meal_mpc(
     variable      meaning                                                      size
     ============  ===========================================================  ======
     ``G``         glucose expected at the samples ahead                        (p,)
-    ``G_end``     the same if the meal under way ended now                     (p,)
+    ``G_end``     the same if all that is uncertain of it ended now            (p,)
     ``P``         probability that a meal nobody announced is being served     ()
     ``du``        planned moves                                                (m,)
     ============  ===========================================================  ======
@@ -288,6 +296,11 @@ def design_meal_mpc(
         Variance of the change of the unexplained appearance per sample, in the moving-horizon estimator, (mg/min)^2.
     measurement_variance : float
         R of a reading, (mg/dl)^2.
+    largest_disturbance_mg_min : float
+        Largest unexplained appearance that the moving-horizon estimator believes, to either side.
+    noise_pace : float
+        Pace at which the moving-horizon estimator learns the size of a correlated error of the sensor, mg/dl per pair
+        of innovations, 0 to 1.
     dead_time_samples : int
         Dead time of the readings that the controller knows of.
 
@@ -320,6 +333,8 @@ def design_meal_mpc(
             horizon=meal_horizon,
             disturbance_variance=disturbance_variance,
             measurement_variance=measurement_variance,
+            largest_disturbance_mg_min=largest_disturbance_mg_min,
+            noise_pace=noise_pace,
         )
     return MealMPC(
         model=own,
@@ -333,6 +348,7 @@ def design_meal_mpc(
         glucose_floor_mg_dl=tuning.glucose_floor_mg_dl,
         floor_weight=tuning.floor_weight,
         anticipation=tuning.anticipation,
+        doubt=tuning.doubt,
         limits=limits,
         move_horizon=tuning.move_horizon,
         prediction_horizon=tuning.prediction_horizon,
@@ -353,5 +369,7 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         meal_horizon=settings.meal_horizon,
         disturbance_variance=settings.disturbance_variance,
         measurement_variance=settings.measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
+        largest_disturbance_mg_min=settings.largest_disturbance_mg_min,
+        noise_pace=settings.noise_pace,
         dead_time_samples=case.dead_time_samples,
     )

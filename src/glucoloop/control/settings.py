@@ -164,8 +164,9 @@ class MealTuning(MPCTuning):
     """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
 
     The caution weight is multiplied by the standard deviation of whether there is a meal, ``sqrt(P (1 - P))``, and so
-    counts where the estimate is uncertain. At an anticipation of 1 glucose rests a little below the setpoint, .2 mg/dl
-    without noise and .8 with noise of variance 1.45, and the peak after a meal is lower by about as much.
+    counts where the estimate is uncertain. At an anticipation of 1 glucose rests a little below the setpoint, 0.2 mg/dl
+    without noise and 1.1 with noise of variance 1.45, and the peak after a meal is lower by about as much. At 0 it
+    rests 0.2 below with this noise, and at the setpoint without noise.
     """
 
     prediction_horizon: PredictionHorizon = 12
@@ -181,6 +182,14 @@ class MealTuning(MPCTuning):
         float,
         About(
             "Share of the always expected meals for which insulin is given; 0: glucose rests at the setpoint.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 0.0
+    doubt: Annotated[
+        float,
+        About(
+            "Share of the unexplained appearance of glucose that may stop at once; 1: no dose rests on it alone.",
             at_least=0.0,
             at_most=1.0,
         ),
@@ -210,6 +219,19 @@ class MealMPCSettings(MealTuning):
         float,
         About("Variance of a reading that the filter assumes, R; 0: that of the sensor, at least 0.01.", at_least=0.0),
     ] = 0.0
+    largest_disturbance_mg_min: Annotated[
+        float,
+        About("Largest unexplained appearance of glucose that is believed, to either side, in mg/min.", above=0.0),
+    ] = 100.0
+    noise_pace: Annotated[
+        float,
+        About(
+            "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per pair of innovations; "
+            "0: the noise is as told.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 0.2
     individual_by: Annotated[
         Literal["record", "basal", "none"],
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),

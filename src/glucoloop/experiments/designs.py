@@ -48,6 +48,8 @@ class SituationDesignCase:
     """Dead time that the controller knows, 0 if it does not know it."""
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
     """Limits of a bolus of the pump."""
+    setpoint_mg_dl: float | None = None
+    """Target of the controller, at which a nonlinear model rests, or None for the patient's operating point."""
 
     @property
     def basal_insulin_mU_min(self) -> float:
@@ -66,7 +68,7 @@ class SituationDesignCase:
         return self._linear
 
     def nonlinear(self) -> FedModel:
-        """The equations of the patient."""
+        """The equations of the patient, at rest at the setpoint."""
         return self._nonlinear
 
     # Kept, since a search designs many controllers on the same models.
@@ -76,7 +78,7 @@ class SituationDesignCase:
 
     @functools.cached_property
     def _nonlinear(self) -> FedModel:
-        return nonlinear_model(self.patient, sample_time_min=self.sample_time_min)
+        return nonlinear_model(self.patient, sample_time_min=self.sample_time_min, setpoint_mg_dl=self.setpoint_mg_dl)
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
         """First-order model fitted to the response to a step.
@@ -143,6 +145,7 @@ def design_of(
         noise_variance=situation.noise_variance,
         dead_time_samples=known_samples,
         bolus=situation.bolus,
+        setpoint_mg_dl=situation.setpoint_mg_dl,
     )
 
     def designed(tuning: Mapping[str, Value]) -> Controller:

@@ -47,6 +47,24 @@ class WhiteNoiseSettings:
 
 
 @settings_record
+class CorrelatedNoiseSettings:
+    """Settings of the sensor `correlated-noise`."""
+
+    variance: Annotated[
+        float,
+        About(
+            "Variance of the error of each reading, (mg/dl)².",
+            at_least=0.0,
+            quantity=NOISE_VARIANCE,
+            called="noise variance",
+        ),
+    ] = 9.0
+    correlation: Annotated[
+        float, About("Correlation of the errors of two consecutive readings.", at_least=0.0, below=1.0)
+    ] = 0.7
+
+
+@settings_record
 class DeadTimeSettings:
     """Settings of the sensor `dead-time`."""
 
@@ -71,6 +89,12 @@ SENSORS: Final = PartCatalogue(
             summary="bounded white noise on each reading",
             make="glucoloop.sensors:white_noise",
             record=WhiteNoiseSettings,
+        ),
+        SensorEntry(
+            name="correlated-noise",
+            summary="noise that is correlated from sample to sample, a first-order process",
+            make="glucoloop.sensors:correlated_noise",
+            record=CorrelatedNoiseSettings,
         ),
         SensorEntry(
             name="dead-time",

@@ -1,5 +1,6 @@
 """Glucose sensors and their faults: small objects that wrap one another."""
 
+from glucoloop.sensors.correlated_noise import CorrelatedNoise, correlated_noise
 from glucoloop.sensors.dead_time import DeadTime, dead_time
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.sensors.faults import (
@@ -20,6 +21,7 @@ from glucoloop.sensors.protocol import Reading, Sensor
 from glucoloop.sensors.white_noise import WhiteNoise, white_noise
 
 __all__ = [
+    "CorrelatedNoise",
     "DeadTime",
     "Erring",
     "IdealSensor",
@@ -28,6 +30,7 @@ __all__ = [
     "WhiteNoise",
     "calibration",
     "compression",
+    "correlated_noise",
     "dead_time",
     "drift",
     "erring",

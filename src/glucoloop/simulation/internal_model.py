@@ -11,6 +11,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals import fasting, meal_model_of
 from glucoloop.models.state_space import LinearModel, discretise, linearise
+from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.protocol import Inputs, Patient
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant
 from glucoloop.simulation.plant import SampleGrid
@@ -78,20 +79,35 @@ class InternalModel:
 
 @checked
 @on_host("its integrator is made with SciPy")
-def nonlinear_model(patient: Patient, *, sample_time_min: float = 5.0) -> InternalModel:
-    """A patient as an internal model at the basal operating point.
+def nonlinear_model(
+    patient: Patient, *, sample_time_min: float = 5.0, setpoint_mg_dl: float | None = None
+) -> InternalModel:
+    """A patient as an internal model at rest.
+
+    Parameters
+    ----------
+    patient : Patient
+    sample_time_min : float
+    setpoint_mg_dl : float, optional
+        Glucose at which the model rests; by default that of the basal operating point.
 
     Raises
     ------
     TypeError
         For a patient whom the exponential integrator cannot carry.
     ValueError
-        For a sample time that is not positive.
+        For a sample time that is not positive, or a setpoint that no infusion holds.
     """
     plant, _ = Exponential(substeps=1, near_rest=True).prepare(
         patient, fasting(meal_model_of(patient)), SampleGrid(sample_time_min=sample_time_min, samples=1)
     )
     insulin = patient.basal_insulin_mU_min
-    return InternalModel(
-        plant=plant, state=patient.steady_state(insulin), insulin_mU_min=insulin, sample_time_min=sample_time_min
-    )
+    state = patient.steady_state(insulin)
+    if setpoint_mg_dl is not None and setpoint_mg_dl != patient.glucose_mg_dl(state):
+        insulin, state = rest_at(patient, jnp.asarray(setpoint_mg_dl, float))
+        if not jnp.isfinite(insulin):
+            raise ValueError(
+                f"no infusion holds the patient at {setpoint_mg_dl:g} mg/dl, so that no model rests there; "
+                "choose a setpoint nearer to the patient's own"
+            )
+    return InternalModel(plant=plant, state=state, insulin_mU_min=insulin, sample_time_min=sample_time_min)

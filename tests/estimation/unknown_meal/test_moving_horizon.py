@@ -90,7 +90,8 @@ def record():
 )
 def test_probabilities_are_those_of_all_histories(two_states, linear, appears, record, habits, samples):
     readings, insulin = (values[:samples] for values in record)
-    estimator = design_meal_horizon(two_states, habits, disturbance_variance=4.0, measurement_variance=0.7)
+    as_told = {"noise_pace": 0.0, "largest_disturbance_mg_min": 1e6}
+    estimator = design_meal_horizon(two_states, habits, disturbance_variance=4.0, measurement_variance=0.7, **as_told)
     estimate, _ = told(two_states, estimator, readings, insulin)
     truth = by_hand(linear, appears, readings, insulin, habits.begins(H), habits.ends(H), 4.0, 0.7)
     np.testing.assert_allclose(estimate.eating[:samples], truth, rtol=0, atol=1e-6)
@@ -104,6 +105,11 @@ any_reading = st.one_of(
 )
 
 
+def test_a_bound_on_the_disturbance_is_above_0(two_states):
+    with pytest.raises(ValueError, match="a largest disturbance of 0 mg/min is not possible"):
+        design_meal_horizon(two_states, largest_disturbance_mg_min=0.0)
+
+
 @given(st.lists(any_reading, min_size=24, max_size=24), st.sampled_from([0.0, 20.0, 67.0, 1e4]))
 @settings(max_examples=30)
 def test_any_readings_leave_probabilities(two_states, readings, insulin):
@@ -115,6 +121,19 @@ def test_any_readings_leave_probabilities(two_states, readings, insulin):
         assert np.isfinite(leaf).all()
     assert (estimate.carbs_g >= 0.0).all()
     assert (estimate.carbs_g <= N * 1.8 + 1e-9).all()
+
+
+def test_much_insulin_without_an_effect_is_not_met_with_glucose(two_states):
+    """Readings rise far above the model under three times the basal rate: the disturbance stays within its bound."""
+    estimator = design_meal_horizon(two_states, RARE, largest_disturbance_mg_min=40.0)
+    readings = 80.0 + np.minimum(np.arange(N), 24.0) * 5.0
+    estimate, _ = told(two_states, estimator, readings, np.full(N, 60.0))
+    disturbance = np.asarray(estimate.disturbance_mg_min)
+    assert disturbance.max() <= 40.0 + 1e-9
+    free, _ = told(
+        two_states, design_meal_horizon(two_states, RARE, largest_disturbance_mg_min=1e6), readings, np.full(N, 60.0)
+    )
+    assert np.asarray(free.disturbance_mg_min).max() > 60.0
 
 
 # Meals free of noise --------------------------------------------------------------------------------------------------

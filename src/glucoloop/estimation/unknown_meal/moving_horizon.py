@@ -8,8 +8,9 @@ model carries on with the meal that it stands for, and with a probability, which
     eating     a meal for L samples, or more              ended j ago    j = 1 .. L
 
 Events older than L samples no longer distinguish hypotheses: those that meet are merged to their mean.
-Within a hypothesis a steady Kalman gain corrects the state and a disturbance, glucose that appears for no known
-reason, which takes up what the model gets wrong.
+Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor whose
+size is learned; see `estimation.noise_level`. The disturbance is glucose that appears for no known reason; it takes up
+what the model gets wrong, within a bound: much insulin without an effect has not arrived, rather than met with glucose.
 
 With the events of the horizon enumerated and the merged state as what is known before it, this is moving-horizon
 estimation with a discrete decision; with the weights kept in place of the best alone, it is the interacting
@@ -26,6 +27,7 @@ coefficients", IEEE Trans. Autom. Control 33(8), 1988.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Final
 
 import jax
@@ -33,7 +35,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
-from glucoloop.estimation.kalman import steady_state_gain
+from glucoloop.estimation.noise_level import NoiseLevel, NoisyFilters, no_noise, noisy_filters
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -65,6 +67,8 @@ class Hypothesis:
     disturbance_mg_min: jax.Array
     carbs_g: jax.Array
     """Carbohydrate served so far of the meal that the hypothesis is about, the latest one."""
+    error_mg_dl: jax.Array
+    """Correlated error of the sensor."""
 
 
 @pytree
@@ -75,15 +79,17 @@ class MealHorizonState:
     probability: jax.Array
     """(2 L + 2,) probability of each hypothesis."""
     announced: Announced
+    noise: NoiseLevel
 
 
 @pytree
 class MealHorizon:
     """Moving-horizon estimator of meals; see `design_meal_horizon`. Implements `MealEstimator`."""
 
-    gain: jax.Array
-    """(n + 1,) Kalman gain of the state, and last that of the disturbance."""
-    innovation_variance: jax.Array
+    filters: NoisyFilters
+    """Gains for the state, the disturbance and the sensor's error, at each size of the error."""
+    largest_disturbance_mg_min: jax.Array | float
+    """Largest disturbance that is believed, to either side."""
     begins: jax.Array
     """Probability that a meal begins in a sample."""
     ends: jax.Array
@@ -99,12 +105,14 @@ class MealHorizon:
             stomach=empty_stomach(disturbance, model.sample_time_min),
             disturbance_mg_min=disturbance,
             carbs_g=jnp.zeros_like(disturbance),
+            error_mg_dl=jnp.zeros_like(disturbance),
         )
         number = 2 * self.horizon + 2
         return MealHorizonState(
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
             probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
             announced=nothing_announced(disturbance),
+            noise=no_noise(disturbance),
         )
 
     def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
@@ -115,9 +123,9 @@ class MealHorizon:
         begins = jnp.where(sensed.known & (served == 0.0), self.begins, 0.0)
         hypotheses, probability = self._age(state.hypotheses, state.probability, begins)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
-        hypotheses, probability = self._correct(model, hypotheses, probability, sensed)
+        hypotheses, probability, noise = self._correct(model, hypotheses, probability, state.noise, sensed)
         announced = announce(announced, sensed.announced_carbs_g)
-        state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced)
+        state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced, noise=noise)
         return state, self._estimate(state, model.sample_time_min)
 
     def _eating(self) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -158,13 +166,7 @@ class MealHorizon:
         )
         later: Hypothesis = jax.tree.map(aged, held)
         just_begun = np.arange(2 * L + 2) == 1
-        later = Hypothesis(
-            x=later.x,
-            stomach=later.stomach,
-            disturbance_mg_min=later.disturbance_mg_min,
-            carbs_g=jnp.where(just_begun, 0.0, later.carbs_g),
-        )
-        return later, passed
+        return dataclasses.replace(later, carbs_g=jnp.where(just_begun, 0.0, later.carbs_g)), passed
 
     def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
         """Carry each hypothesis through the sample that has passed."""
@@ -177,23 +179,30 @@ class MealHorizon:
             stomach=stomach,
             disturbance_mg_min=fading(held.disturbance_mg_min, held.stomach, stomach),
             carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
+            error_mg_dl=self.filters.correlation * held.error_mg_dl,
         )
 
-    def _correct(self, model: FedModel, held: Hypothesis, p: jax.Array, sensed: Sensed) -> tuple[Hypothesis, jax.Array]:
-        """Correct the states by the gain, and the probabilities by Bayes' rule."""
-        predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x)
+    def _correct(
+        self, model: FedModel, held: Hypothesis, p: jax.Array, noise: NoiseLevel, sensed: Sensed
+    ) -> tuple[Hypothesis, jax.Array, NoiseLevel]:
+        """Correct the states by the gain, the probabilities by Bayes' rule, and the size of the sensor's error."""
+        predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x) + held.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
-        likelihood = jnp.exp(-0.5 * innovation**2 / self.innovation_variance) + _STRAY
+        gain, variance = self.filters.at(noise)
+        likelihood = jnp.exp(-0.5 * innovation**2 / variance) + _STRAY
+        moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
+        noise = self.filters.learn(noise, jnp.sum(p * moved) / jnp.sqrt(variance), sensed.known)
         p = p * likelihood
         p = jnp.maximum(p / jnp.sum(p), _LEAST)
-        moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
+        largest = self.largest_disturbance_mg_min
         corrected = Hypothesis(
-            x=held.x + self.gain[:-1, None] * moved,
+            x=held.x + gain[:-2, None] * moved,
             stomach=held.stomach,
-            disturbance_mg_min=held.disturbance_mg_min + self.gain[-1] * moved,
+            disturbance_mg_min=jnp.clip(held.disturbance_mg_min + gain[-2] * moved, -largest, largest),
             carbs_g=held.carbs_g,
+            error_mg_dl=held.error_mg_dl + gain[-1] * moved,
         )
-        return corrected, p / jnp.sum(p)
+        return corrected, p / jnp.sum(p), noise
 
     def _estimate(self, state: MealHorizonState, sample_time_min: float) -> MealEstimate:
         """Expected values over the hypotheses."""
@@ -223,6 +232,8 @@ def design_meal_horizon(
     horizon: int = 10,
     disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
+    largest_disturbance_mg_min: float = 100.0,
+    noise_pace: float = 0.2,
 ) -> MealHorizon:
     """Design the estimator for a model.
 
@@ -236,6 +247,10 @@ def design_meal_horizon(
         Variance of the change of the disturbance from sample to sample, (mg/min)^2, above 0.
     measurement_variance : float
         R, (mg/dl)^2, above 0.
+    largest_disturbance_mg_min : float
+        Largest disturbance that is believed, to either side, above 0.
+    noise_pace : float
+        Pace at which the size of a correlated error is learned, 0 to 1; see `estimation.noise_level`.
 
     Raises
     ------
@@ -248,15 +263,19 @@ def design_meal_horizon(
             f"a meal horizon of {horizon} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
         )
     check_variances(disturbance_variance, measurement_variance)
+    if not 0.0 < largest_disturbance_mg_min < np.inf:
+        raise ValueError(
+            f"a largest disturbance of {largest_disturbance_mg_min:g} mg/min is not possible; "
+            "give a finite value above 0"
+        )
     linear = linearised(model)
     n = linear.Gamma.size
     Q = np.zeros((n + 1, n + 1))
     Q[n, n] = disturbance_variance
-    steady = steady_state_gain(linear.Phi, linear.C, Q, measurement_variance)
     h = model.sample_time_min
     return MealHorizon(
-        gain=jnp.asarray(steady.gain),
-        innovation_variance=jnp.asarray(steady.innovation_covariance),
+        filters=noisy_filters(linear.Phi, linear.C, Q, measurement_variance, pace=noise_pace),
+        largest_disturbance_mg_min=largest_disturbance_mg_min,
         begins=jnp.asarray(habits.begins(h)),
         ends=jnp.asarray(habits.ends(h)),
         waking=waking(linear, measurement_variance),

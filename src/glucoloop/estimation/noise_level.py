@@ -1,0 +1,147 @@
+"""Kalman filters for sensor noise that is correlated and of unknown size.
+
+A reading has white noise of a known variance R and a first-order error e whose standard deviation s is not known::
+
+    y(k) = C x(k) + e(k) + v(k),    e(k+1) = c e(k) + sqrt(1 - c^2) s w(k)
+
+With e as one more state, the steady filter for each s = 0, 1, ..., 6 mg/dl is designed once. At run time the gain is
+interpolated at the present estimate of s, which follows the innovations.
+
+A filter with the right s has white innovations, so that one in two changes the sign. A meal, a blocked line or an error
+of the model pushes the innovations one way instead, and must not be taken for noise. Hence only pairs of consecutive
+innovations of opposite sign are counted, and of each the smaller one, so that a single stray reading counts little. Of
+two independent normal innovations with variance S::
+
+    E[min(a^2, b^2)] / S = 1 - 2 / pi
+
+and the estimate of s grows while the pairs are larger, and falls while they are smaller::
+
+    s <- clip(s + pace (min(z^2, z'^2) / (1 - 2 / pi) - 1), 0, 6),    z, z' = innovations / sqrt(S),  z z' < 0
+
+References
+----------
+M. Breton, B. Kovatchev, J. Diabetes Sci. Technol. 2(5), 2008: the error of a continuous glucose monitor.
+A. E. Bryson, L. J. Henrikson, "Estimation using sampled data containing sequentially correlated noise", J. Spacecraft
+5(6), 1968: the error as a state.
+R. K. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Autom. Control 15(2), 1970:
+noise from innovations.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.estimation.kalman import steady_state_gain
+
+LEVELS_MG_DL: Final = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Standard deviations s for which filters are designed, 1 mg/dl apart."""
+CORRELATION: Final = 0.7
+"""Correlation c of the error between samples of 5 min, as Breton and Kovatchev (2008) found it."""
+_SMALLER_SQUARE: Final = 1.0 - 2.0 / math.pi
+_MOST: Final = 6.0
+"""Most that a pair counts, in units of its expectation."""
+
+
+@pytree
+class NoiseLevel:
+    """Estimated size of the correlated error."""
+
+    deviation_mg_dl: jax.Array
+    """Estimated standard deviation s."""
+    last: jax.Array
+    """Last innovation in its standard deviations, 0 where there was none."""
+
+
+def no_noise(like: jax.Array) -> NoiseLevel:
+    """Size of 0, as before the first reading."""
+    return NoiseLevel(deviation_mg_dl=jnp.zeros_like(like), last=jnp.zeros_like(like))
+
+
+@pytree
+class NoisyFilters:
+    """Steady filters for each size of the correlated error; see `noisy_filters`."""
+
+    gain: jax.Array
+    """(levels, n + 1) gain of the states, and last that of the error, for each of `LEVELS_MG_DL`."""
+    innovation_variance: jax.Array
+    """(levels,) variance S of an innovation."""
+    correlation: jax.Array | float
+    pace: jax.Array | float
+    """Largest change of s per pair of innovations that is due to small ones, mg/dl."""
+
+    def at(self, noise: NoiseLevel) -> tuple[jax.Array, jax.Array]:
+        """Gain ``(n + 1,)`` and innovation variance at an estimated size, by linear interpolation."""
+        share = jnp.maximum(0.0, 1.0 - jnp.abs(noise.deviation_mg_dl - jnp.asarray(LEVELS_MG_DL)))
+        return jnp.sum(share[:, None] * self.gain, axis=0), jnp.sum(share * self.innovation_variance)
+
+    def learn(self, noise: NoiseLevel, innovation: jax.Array, known: jax.Array) -> NoiseLevel:
+        """The estimate after an innovation, which is given in its standard deviations."""
+        pair = jnp.minimum(innovation**2, noise.last**2) / _SMALLER_SQUARE
+        counts = known & (innovation * noise.last < 0.0)
+        change = jnp.where(counts, self.pace * (jnp.minimum(pair, _MOST) - 1.0), 0.0)
+        return NoiseLevel(
+            deviation_mg_dl=jnp.clip(noise.deviation_mg_dl + change, 0.0, LEVELS_MG_DL[-1]),
+            last=jnp.where(known, innovation, 0.0),
+        )
+
+
+def noisy_filters(
+    Phi: npt.ArrayLike,
+    C: npt.ArrayLike,
+    Q: npt.ArrayLike,
+    R: float,
+    *,
+    correlation: float = CORRELATION,
+    pace: float = 0.2,
+) -> NoisyFilters:
+    """Design the filters.
+
+    Parameters
+    ----------
+    Phi : (n, n) array
+        Transition matrix.
+    C : (n,) array
+        Output row.
+    Q : (n, n) array
+        Covariance of the process noise.
+    R : float
+        Variance of the white part of the noise, (mg/dl)^2, above 0.
+    correlation : float
+        c, from 0 to below 1.
+    pace : float
+        Share of a mg/dl by which the estimate of s follows a pair of innovations; 0: the noise is as designed.
+
+    Raises
+    ------
+    ValueError
+        If there is no stabilising filter, or for a correlation or a pace outside its bounds.
+    """
+    if not 0.0 <= correlation < 1.0:
+        raise ValueError(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
+    if not 0.0 <= pace <= 1.0:
+        raise ValueError(f"a pace of {pace:g} mg/dl per pair of innovations is not possible; give 0 to 1")
+    Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
+    n = C.size
+    wide, drive = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
+    wide[:n, :n], wide[n, n] = Phi, correlation
+    drive[:n, :n] = Q
+    without = steady_state_gain(Phi, C, Q, R)
+    gains, variances = [np.append(without.gain, 0.0)], [float(without.innovation_covariance)]
+    for deviation in LEVELS_MG_DL[1:]:
+        drive[n, n] = (1.0 - correlation**2) * deviation**2
+        steady = steady_state_gain(wide, np.append(C, 1.0), drive, R)
+        gains.append(np.asarray(steady.gain))
+        variances.append(float(steady.innovation_covariance))
+    return NoisyFilters(
+        gain=jnp.asarray(np.stack(gains)),
+        innovation_variance=jnp.asarray(variances),
+        correlation=correlation,
+        pace=pace,
+    )
