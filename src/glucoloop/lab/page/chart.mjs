@@ -178,9 +178,10 @@ class Chart {
     }
     ctx.setLineDash([]);
     ctx.fillStyle = style("--soft");
+    const radius = (plot.width < NARROW_PX ? 1.2 : 2) * pixel;
     for (let i = 0; i < panel.dots.x.length; i++) {
       ctx.beginPath();
-      ctx.arc(x(panel.dots.x[i]), y(panel.dots.y[i]), 2 * pixel, 0, 2 * Math.PI);
+      ctx.arc(x(panel.dots.x[i]), y(panel.dots.y[i]), radius, 0, 2 * Math.PI);
       ctx.fill();
     }
   }

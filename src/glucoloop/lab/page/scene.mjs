@@ -35,6 +35,7 @@ const LOW = 70;
 const HIGH = 180;
 /** The least range of the axis, so that small changes are seen and not taken for large ones. */
 const SHOWN = [60, 130];
+const MARGIN = 5;
 /** Statuses by which a guard says that it acted. */
 const GUARD = [5, 6, 7, 8, 9, 10];
 /** Colours that colour-blind people tell apart (Okabe and Ito), darker or lighter by the page. */
@@ -154,7 +155,7 @@ export function scene(session, dark) {
     glucose: {
       title: texts.glucoseIn(units.glucose.name, level(LOW), level(HIGH)),
       unit: units.glucose.name,
-      range: [glucose(Math.max(0, least)), glucose(most + 5)],
+      range: [glucose(Math.max(0, least < SHOWN[0] ? least - MARGIN : least)), glucose(most + MARGIN)],
       band: [glucose(LOW), glucose(HIGH)],
       rules: [],
       lines: [

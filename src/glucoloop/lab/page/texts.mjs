@@ -111,7 +111,7 @@ export const texts = {
   grams: (/** @type {number} */ carbs_g) => `${carbs_g} g`,
   meal: (/** @type {number} */ number, /** @type {number} */ carbs_g, /** @type {number} */ t_min) =>
     `Meal ${number}: ${carbs_g} g at ${t_min} min`,
-  mealTime: (/** @type {number} */ number) => `Meal ${number} at, min`,
+  mealTime: (/** @type {number} */ number) => `Meal ${number}, min`,
   mealSize: (/** @type {number} */ number) => `Meal ${number}, g`,
   removeMeal: (/** @type {number} */ number) => `Remove meal ${number}`,
   remove: "Remove",
