@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import OUTPUT, Given, names, options_of, with_options, without
 from glucoloop.cli.request import file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import show, stages
-from glucoloop.cli.telling import print_json, where_written
+from glucoloop.cli.screen import stages
+from glucoloop.cli.study import tell_results
 from glucoloop.config.options.bound import NOT_OF_A_BOUND, BoundKeys
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
-    from glucoloop.cli.request import Output
     from glucoloop.storage.folder import OutputFolder
     from glucoloop.studies.bounded import Bounded
 
@@ -47,7 +46,11 @@ def command(given: Given) -> None:
             with stages("Drawing"):
                 _write(folder, bounded)
             files = folder.paths()
-    _tell(bounded, output, files)
+    from glucoloop.report.bound_table import bound_table
+
+    notes = tuple(bounded.notes())
+    table = bound_table(bounded.plans, bounded.hedged)
+    tell_results(output, bounded.report(), files, [table], notes, notes=notes)
 
 
 def _read(keys: Given, of_file: Given) -> BoundKeys:
@@ -79,16 +82,3 @@ def _write(folder: OutputFolder, bounded: Bounded) -> None:
         limits=bounded.limits,
     )
     write_figure(folder, "figure", figure)
-
-
-def _tell(bounded: Bounded, output: Output, files: dict[str, str]) -> None:
-    notes = tuple(bounded.notes())
-    if output.json:
-        print_json(bounded.report(), files, notes)
-        return
-    from glucoloop.report.bound_table import bound_table
-
-    show(bound_table(bounded.plans, bounded.hedged))
-    for line in notes:
-        print(line)
-    print(where_written(output.out, files))

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.options import OUTPUT, Given, Option, names, options_of, with_options
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, file_keys, split_off_output
-from glucoloop.cli.screen import show, stage
-from glucoloop.cli.telling import print_json, where_written
+from glucoloop.cli.screen import stage
+from glucoloop.cli.study import tell_results
 from glucoloop.papers.meal_aware.options import EXTENT_PANEL, QUICK, ClaimsKeys
 
 if TYPE_CHECKING:
@@ -65,9 +65,6 @@ def _tell(done: ComparisonRuns, judged: Sequence[Verdict], output: Output, files
     from glucoloop.papers.meal_aware.pages import HOLDS, bound_told, number, report, seeds_told, summary_told
 
     notes = tuple(seeds_told(done))
-    if output.json:
-        print_json({**report(done, judged), "step_ms": dict(done.step_ms)}, files, notes)
-        return
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
@@ -85,11 +82,9 @@ def _tell(done: ComparisonRuns, judged: Sequence[Verdict], output: Output, files
         name = claim.situation if claim.situation != last else ""
         table.add_row(name, what, HOLDS[verdict.holds], bound_told(verdict), *of_each)
         last = claim.situation
-    show(table)
-    print(summary_told(judged))
-    for line in notes:
-        print(line)
+    lines = [summary_told(judged), *notes]
     if done.step_ms:
         told = ", ".join(f"{name} {number(ms, 2)}" for name, ms in done.step_ms.items())
-        print(f"One sample of one patient on this machine, in ms: {told}.")
-    print(where_written(output.out, files))
+        lines.append(f"One sample of one patient on this machine, in ms: {told}.")
+    whole = {**report(done, judged), "step_ms": dict(done.step_ms)}
+    tell_results(output, whole, files, [table], lines, notes=notes)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, Option, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import show, stage
-from glucoloop.cli.telling import mmol_lines, print_json, where_written
+from glucoloop.cli.screen import stage
+from glucoloop.cli.study import tell_results
+from glucoloop.cli.telling import mmol_lines
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
@@ -175,16 +176,12 @@ def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: O
             f"pump's limits{'' if bound.converged else '; it did not converge, so it is not a bound'}.",
             *(["A controller that prepares for a likely meal could do better."] if len(_meals(outcomes)) > 1 else []),
         )
-    if output.json:
-        print_json(_report(outcomes, bound), files, notes)
-        return
     from glucoloop.report import comparison_table
 
     distances = None if bound is None else _distances(outcomes, bound)
-    show(comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}, distances))
-    for line in (*notes, *(mmol_lines(outcomes) if output.mmol else ())):
-        print(line)
-    print(where_written(output.out, files))
+    table = comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}, distances)
+    lines = (*notes, *(mmol_lines(outcomes) if output.mmol else ()))
+    tell_results(output, _report(outcomes, bound), files, [table], lines, notes=notes)
 
 
 def _meals(outcomes: Mapping[str, Outcome]) -> tuple[str, ...]:

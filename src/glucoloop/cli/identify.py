@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import OUTPUT, Given, names, options_of, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output
-from glucoloop.cli.screen import show, stage
-from glucoloop.cli.telling import print_json, where_written
+from glucoloop.cli.screen import stage
+from glucoloop.cli.study import tell_results
 from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.storage.strict_json import with_version
 
@@ -85,9 +85,6 @@ def _write(folder: OutputFolder, identified: Identified) -> None:
 
 
 def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None:
-    if output.json:
-        print_json(identified.report(), files, (*identified.notes, *_warning(identified)))
-        return
     from rich import box
     from rich.table import Table
 
@@ -97,11 +94,11 @@ def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None
     table.add_column("Unit")
     for name, value, unit in identified.rows():
         table.add_row(name, value, unit)
-    show(table)
-    for line in identified.notes:
-        print(line)
-    print(where_written(output.out, files))
-    for line in _warning(identified):
+    notes, warning = identified.notes, _warning(identified)
+    tell_results(output, identified.report(), files, [table], notes, notes=(*notes, *warning))
+    if output.json:
+        return
+    for line in warning:
         print(line)
     if "model.json" in files and not identified.model.doubts():
         print(f"Use it: glucoloop run --model {files['model.json']}{identified.run_hint}")

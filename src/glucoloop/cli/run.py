@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, names, with_options
 from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
-from glucoloop.cli.screen import show, stage
-from glucoloop.cli.telling import mmol_lines, print_json, where_written
+from glucoloop.cli.screen import stage
+from glucoloop.cli.study import tell_results
+from glucoloop.cli.telling import mmol_lines
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
@@ -95,16 +96,8 @@ def tell(
     outcome: Outcome, output: Output, files: dict[str, str], report: Mapping[str, Any], more: Iterable[str] = ()
 ) -> None:
     """Print the metrics and the notes, or one JSON object."""
-    notes = (*outcome.notes, *more)
-    if output.json:
-        print_json(report, files, notes)
-        return
     from glucoloop.report import metrics_table
 
-    show(metrics_table(outcome.metrics))
-    for line in notes:
-        print(line)
-    if output.mmol:
-        for line in mmol_lines({outcome.run.case.controller: outcome}):
-            print(line)
-    print(where_written(output.out, files))
+    notes = (*outcome.notes, *more)
+    mmol = mmol_lines({outcome.run.case.controller: outcome}) if output.mmol else ()
+    tell_results(output, report, files, [metrics_table(outcome.metrics)], (*notes, *mmol), notes=notes)
