@@ -70,25 +70,26 @@ class Case:
         return (SLOW if CONTROLLERS[self.controller].slow else 5e3) * (SOFT if soft else 1.0)
 
 
-class Results:
-    """What was found, in a file."""
+def kept(case):
+    """What was found of the C that a case gives now."""
+    source = case.made.exported.source
+    found = everything().get(case.name, {})
+    if found.get("design") == source.design[:16]:
+        return found
+    return {"design": source.design[:16], "form": source.form, "cells": {}, "proofs": {}}
 
-    def __init__(self):
-        self.found = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
 
-    def of(self, case):
-        """What was found of the C that a case gives now."""
-        source = case.made.exported.source
-        kept = self.found.get(case.name, {})
-        if kept.get("design") != source.design[:16]:
-            kept = {"design": source.design[:16], "form": source.form, "cells": {}, "proofs": {}}
-            self.found[case.name] = kept
-        return kept
+def keep(case, part, name, found):
+    """Write what was found; another process may have written something else since this one read the file."""
+    everything_now = everything() | {case.name: kept(case)}
+    everything_now[case.name][part][name] = found
+    ordered = {case.name: everything_now[case.name] for case in cases(CONTROLLERS) if case.name in everything_now}
+    RESULTS.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+    write_tables()
 
-    def write(self):
-        ordered = {case.name: self.found[case.name] for case in cases(CONTROLLERS) if case.name in self.found}
-        RESULTS.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
-        FIGURES.write_text("\n".join(tables(ordered)), encoding="utf-8")
+
+def everything():
+    return json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
 
 
 @functools.lru_cache(maxsize=2 * MOST_RUNS)
@@ -101,18 +102,18 @@ def cases(controllers):
     return [Case(name, guard, precision) for precision in PRECISIONS for name in ordered for guard in (False, True)]
 
 
-def compare(results, cases, samples):
+def compare(cases, samples):
     """Bring every cell to so many samples, slow ones last and by turns."""
     cells = [(case, chip) for case in cases for chip in (HERE, *CHIPS)]
     slow = [(case, chip) for case, chip in cells if case.guess(chip) > 2 * SLOW]
-    go_on(results, [cell for cell in cells if cell not in slow], samples)
+    go_on([cell for cell in cells if cell not in slow], samples)
     for level in sorted({min(level, samples) for level in (*LEVELS, samples)}):
-        go_on(results, slow, level)
+        go_on(slow, level)
 
 
-def go_on(results, cells, samples):
+def go_on(cells, samples):
     for case, chip in cells:
-        cell = results.of(case)["cells"].setdefault(chip, {"samples": 0})
+        cell = kept(case)["cells"].get(chip, {"samples": 0})
         while cell["samples"] < samples:
             start, done = time.perf_counter(), cell["samples"] // RUN
             at_once = int(A_PROGRAM / (RUN * cell.get("instructions", case.guess(chip))))
@@ -122,7 +123,7 @@ def go_on(results, cells, samples):
             for key, value in found.items():
                 before = cell.get(key, 0)
                 cell[key] = before + value if key.startswith("samples") else max(before, value)
-            results.write()
+            keep(case, "cells", chip, cell)
             took = time.perf_counter() - start
             print(f"{case.name}, {chip}: {cell['samples']} samples, the last {runs * RUN} in {took:.0f} s", flush=True)
 
@@ -131,28 +132,26 @@ def on_this_computer(case, record):
     """Numbers of samples that were computed in other ways than where they were recorded."""
     exported, runs = case.made.exported, len(record.observations) // record.run
     checked = runs * (IN_NUMPY_SLOW if CONTROLLERS[case.controller].slow else IN_NUMPY)
-    kept = {"samples": here(exported, record), "samples_numpy": interpreted(exported, record, checked)}
+    rungs = {"samples": here(exported, record), "samples_numpy": interpreted(exported, record, checked)}
     if exported.source.lowered is not None:
-        kept["samples_llvm"] = native(exported, record)
-    return {key: told(case, rung).measured["samples"] for key, rung in kept.items()}
+        rungs["samples_llvm"] = native(exported, record)
+    return {key: told(case, rung).measured["samples"] for key, rung in rungs.items()}
 
 
 def on_chip(case, record, chip):
     return told(case, emulated(case.made.exported, record, chip)).measured
 
 
-def prove(results, cases):
-    """MISRA C:2012 and the proofs, of what has none yet."""
-    for case in cases:
-        proofs = results.of(case)["proofs"]
-        for name, rung_of in (("rules", misra), ("bounds", bounds_proved), ("change", change_proved)):
-            if name in proofs:
+def prove(cases):
+    """The proofs and MISRA C:2012, of what has none yet."""
+    for name, rung_of in (("bounds", bounds_proved), ("change", change_proved), ("rules", misra)):
+        for case in cases:
+            if name in kept(case)["proofs"]:
                 continue
             start = time.perf_counter()
             rung = rung_of(case.made.exported)
             took = time.perf_counter() - start
-            proofs[name] = {"holds": rung.holds, "found": rung.found, "seconds": round(took)}
-            results.write()
+            keep(case, "proofs", name, {"holds": rung.holds, "found": rung.found, "seconds": round(took)})
             print(f"{case.name}: {rung.found} ({took:.0f} s)", flush=True)
 
 
@@ -172,10 +171,10 @@ def row(*cells):
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def tables(found):
+def write_tables():
     """Samples, sizes, and proofs."""
     samples, sizes, proofs = [], [], []
-    for name, of in found.items():
+    for name, of in everything().items():
         words = name.split()
         cells = [of["cells"].get(chip, {"samples": 0}) for chip in (HERE, *CHIPS)]
         in_numpy = cells[0].get("samples_numpy", 0)
@@ -190,11 +189,13 @@ def tables(found):
             cells = ("not run" if task is None else task["found"] for task in tasks)
             proofs.append(row(*words, *cells, sum(task["seconds"] for task in tasks if task)))
     case = ("Controller", "Guard", "Arithmetic")
-    yield from table((*case, "Computer", "M4F", "M7", "RV32", "of them in LLVM", "in NumPy"), 6, samples)
     memory = ("Program and tables (B)", "State and workspace (B)", "Stack (B)")
-    yield from table((*case, "Form", "Chip", *memory, "Instructions", "ms"), 5, sizes)
-    found_by = ("MISRA C:2012", "Dose and status", "Change of the rate", "Seconds")
-    yield from table((*case, *found_by), 1, proofs)
+    lines = (
+        *table((*case, "Computer", "M4F", "M7", "RV32", "in LLVM", "in NumPy"), 6, samples),
+        *table((*case, "Form", "Chip", *memory, "Instructions", "ms"), 5, sizes),
+        *table((*case, "MISRA C:2012", "Dose and status", "Change of the rate", "Seconds"), 1, proofs),
+    )
+    FIGURES.write_text("\n".join(lines), encoding="utf-8")
 
 
 def main():
@@ -206,14 +207,13 @@ def main():
     given.add_argument("--tables", action="store_true", help="Write the tables alone.")
     asked = given.parse_args()
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # a step of a patient is too short for another thread
-    results = Results()
     chosen = [case for case in cases(asked.controller or CONTROLLERS) if asked.precision in (None, case.precision)]
     if asked.tables:
-        results.write()
+        write_tables()
     elif asked.proofs:
-        prove(results, chosen)
+        prove(chosen)
     else:
-        compare(results, chosen, asked.samples)
+        compare(chosen, asked.samples)
 
 
 if __name__ == "__main__":

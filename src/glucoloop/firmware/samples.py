@@ -77,7 +77,7 @@ class Record:
 
 
 def spread(number: int, last: int) -> list[int]:
-    """Up to so many places from 0 to the last one, at distances as equal as can be."""
+    """Places from 0 to the last one, at most so many, at distances as equal as can be."""
     return sorted({round(place) for place in np.linspace(0, last, min(number, last + 1))})
 
 
