@@ -17,7 +17,7 @@ from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
-from glucoloop.firmware.samples import Init, Record, Step, arithmetic, record, stepper_of
+from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import OutputFolder
@@ -45,7 +45,7 @@ class Made:
     situation: Situation
     model: ModelFile | None
 
-    def recorded(self, samples: int, seed: int) -> Record:
+    def recorded(self, samples: int, seed: int) -> SampleRecord:
         """Samples with the decisions of C on this computer, or of NumPy where it has no compiler."""
         init: Init
         step: Step

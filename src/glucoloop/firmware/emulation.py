@@ -12,14 +12,14 @@ from glucoloop.firmware.chips import SMALL, Chip
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import build_command, run_command
 from glucoloop.firmware.rung import Rung, ran, written
-from glucoloop.firmware.samples import Record
+from glucoloop.firmware.samples import SampleRecord
 
 _CLOCK_MHZ: Final = 64.0
 _CYCLES: Final = 1.5
 """Assumed cycles per instruction; QEMU has no model of them."""
 
 
-def emulated(exported: Exported, record: Record, chip: Chip) -> Rung:
+def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
     """Run the self-test on an emulated chip, and measure its size and its instructions."""
     name = f"C on an emulated {chip.name}"
     for tool, package in ((chip.compiler, chip.package), (chip.emulator, chip.emulator_package)):

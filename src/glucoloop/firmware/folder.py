@@ -14,13 +14,13 @@ import numpy as np
 from glucoloop.control.protocol import Controller, Status
 from glucoloop.firmware.chips import CHIPS, LINK, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.samples import Record
+from glucoloop.firmware.samples import SampleRecord
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
 
 Rungs = Sequence[Mapping[str, Any]]
 
 
-def code_files(exported: Exported, record: Record, chip: Chip | None) -> dict[str, str]:
+def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> dict[str, str]:
     """Files that a compiler reads."""
     of = chip or CHIPS["cortex-m4f"]
     return {
@@ -59,7 +59,7 @@ def _makefile(chip: Chip) -> str:
     return text.replace("@RUN@", run)
 
 
-def _samples(exported: Exported, record: Record) -> str:
+def _samples(exported: Exported, record: SampleRecord) -> str:
     """Recorded samples as a header: inputs and expected outputs, in bits."""
     format, records = FORMATS[exported.precision], exported.source.records
     given, expected = records["observation"].fields, records["decision"].fields

@@ -12,7 +12,7 @@ from glucoloop.firmware.chips import CHIPS, Chip
 from glucoloop.firmware.emulation import emulated
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.rung import Rung
-from glucoloop.firmware.samples import Record, arithmetic, replayed
+from glucoloop.firmware.samples import SampleRecord, arithmetic, replayed
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import STRICT
@@ -23,13 +23,15 @@ CHECKED: Final = {"unrolled": None, "compact": 60}
 """The same for `--check`; NumPy takes a second and more for one sample of the compact form."""
 
 
-def ladder(exported: Exported, record: Record, chips: list[Chip], *, samples: int | None, deep: bool) -> Iterator[Rung]:
+def ladder(
+    exported: Exported, record: SampleRecord, chips: list[Chip], *, samples: int | None, deep: bool
+) -> Iterator[Rung]:
     """Run the checks in order.
 
     Parameters
     ----------
     exported : Exported
-    record : Record
+    record : SampleRecord
         Samples and the expected decisions.
     chips : list of Chip
         Chips that are emulated.
@@ -55,14 +57,14 @@ def _told(name: str, samples: int, first: int | None, what: str = "dose and stat
     return Rung(name, True, f"{samples} samples, every {what} equal to the bit", {"samples": samples})
 
 
-def interpreted(exported: Exported, record: Record, samples: int | None) -> Rung:
+def interpreted(exported: Exported, record: SampleRecord, samples: int | None) -> Rung:
     """Compute samples, spread over the record, in NumPy as the form is defined; None for all."""
     name, number = "operation by operation in NumPy", len(record.observations)
     first = record.wrong_step(*arithmetic(exported), samples)
     return _told(name, number if samples is None else min(samples, number), first, "dose, status and state")
 
 
-def native(exported: Exported, record: Record) -> Rung:
+def native(exported: Exported, record: SampleRecord) -> Rung:
     """Compute all samples in the native engine, which the compact form has none of."""
     name = "native engine (LLVM), strict products"
     if exported.source.lowered is None:
@@ -90,7 +92,7 @@ def native(exported: Exported, record: Record) -> Rung:
     return _told(name, len(record.observations), record.differs(replayed(record, init, step)))
 
 
-def here(exported: Exported, record: Record) -> Rung:
+def here(exported: Exported, record: SampleRecord) -> Rung:
     """Compute all samples in C on this computer, optimised more than where they were recorded."""
     name = "C on this computer"
     if compiler() is None:

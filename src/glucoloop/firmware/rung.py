@@ -11,7 +11,7 @@ from typing import Any, Final
 from glucoloop.firmware.chips import Chip
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files
-from glucoloop.firmware.samples import Record
+from glucoloop.firmware.samples import SampleRecord
 
 _LONGEST_S: Final = 600.0
 
@@ -40,7 +40,7 @@ def ran(command: list[str], folder: Path) -> tuple[int, str]:
     return done.returncode, f"{done.stdout}{done.stderr}"
 
 
-def written(exported: Exported, record: Record, chip: Chip | None, folder: Path) -> None:
+def written(exported: Exported, record: SampleRecord, chip: Chip | None, folder: Path) -> None:
     """Write the files that a compiler reads."""
     for name, text in code_files(exported, record, chip).items():
         (folder / name).write_text(text)

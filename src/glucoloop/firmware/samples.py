@@ -39,7 +39,7 @@ _ABSURD_SHARE: Final = 6
 
 
 @dataclass(frozen=True)
-class Record:
+class SampleRecord:
     """Samples of one or more runs; within a run the state passes from each sample to the next."""
 
     observations: list[Leaves]
@@ -49,7 +49,7 @@ class Record:
     run: int
     """Number of samples of a run, after which the controller is woken anew."""
 
-    def differs(self, other: Record) -> int | None:
+    def differs(self, other: SampleRecord) -> int | None:
         """First sample at which the decisions differ in a bit; None if they are the same."""
         for i, (here, there) in enumerate(zip(self.decisions, other.decisions, strict=True)):
             if not equal(here, there):
@@ -81,10 +81,10 @@ def spread(number: int, last: int) -> list[int]:
     return sorted({round(place) for place in np.linspace(0, last, min(number, last + 1))})
 
 
-def joined(records: Sequence[Record]) -> Record:
+def joined(records: Sequence[SampleRecord]) -> SampleRecord:
     """Records of equally long runs, one after another."""
     (run,) = {record.run for record in records}
-    return Record(
+    return SampleRecord(
         observations=[leaves for record in records for leaves in record.observations],
         states=[leaves for record in records for leaves in record.states],
         decisions=[leaves for record in records for leaves in record.decisions],
@@ -163,7 +163,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
 
 def record(
     exported: Exported, controller: Controller, situation: Situation, init: Init, step: Step, *, samples: int, seed: int
-) -> Record:
+) -> SampleRecord:
     """Run the loop of a controller with faults, and give it absurd numbers at the end.
 
     Parameters
@@ -197,10 +197,10 @@ def record(
         seen = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
         if situation.announced:
             seen = dataclasses.replace(seen, announced_carbs_g=jnp.asarray(carbs))
-    return Record(observations, states, decisions, samples)
+    return SampleRecord(observations, states, decisions, samples)
 
 
-def replayed(of: Record, init: Init, step: Step) -> Record:
+def replayed(of: SampleRecord, init: Init, step: Step) -> SampleRecord:
     """Decisions of another implementation for the same observations."""
     state: Leaves = []
     states, decisions = [], []
@@ -209,7 +209,7 @@ def replayed(of: Record, init: Init, step: Step) -> Record:
         states.append(state)
         state, decided = step(state, seen)
         decisions.append(decided)
-    return Record(of.observations, states, decisions, of.run)
+    return SampleRecord(of.observations, states, decisions, of.run)
 
 
 def leaves_of(seen: Observation, exported: Exported) -> Leaves:

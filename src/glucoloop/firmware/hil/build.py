@@ -59,7 +59,7 @@ EMULATED: Final = tuple(_BOARDS)
 
 
 @dataclass(frozen=True)
-class Program:
+class FirmwareProgram:
     """A compiled firmware, and the command that runs it in its folder."""
 
     command: tuple[str, ...]
@@ -86,7 +86,7 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
     return portable_files(exported) | own
 
 
-def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> Program:
+def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> FirmwareProgram:
     """Write and compile the firmware for an emulated chip.
 
     Parameters
@@ -113,7 +113,7 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
         if found is None:
             raise ValueError("there is no C compiler on this machine; Debian's package gcc brings one")
         _compile([found, *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
-        return Program((str(folder / "firmware"),))
+        return FirmwareProgram((str(folder / "firmware"),))
     of = CHIPS[chip]
     for tool, package in ((of.compiler, of.package), (of.emulator, of.emulator_package)):
         if shutil.which(tool) is None:
@@ -127,7 +127,7 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     with (folder / _IMAGE).open("r+b") as image:
         (folder / _VECTORS).write_bytes(image.read(_VECTORS_BYTES))
         image.truncate(_MEMORY[chip].size)
-    return Program(_emulation(of))
+    return FirmwareProgram(_emulation(of))
 
 
 def _emulation(chip: Chip) -> tuple[str, ...]:

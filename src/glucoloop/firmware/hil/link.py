@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Final, Protocol
 
-from glucoloop.firmware.hil.build import NVM, Program
+from glucoloop.firmware.hil.build import NVM, FirmwareProgram
 from glucoloop.firmware.hil.protocol import Plan
 
 try:
@@ -55,14 +55,14 @@ class ProcessLink:
 
     Parameters
     ----------
-    program : Program
+    program : FirmwareProgram
     folder : Path
         Folder of the program and of its non-volatile memory.
     plan_at : int
         Place of the planned failure in that memory.
     """
 
-    def __init__(self, program: Program, folder: Path, plan_at: int) -> None:
+    def __init__(self, program: FirmwareProgram, folder: Path, plan_at: int) -> None:
         self._program, self._folder, self._plan_at = program, folder, plan_at
         self._process: subprocess.Popen[bytes] | None = None
         self._switch: socket.socket | None = None
