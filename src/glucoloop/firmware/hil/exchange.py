@@ -80,7 +80,7 @@ class Exchange:
         self._decoder = Decoder()
         self._patience = Patience()
         self._sent_s: float | None = None
-        """When the last frame was sent that is to be timed; None if it was answered or sent again."""
+        """Time at which the last frame was sent that is to be timed; None if it was answered or sent again."""
         self._kept: dict[int, bytes] = {}
         self._session = self._question = 0
         self._fresh = True
