@@ -1,6 +1,6 @@
 """The script that sets up and checks: how it finds a Python, what it installs again, and that its locks agree."""
 
-import importlib.util
+import importlib
 import re
 import stat
 import sys
@@ -16,12 +16,15 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="interpreters ar
 
 @pytest.fixture(scope="module")
 def dev():
-    spec = importlib.util.spec_from_file_location("glucoloop_dev", ROOT / "dev.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT)
+        yield importlib.import_module("dev")
+
+
+@pytest.fixture(scope="module")
+def environments(dev):
+    """The module of Pythons and environments, whose parts `dev` uses."""
+    return sys.modules["dev_environment"]
 
 
 def interpreter(path, answer, code=0):
@@ -131,9 +134,9 @@ def test_a_python_that_is_not_there_is_told(dev, machine, capsys, words, told):
 
 
 @pytest.fixture
-def installs(dev, tmp_path, monkeypatch):
+def installs(environments, tmp_path, monkeypatch):
     """An environment, and the list of what is done to it."""
-    env = dev.Environment(tmp_path / ".venv", dev.Python("/opt/python", (3, 11)))
+    env = environments.Environment(tmp_path / ".venv", environments.Python("/opt/python", (3, 11)))
     done = []
 
     def create(env):
@@ -141,16 +144,21 @@ def installs(dev, tmp_path, monkeypatch):
         env.programs.mkdir(parents=True, exist_ok=True)
         env.path("python").touch()
 
+    def install(env, what, *_):
+        done.append(what.removeprefix("packages from "))
+
     for name in ("LOCK", "DEV_LOCK", "PROJECT"):
         path = tmp_path / name
         path.write_text(name)
-        monkeypatch.setattr(dev, name, path)
-    monkeypatch.setattr(dev, "create_venv", create)
-    monkeypatch.setattr(dev, "pip_install", lambda env, what, *_: done.append(what.removeprefix("packages from ")))
+        monkeypatch.setattr(environments, name, path)
+    monkeypatch.setattr(environments, "create_venv", create)
+    monkeypatch.setattr(
+        environments, "pip_install", lambda env, what, *_: done.append(what.removeprefix("packages from "))
+    )
 
     def setup(*, tools):
         done.clear()
-        dev.setup(env, dev=tools)
+        environments.setup(env, dev=tools)
         return list(done)
 
     return setup
@@ -172,15 +180,15 @@ def test_the_tools_of_developers_are_added_to_what_users_have(installs):
         ("PROJECT", ["glucoloop"]),
     ],
 )
-def test_what_changed_is_installed_again(dev, installs, changed, expected):
+def test_what_changed_is_installed_again(environments, installs, changed, expected):
     installs(tools=True)
-    getattr(dev, changed).write_text("other")
+    getattr(environments, changed).write_text("other")
     assert installs(tools=True) == expected
     assert installs(tools=True) == []
 
 
-def test_an_installation_that_broke_off_is_taken_up(dev, installs, monkeypatch):
-    whole = dev.pip_install
+def test_an_installation_that_broke_off_is_taken_up(environments, installs, monkeypatch):
+    whole = environments.pip_install
 
     def broken(env, what, *rest):
         if what == "glucoloop":
@@ -188,7 +196,7 @@ def test_an_installation_that_broke_off_is_taken_up(dev, installs, monkeypatch):
         whole(env, what, *rest)
 
     with monkeypatch.context() as broken_off:
-        broken_off.setattr(dev, "pip_install", broken)
+        broken_off.setattr(environments, "pip_install", broken)
         with pytest.raises(OSError, match="disk is full"):
             installs(tools=False)
     assert installs(tools=False) == ["glucoloop"]
