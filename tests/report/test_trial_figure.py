@@ -44,6 +44,16 @@ def test_each_controller_has_its_bands_and_its_grid(report):
         assert expected in words
 
 
+def test_the_last_insulin_panel_has_an_axis_in_units_per_hour(make_report):
+    figure = plot_trial(make_report("calm", "wild", units_per_hour=True))
+    insulin = figure.axes[2:4]
+    assert [len(axes.child_axes) for axes in insulin] == [0, 1]
+    (right,) = insulin[1].child_axes
+    figure.draw_without_rendering()
+    assert right.get_ylabel() == "Insulin (U/h)"
+    np.testing.assert_allclose(right.get_ylim(), 0.06 * np.array(insulin[1].get_ylim()))
+
+
 def test_bars_are_as_long_as_the_times(report):
     bars = plot_trial(report).axes[-1].patches
     times = [case.time_in_range_pct[name] for case in report.cases.values() for name in RANGES]

@@ -14,6 +14,7 @@ from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_peopl
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
+from glucoloop.registry.patients import patient_entry
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.facts import controllers_facts, trial_facts
 from glucoloop.report.person_words import person_in_words
@@ -51,6 +52,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
     report = TrialReport(
         title=f"{trial.population.name}, {trial.people} people",
         setpoint_mg_dl=setpoint,
+        units_per_hour=patient_entry(trial.patient).under_the_skin,
         people=summary.people,
         infeasible=summary.infeasible.count,
         facts={**controllers_facts(trial.cases), **trial_facts(trial)},

@@ -89,6 +89,21 @@ def dress(axes: Axes) -> None:
     axes.yaxis.label.set_fontsize(FONT_PT)
 
 
+def add_axis(axes: Axes, factor: float, name: str) -> None:
+    """Add a second axis on the right; a unit of the left axis is `factor` of its own."""
+    right = axes.secondary_yaxis(
+        "right",
+        functions=(
+            lambda left: np.asarray(left, float) * factor,
+            lambda right: np.asarray(right, float) / factor,
+        ),
+    )
+    right.set_ylabel(name)
+    right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
+    right.spines["right"].set_linewidth(0.6)
+    right.yaxis.label.set_fontsize(FONT_PT)
+
+
 def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], width: Width) -> None:
     """A legend below the panels, in as many columns as fit; a long one makes the figure higher."""
     # An empty prefix, since a label that begins with an underscore would be left out.

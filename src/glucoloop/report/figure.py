@@ -85,7 +85,14 @@ def plot(
             else "traces holds runs of one person and of many; draw them in two figures"
         )
     if of_people:
-        return plot_people(of_people, title=title, width=width, lowest_glucose_mg_dl=lowest_glucose_mg_dl)
+        return plot_people(
+            of_people,
+            title=title,
+            width=width,
+            mmol=mmol,
+            units_per_hour=units_per_hour,
+            lowest_glucose_mg_dl=lowest_glucose_mg_dl,
+        )
     runs = labelled_runs(of_one)
     figure = _style.new_figure(width, _HEIGHTS_MM.get(width, 0.0), title)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
@@ -100,11 +107,11 @@ def plot(
     below.xaxis.set_major_locator(_style.every(tick))
     figure.align_ylabels([above, below])
     if mmol:
-        _add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
+        _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):
         _draw_boluses(below, runs, divisor, entries)
     elif units_per_hour:
-        _add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
+        _style.add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
 
@@ -257,18 +264,3 @@ def _extent(shown: Sequence[Floats]) -> tuple[float, float]:
     values = values[np.isfinite(values)]
     low, high = float(values.min()), float(values.max())
     return low, max(high, low + 1.0)
-
-
-def _add_axis(axes: Axes, factor: float, name: str) -> None:
-    """Add a second axis on the right; a unit of the left axis is `factor` of its own."""
-    right = axes.secondary_yaxis(
-        "right",
-        functions=(
-            lambda left: np.asarray(left, float) * factor,
-            lambda right: np.asarray(right, float) / factor,
-        ),
-    )
-    right.set_ylabel(name)
-    right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
-    right.spines["right"].set_linewidth(0.6)
-    right.yaxis.label.set_fontsize(FONT_PT)

@@ -12,6 +12,7 @@ from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.report import _style
 from glucoloop.report._runs import Floats
 from glucoloop.report._style import GREY, Width
+from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -46,6 +47,8 @@ def plot_people(
     *,
     title: str | None = None,
     width: Width = "double",
+    mmol: bool = False,
+    units_per_hour: bool = False,
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
 ) -> Figure:
     """Draw the medians of people's glucose and insulin in bands of half of them and of nine in ten.
@@ -54,7 +57,7 @@ def plot_people(
     ----------
     runs : mapping of str to PeopleRun
         Runs by label for the legend. Only the meals of the first run are marked.
-    title, width, lowest_glucose_mg_dl
+    title, width, mmol, units_per_hour, lowest_glucose_mg_dl
         As for `plot`.
 
     Raises
@@ -100,6 +103,10 @@ def plot_people(
     for axes in (above, below):
         _style.dress(axes)
     figure.align_ylabels([above, below])
+    if mmol:
+        _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
+    if units_per_hour:
+        _style.add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
 

@@ -20,6 +20,7 @@ from glucoloop.report._page import percent
 from glucoloop.report._plot import extent
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
+from glucoloop.units import u_h_from_mu_min
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -143,6 +144,9 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
                 axes.set_ylabel(name)
             else:
                 axes.tick_params(labelleft=False)
+        last = (index + 1) % sheet.columns == 0 or index + 1 == len(report.cases)
+        if report.units_per_hour and last:
+            _style.add_axis(insulin, u_h_from_mu_min(1.0), "Insulin (U/h)")
     sheet.figure.align_ylabels([*sheet.glucose, *sheet.insulin, *sheet.grids])
     _legend_of_bands(entries)
     entries[f"setpoint {report.setpoint_mg_dl:g} mg/dl"] = setpoint

@@ -103,6 +103,8 @@ class TrialReport:
     cases: Mapping[str, CaseReport]
     """Results by label, in the order shown."""
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL
+    units_per_hour: bool = False
+    """Whether figures for print show insulin in U/h too, as pumps do that give it under the skin."""
     meals: Sequence[tuple[float, float]] = ()
     """Planned time in min and carbohydrate in g of each meal."""
     faults: Sequence[str] = ()
