@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Generic, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
+from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, is_traced
 
+P = TypeVar("P")
 Constants = Any
 """Parameters of a family, of one person or of many, who trail."""
 
@@ -97,6 +99,45 @@ class Rest:
             u = self.insulin(p, glucose_mg_dl)
             setpoint = jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), u.shape)
             return {"parameters": p, "basal_insulin_mU_min": u, "setpoint_mg_dl": setpoint}
+
+
+@pytree
+class RestingPatient(Generic[P]):
+    """A person of a family with an operating point, and the rest under other rates."""
+
+    rest: ClassVar[Rest]
+
+    parameters: P
+    basal_insulin_mU_min: jax.Array
+    setpoint_mg_dl: jax.Array
+
+    def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
+        """State at rest under a constant infusion.
+
+        Parameters
+        ----------
+        insulin_mU_min : float or (people,) array
+
+        Returns
+        -------
+        (states, ...) array
+
+        Raises
+        ------
+        ValueError
+            If the infusion is negative or not finite, or so large that glucose would rest at or below zero.
+        """
+        return self.rest.state(self.parameters, insulin_mU_min)
+
+    def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
+        """Infusion that holds the given glucose.
+
+        Raises
+        ------
+        ValueError
+            If no infusion of 0 or more holds it.
+        """
+        return self.rest.insulin(self.parameters, glucose_mg_dl)
 
 
 def _first(values: npt.NDArray[np.float64], which: npt.NDArray[np.bool_]) -> float:

@@ -143,7 +143,7 @@ _OF_FASTING_81: Final = _process_noise(Default(10.0, noisy=0.3), Default(0.01, n
 # Insulin under the skin acts for hours: horizons of three and four hours. A step larger than 1 mU/min would be fitted
 # to glucose so low that less of it is taken up.
 _SMALL_STEP: Final = Default(1.0)
-_UNDER_THE_SKIN: Final = {
+_SLOW_TUNINGS: Final = {
     "mpc": {"prediction_horizon": Default(36), "output_weight": Default(1.0), "move_weight": Default(3.0)},
     "mpc-se": {
         "prediction_horizon": Default(48),
@@ -162,6 +162,17 @@ _UNDER_THE_SKIN: Final = {
     "meal-mpc": {"prediction_horizon": Default(48), "move_weight": Default(3.0)},
     "imc": {"filter_min": Default(120.0), "delay_min": Default(100.0), "step_mU_min": _SMALL_STEP},
     "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
+}
+
+_UNDER_THE_SKIN: Final[dict[str, Any]] = {
+    "insulin_route": SUBCUTANEOUS,
+    # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
+    # would hide half of the gain.
+    "pulse_mU_min": 6.5,
+    "memory_min": 1440.0,
+    "laguerre_pole": 0.98,
+    "laguerre_functions": 4,
+    "tunings": _SLOW_TUNINGS,
 }
 
 PATIENTS: Final = Catalogue(
@@ -201,14 +212,7 @@ PATIENTS: Final = Catalogue(
             populations={
                 "boiroux2017": "sixteen constants that differ as in the virtual people of Boiroux et al. (2017)",
             },
-            insulin_route=SUBCUTANEOUS,
-            # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter
-            # record would hide half of the gain.
-            pulse_mU_min=6.5,
-            memory_min=1440.0,
-            laguerre_pole=0.98,
-            laguerre_functions=4,
-            tunings=_UNDER_THE_SKIN,
+            **_UNDER_THE_SKIN,
         ),
         PatientEntry(
             name="wilinska-2010",
@@ -218,12 +222,7 @@ PATIENTS: Final = Catalogue(
             populations={
                 "wilinska2010": "ten constants that differ as in the virtual people of Wilinska et al. (2010)",
             },
-            insulin_route=SUBCUTANEOUS,
-            pulse_mU_min=6.5,
-            memory_min=1440.0,
-            laguerre_pole=0.98,
-            laguerre_functions=4,
-            tunings=_UNDER_THE_SKIN,
+            **_UNDER_THE_SKIN,
         ),
     ),
 )

@@ -21,22 +21,26 @@ from glucoloop.patients.hovorka.rest import (
     rest_under,
 )
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.resting import Rest
+from glucoloop.patients.resting import Rest, RestingPatient
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
 
 
 @pytree
-class HovorkaPatient:
+class HovorkaPatient(RestingPatient[HovorkaConstants]):
     """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
 
+    rest: ClassVar[Rest] = Rest(
+        under=rest_under,
+        holding=infusion_for,
+        glucose_mg_dl=equations.plasma_glucose_mg_dl,
+        largest_mU_min=lambda p: p.infusion_without_production_mU_min(),
+        highest_mg_dl=glucose_without_insulin_mg_dl,
+        beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
+    )
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
-
-    parameters: HovorkaConstants
-    basal_insulin_mU_min: jax.Array
-    setpoint_mg_dl: jax.Array
 
     @property
     def meal_model(self) -> HovorkaGut:
@@ -52,34 +56,6 @@ class HovorkaPatient:
         that a real person's glucose would fall less deep and recover sooner.
         """
         return 0.0
-
-    def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion.
-
-        Parameters
-        ----------
-        insulin_mU_min : float or (people,) array
-
-        Returns
-        -------
-        (9, ...) array
-
-        Raises
-        ------
-        ValueError
-            If the infusion is negative or not finite, or so large that glucose would fall to zero.
-        """
-        return _REST.state(self.parameters, insulin_mU_min)
-
-    def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds the given plasma glucose.
-
-        Raises
-        ------
-        ValueError
-            If no infusion of 0 or more holds it.
-        """
-        return _REST.insulin(self.parameters, glucose_mg_dl)
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Infusion that holds a plasma glucose, and the state there; NaN for people whom no rate holds."""
@@ -163,16 +139,6 @@ class HovorkaPatient:
         return equations.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
-_REST: Final = Rest(
-    under=rest_under,
-    holding=infusion_for,
-    glucose_mg_dl=equations.plasma_glucose_mg_dl,
-    largest_mU_min=lambda p: p.infusion_without_production_mU_min(),
-    highest_mg_dl=glucose_without_insulin_mg_dl,
-    beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
-)
-
-
 @checked
 def at_basal(p: HovorkaConstants, insulin_mU_min: jax.Array | float) -> HovorkaPatient:
     """Patient whose setpoint is the glucose that the given infusion holds.
@@ -182,7 +148,7 @@ def at_basal(p: HovorkaConstants, insulin_mU_min: jax.Array | float) -> HovorkaP
     ValueError
         If no physiological steady state exists.
     """
-    return HovorkaPatient(**_REST.at_basal(p, insulin_mU_min))
+    return HovorkaPatient(**HovorkaPatient.rest.at_basal(p, insulin_mU_min))
 
 
 @checked
@@ -194,4 +160,4 @@ def at_setpoint(p: HovorkaConstants, glucose_mg_dl: jax.Array | float) -> Hovork
     ValueError
         If no infusion of 0 or more holds it.
     """
-    return HovorkaPatient(**_REST.at_setpoint(p, glucose_mg_dl))
+    return HovorkaPatient(**HovorkaPatient.rest.at_setpoint(p, glucose_mg_dl))

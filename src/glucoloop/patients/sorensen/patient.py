@@ -13,7 +13,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.patients.protocol import Inputs
-from glucoloop.patients.resting import Rest
+from glucoloop.patients.resting import Rest, RestingPatient
 from glucoloop.patients.sorensen import equations as sorensen
 from glucoloop.patients.sorensen.basal_state import with_fasting_glucose
 from glucoloop.patients.sorensen.equations import SorensenParameters
@@ -25,46 +25,23 @@ _WORKING_INSULIN: Final = 1.35
 
 
 @pytree
-class SorensenPatient:
+class SorensenPatient(RestingPatient[SorensenParameters]):
     """A virtual person with an operating point; implements `Patient` and `SemilinearPatient`."""
 
-    parameters: SorensenParameters
-    basal_insulin_mU_min: jax.Array
-    setpoint_mg_dl: jax.Array
+    rest: ClassVar[Rest] = Rest(
+        under=rest_under,
+        holding=infusion_for,
+        glucose_mg_dl=lambda p, x: x[sorensen.ARTERIAL_GLUCOSE],
+        largest_mU_min=lambda p: infusion_for(p, jnp.asarray(0.0)),
+        highest_mg_dl=lambda p: rest_under(p, jnp.asarray(0.0))[sorensen.ARTERIAL_GLUCOSE],
+        beyond="glucose would rest at or below 0 mg/dl",
+    )
     sites: ClassVar[tuple[str, ...]] = ("arterial", "interstitial")
 
     @property
     def lowest_valid_glucose_mg_dl(self) -> jax.Array | float:
         """Lower end of the valid range of glucose; see `sorensen.lowest_valid_glucose`."""
         return sorensen.lowest_valid_glucose(self.parameters)
-
-    def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion.
-
-        Parameters
-        ----------
-        insulin_mU_min : float or (people,) array
-
-        Returns
-        -------
-        (19, ...) array
-
-        Raises
-        ------
-        ValueError
-            If the infusion is negative or not finite, or so large that glucose would rest at or below zero.
-        """
-        return _REST.state(self.parameters, insulin_mU_min)
-
-    def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds the given glucose.
-
-        Raises
-        ------
-        ValueError
-            If no infusion of 0 or more holds it.
-        """
-        return _REST.insulin(self.parameters, glucose_mg_dl)
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Infusion `(...)` that holds a glucose, and the state `(19, ...)` there.
@@ -135,16 +112,6 @@ class SorensenPatient:
         return sorensen.glucose_kinetics(self.parameters, y, effects, meal_mg_min)
 
 
-_REST: Final = Rest(
-    under=rest_under,
-    holding=infusion_for,
-    glucose_mg_dl=lambda p, x: x[sorensen.ARTERIAL_GLUCOSE],
-    largest_mU_min=lambda p: infusion_for(p, jnp.asarray(0.0)),
-    highest_mg_dl=lambda p: rest_under(p, jnp.asarray(0.0))[sorensen.ARTERIAL_GLUCOSE],
-    beyond="glucose would rest at or below 0 mg/dl",
-)
-
-
 @checked
 def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> SorensenPatient:
     """Patient whose setpoint is the glucose at rest under the given infusion.
@@ -154,7 +121,7 @@ def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> Sorens
     ValueError
         If no physiological steady state exists.
     """
-    return SorensenPatient(**_REST.at_basal(p, insulin_mU_min))
+    return SorensenPatient(**SorensenPatient.rest.at_basal(p, insulin_mU_min))
 
 
 @checked
@@ -166,7 +133,7 @@ def at_setpoint(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> Sore
     ValueError
         If no infusion of 0 or more holds it.
     """
-    return SorensenPatient(**_REST.at_setpoint(p, glucose_mg_dl))
+    return SorensenPatient(**SorensenPatient.rest.at_setpoint(p, glucose_mg_dl))
 
 
 # The paper states both 22.33 mU/min and 81 mg/dl. With the published references, which are those of a person with a
