@@ -1,7 +1,7 @@
 """A fault of your own: a sensor that gives its readings in coarse steps while the fault is present.
 
-A fault is a record around another sensor (or pump), whose field ``inner`` is that sensor. Its entry, at the end, makes
-it known to every command.
+A fault is a record around another sensor (or pump), whose field ``inner`` is that sensor; one that changes single
+readings needs one method. Its entry, at the end, makes it known to every command.
 
     python examples/your_own_fault.py
     glucoloop run --fault 'your_own_fault:ENTRY, step_mg_dl=20, start_min=60'
@@ -20,28 +20,20 @@ from glucoloop.episodes import Episodes, always
 from glucoloop.registry.faults import FaultEntry
 from glucoloop.registry.settings import About, settings_record
 from glucoloop.sensors import Reading, Sensor
-from glucoloop.sensors.faults.wrapping import Within, begin, read_within
+from glucoloop.sensors.faults.wrapping import AlteredReadings
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["inner", "episodes", "step_mg_dl"], meta_fields=[])
-@dataclass(frozen=True)
-class Coarse:
+@dataclass(frozen=True, kw_only=True)
+class Coarse(AlteredReadings):
     """Gives the reading of the inner sensor in whole steps."""
 
-    inner: Sensor
-    episodes: Episodes
     step_mg_dl: float
 
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """State of the inner sensor and of the fault before the first reading."""
-        return begin(self, glucose_mg_dl, key)
-
-    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read the inner sensor; ``age`` is the number of samples since the fault began, negative without a fault."""
-        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+    def altered(self, reading: Reading, age: jax.Array) -> Reading:
+        """Reading that is given while the fault is present; ``age`` is the number of samples since it began."""
         coarse = self.step_mg_dl * jnp.round(reading.glucose_mg_dl / self.step_mg_dl)
-        glucose = jnp.where(age >= 0.0, coarse, reading.glucose_mg_dl)
-        return state, Reading(glucose_mg_dl=glucose, valid=reading.valid)
+        return Reading(glucose_mg_dl=coarse, valid=reading.valid)
 
 
 @settings_record
@@ -53,7 +45,7 @@ class CoarseSettings:
 
 def coarse(step_mg_dl: float, episodes: Episodes, inner: Sensor) -> Coarse:
     """The fault around a sensor; called with its settings, with its times and with the sensor."""
-    return Coarse(inner, episodes, step_mg_dl)
+    return Coarse(inner=inner, episodes=episodes, step_mg_dl=step_mg_dl)
 
 
 ENTRY = FaultEntry(

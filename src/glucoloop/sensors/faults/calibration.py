@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
 from glucoloop.registry.fault_settings import CalibrationSettings
-from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 
 
 @pytree
-class Calibration:
+class Calibration(AlteredReadings):
     """Gives ``gain * reading + offset``."""
 
-    inner: Sensor
-    episodes: Episodes
     gain: jax.Array | float
     offset_mg_dl: jax.Array | float
 
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """State of the inner sensor and of the fault before the first reading."""
-        return begin(self, glucose_mg_dl, key)
-
-    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read the inner sensor, and apply gain and offset while the fault is present."""
-        state, age, reading = read_within(self, state, glucose_mg_dl, key)
-        glucose = reading.glucose_mg_dl
-        told = jnp.where(age >= 0.0, self.gain * glucose + self.offset_mg_dl, glucose)
-        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+    def altered(self, reading: Reading, age: jax.Array) -> Reading:
+        """Gain and offset applied to the reading."""
+        del age
+        glucose = self.gain * reading.glucose_mg_dl + self.offset_mg_dl
+        return Reading(glucose_mg_dl=glucose, valid=reading.valid)
 
 
 @checked

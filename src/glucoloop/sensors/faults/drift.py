@@ -6,24 +6,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.registry.fault_settings import DriftSettings
 from glucoloop.sensors.faults.sample_time import checked_sample_time
-from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 from glucoloop.units import MIN_PER_H
 
 
 @pytree
-class Drift:
+class Drift(AlteredReadings):
     """Adds an error that grows from zero at the onset, in proportion to time."""
 
-    inner: Sensor
-    episodes: Episodes
     mg_dl_sample: jax.Array | float
     """Growth from one sample to the next."""
 
@@ -32,16 +29,9 @@ class Drift:
         """Fields of the class from settings, which may be arrays of people."""
         return {"mg_dl_sample": settings["mg_dl_h"] * sample_time_min / MIN_PER_H}
 
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """State of the inner sensor and of the fault before the first reading."""
-        return begin(self, glucose_mg_dl, key)
-
-    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read the inner sensor, and add the drift while the fault is present."""
-        state, age, reading = read_within(self, state, glucose_mg_dl, key)
-        glucose = reading.glucose_mg_dl
-        told = jnp.where(age >= 0.0, glucose + self.mg_dl_sample * age, glucose)
-        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+    def altered(self, reading: Reading, age: jax.Array) -> Reading:
+        """The reading and the drift since the onset."""
+        return Reading(glucose_mg_dl=reading.glucose_mg_dl + self.mg_dl_sample * age, valid=reading.valid)
 
 
 @checked

@@ -9,29 +9,22 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
 from glucoloop.registry.fault_settings import SaturationSettings
-from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 
 
 @pytree
-class Saturation:
+class Saturation(AlteredReadings):
     """Clips readings to a range; NaN stays NaN."""
 
-    inner: Sensor
-    episodes: Episodes
     low_mg_dl: jax.Array | float
     high_mg_dl: jax.Array | float
 
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """State of the inner sensor and of the fault before the first reading."""
-        return begin(self, glucose_mg_dl, key)
-
-    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read the inner sensor, and clip the reading while the fault is present."""
-        state, age, reading = read_within(self, state, glucose_mg_dl, key)
-        glucose = reading.glucose_mg_dl
-        told = jnp.where(age >= 0.0, jnp.clip(glucose, self.low_mg_dl, self.high_mg_dl), glucose)
-        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+    def altered(self, reading: Reading, age: jax.Array) -> Reading:
+        """The reading, clipped to the range."""
+        del age
+        glucose = jnp.clip(reading.glucose_mg_dl, self.low_mg_dl, self.high_mg_dl)
+        return Reading(glucose_mg_dl=glucose, valid=reading.valid)
 
 
 @checked

@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
 from glucoloop.registry.fault_settings import SpikesSettings
-from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 
 
 @pytree
-class Spikes:
+class Spikes(AlteredReadings):
     """Adds a fixed amount, of either sign, to the reading."""
 
-    inner: Sensor
-    episodes: Episodes
     size_mg_dl: jax.Array | float
 
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """State of the inner sensor and of the fault before the first reading."""
-        return begin(self, glucose_mg_dl, key)
-
-    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
-        """Read the inner sensor, and add the fixed amount while the fault is present."""
-        state, age, reading = read_within(self, state, glucose_mg_dl, key)
-        glucose = reading.glucose_mg_dl
-        told = jnp.where(age >= 0.0, glucose + self.size_mg_dl, glucose)
-        return state, Reading(glucose_mg_dl=told, valid=reading.valid)
+    def altered(self, reading: Reading, age: jax.Array) -> Reading:
+        """The reading and the fixed amount."""
+        del age
+        return Reading(glucose_mg_dl=reading.glucose_mg_dl + self.size_mg_dl, valid=reading.valid)
 
 
 @checked

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import jax
+from typing import Any
 
-from glucoloop.episodes import Faulty, Within, begin
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.episodes import Episodes, Faulty, Within, begin
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
-__all__ = ["Within", "begin", "or_ideal", "read_within"]
+__all__ = ["AlteredReadings", "Within", "begin", "or_ideal", "read_within"]
 
 
 def read_within(
@@ -18,6 +22,33 @@ def read_within(
     inner, reading = fault.inner.read(state.inner, glucose_mg_dl, key)
     episode, age = fault.episodes.step(state.episode, key)
     return Within(inner=inner, episode=episode), age, reading
+
+
+@pytree
+class AlteredReadings:
+    """A fault that changes single readings; a subclass has its numbers as fields, and the method `altered`."""
+
+    inner: Sensor
+    episodes: Episodes
+
+    def altered(self, reading: Reading, age: jax.Array) -> Reading:
+        """Reading that is given in place of the inner sensor's; `age` counts the samples since the fault began."""
+        raise NotImplementedError
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
+        """State of the inner sensor and of the fault before the first reading."""
+        return begin(self, glucose_mg_dl, key)
+
+    def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
+        """Read the inner sensor, and give the altered reading while the fault is present."""
+        state, age, reading = read_within(self, state, glucose_mg_dl, key)
+        there = age >= 0.0
+
+        def while_there(altered: Any, inner: Any) -> Any:
+            return inner if altered is inner else jnp.where(there, altered, inner)
+
+        told: Reading = jax.tree.map(while_there, self.altered(reading, age), reading)
+        return state, told
 
 
 def or_ideal(inner: Sensor | None) -> Sensor:
