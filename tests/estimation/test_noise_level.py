@@ -4,11 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoiseLevel, no_noise, noisy_filters
+from glucoloop.estimation.noise_level import LEVELS_MG_DL, noisy_filters
 
 PHI, C, Q, R = np.array([[0.9, 0.3], [0.0, 1.0]]), np.array([1.0, 0.0]), np.diag([0.0, 0.05]), 1.45
 FILTERS = noisy_filters(PHI, C, Q, R)
@@ -44,22 +43,21 @@ def test_each_gain_gives_the_mean_of_the_state_given_the_whole_record():
 
 def test_at_no_correlated_noise_it_is_the_filter_for_white_noise():
     assert float(FILTERS.gain[0, -1]) == 0.0
-    gain, variance = FILTERS.at(no_noise(jnp.zeros(())))
+    gain, variance = FILTERS.at(jnp.zeros(()))
     np.testing.assert_array_equal(gain, FILTERS.gain[0])
     assert float(variance) == float(FILTERS.innovation_variance[0])
 
 
 def test_between_two_designs_the_gain_is_interpolated():
-    gain, _ = FILTERS.at(NoiseLevel(deviation_mg_dl=jnp.asarray(2.25), last=jnp.zeros(())))
+    gain, _ = FILTERS.at(jnp.asarray(2.25))
     np.testing.assert_allclose(gain, 0.75 * FILTERS.gain[2] + 0.25 * FILTERS.gain[3], rtol=1e-14)
 
 
-def test_the_smaller_of_two_squares_has_its_expectation():
-    def density(a, b):
-        return min(a * a, b * b) * 4.0 * np.exp(-0.5 * (a * a + b * b)) / (2.0 * np.pi)
-
-    found, _ = scipy.integrate.dblquad(density, 0.0, 12.0, 0.0, 12.0, epsabs=1e-7)
-    assert found == pytest.approx(1.0 - 2.0 / np.pi, abs=1e-6)
+def test_a_known_size_stays():
+    fixed = FILTERS.fixed(2.25)
+    for deviation in (0.0, 5.5):
+        np.testing.assert_allclose(fixed.at(jnp.asarray(deviation))[0], FILTERS.at(jnp.asarray(2.25))[0], rtol=1e-14)
+    assert float(fixed.learn(jnp.asarray(1.0), jnp.asarray(-8.0), jnp.asarray(True))) == 1.0
 
 
 def learned(deviation, samples=4000, seed=1):
@@ -74,10 +72,10 @@ def learned(deviation, samples=4000, seed=1):
         innovation = x[0] + e + shock[2] - guess[0] - error
         gain, variance = FILTERS.at(noise)
         noise = FILTERS.learn(noise, innovation / jnp.sqrt(variance), jnp.asarray(True))
-        return (x, e, guess + gain[:2] * innovation, error + gain[2] * innovation, noise), noise.deviation_mg_dl
+        return (x, e, guess + gain[:2] * innovation, error + gain[2] * innovation, noise), noise
 
     none = jnp.zeros(())
-    start = (jnp.zeros(2), none, jnp.zeros(2), none, no_noise(none))
+    start = (jnp.zeros(2), none, jnp.zeros(2), none, none)
     return np.asarray(jax.jit(lambda: jax.lax.scan(sample, start, jnp.asarray(shocks))[1])())
 
 
@@ -90,27 +88,27 @@ def test_the_size_of_the_noise_is_learned():
     assert much[24:48].mean() > 2.0
 
 
-def test_what_pushes_one_way_is_not_noise():
-    noise = no_noise(jnp.zeros(()))
+def test_what_raises_glucose_is_not_noise():
+    noise = jnp.zeros(())
     for innovation in (0.5, 3.0, 8.0, 9.0, 4.0):
         noise = learn(FILTERS, noise, jnp.asarray(innovation), jnp.asarray(True))
-    assert float(noise.deviation_mg_dl) == 0.0
+    assert float(noise) == 0.0
 
 
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.booleans()), max_size=40))
 @settings(max_examples=50)
 def test_any_innovations_leave_a_size_within_the_designs(innovations):
-    noise = no_noise(jnp.zeros(()))
+    noise = jnp.zeros(())
     for innovation, known in innovations:
         noise = learn(FILTERS, noise, jnp.asarray(innovation), jnp.asarray(known))
-        assert LEVELS_MG_DL[0] <= float(noise.deviation_mg_dl) <= LEVELS_MG_DL[-1]
+        assert LEVELS_MG_DL[0] <= float(noise) <= LEVELS_MG_DL[-1]
 
 
 @pytest.mark.parametrize(
     ("bad", "sentence"),
     [
         ({"correlation": 1.0}, "a correlation of 1 is not possible; give 0 or more and less than 1"),
-        ({"pace": -0.1}, "a pace of -0.1 mg/dl per pair of innovations is not possible; give 0 to 1"),
+        ({"pace": -0.1}, "a pace of -0.1 mg/dl per innovation is not possible; give 0 to 1"),
     ],
 )
 def test_a_design_that_is_not_possible_is_refused(bad, sentence):

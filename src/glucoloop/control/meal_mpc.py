@@ -255,6 +255,7 @@ def design_meal_mpc(
     measurement_variance: float = 1.45,
     largest_disturbance_mg_min: float = 100.0,
     noise_pace: float = 0.2,
+    ends_unseen: float = 0.3,
     dead_time_samples: int = 0,
 ) -> MealMPC:
     """Predictive control on a nonlinear model, with estimated and announced meals.
@@ -335,6 +336,7 @@ def design_meal_mpc(
             measurement_variance=measurement_variance,
             largest_disturbance_mg_min=largest_disturbance_mg_min,
             noise_pace=noise_pace,
+            ends_unseen=ends_unseen,
         )
     return MealMPC(
         model=own,
@@ -371,5 +373,6 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         measurement_variance=settings.measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
         largest_disturbance_mg_min=settings.largest_disturbance_mg_min,
         noise_pace=settings.noise_pace,
+        ends_unseen=settings.ends_unseen,
         dead_time_samples=case.dead_time_samples,
     )

@@ -226,12 +226,18 @@ class MealMPCSettings(MealTuning):
     noise_pace: Annotated[
         float,
         About(
-            "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per pair of innovations; "
+            "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per innovation; "
             "0: the noise is as told.",
             at_least=0.0,
             at_most=1.0,
         ),
     ] = 0.2
+    ends_unseen: Annotated[
+        float,
+        About(
+            "Probability that a meal ends in a sample without a reading, if above the usual.", at_least=0.0, below=1.0
+        ),
+    ] = 0.3
     individual_by: Annotated[
         Literal["record", "basal", "none"],
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),

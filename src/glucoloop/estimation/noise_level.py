@@ -7,16 +7,11 @@ A reading has white noise of a known variance R and a first-order error e whose 
 With e as one more state, the steady filter for each s = 0, 1, ..., 6 mg/dl is designed once. At run time the gain is
 interpolated at the present estimate of s, which follows the innovations.
 
-A filter with the right s has white innovations, so that one in two changes the sign. A meal, a blocked line or an error
-of the model pushes the innovations one way instead, and must not be taken for noise. Hence only pairs of consecutive
-innovations of opposite sign are counted, and of each the smaller one, so that a single stray reading counts little. Of
-two independent normal innovations with variance S::
+Innovations z, in their standard deviations, tell whether s is right: then the mean of z^2 is 1. A meal, a blocked line
+and most errors of a model raise glucose above the prediction, and must not be taken for noise. Hence only readings
+below the prediction count, which noise makes as often and as large as those above it::
 
-    E[min(a^2, b^2)] / S = 1 - 2 / pi
-
-and the estimate of s grows while the pairs are larger, and falls while they are smaller::
-
-    s <- clip(s + pace (min(z^2, z'^2) / (1 - 2 / pi) - 1), 0, 6),    z, z' = innovations / sqrt(S),  z z' < 0
+    s <- clip(s + pace (min(z^2, 9) - 1), 0, 6)    where z < 0
 
 References
 ----------
@@ -29,7 +24,6 @@ noise from innovations.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import jax
@@ -44,24 +38,13 @@ LEVELS_MG_DL: Final = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Standard deviations s for which filters are designed, 1 mg/dl apart."""
 CORRELATION: Final = 0.7
 """Correlation c of the error between samples of 5 min, as Breton and Kovatchev (2008) found it."""
-_SMALLER_SQUARE: Final = 1.0 - 2.0 / math.pi
-_MOST: Final = 6.0
-"""Most that a pair counts, in units of its expectation."""
+_MOST: Final = 9.0
+"""Most that the square of an innovation counts."""
 
 
-@pytree
-class NoiseLevel:
-    """Estimated size of the correlated error."""
-
-    deviation_mg_dl: jax.Array
-    """Estimated standard deviation s."""
-    last: jax.Array
-    """Last innovation in its standard deviations, 0 where there was none."""
-
-
-def no_noise(like: jax.Array) -> NoiseLevel:
-    """Size of 0, as before the first reading."""
-    return NoiseLevel(deviation_mg_dl=jnp.zeros_like(like), last=jnp.zeros_like(like))
+def shares(deviation_mg_dl: jax.Array) -> jax.Array:
+    """Share ``(levels,)`` of each of `LEVELS_MG_DL` in a linear interpolation between them."""
+    return jnp.maximum(0.0, 1.0 - jnp.abs(deviation_mg_dl - jnp.asarray(LEVELS_MG_DL)))
 
 
 @pytree
@@ -74,21 +57,28 @@ class NoisyFilters:
     """(levels,) variance S of an innovation."""
     correlation: jax.Array | float
     pace: jax.Array | float
-    """Largest change of s per pair of innovations that is due to small ones, mg/dl."""
+    """Change of s by an innovation that is larger or smaller than expected by its variance, mg/dl."""
 
-    def at(self, noise: NoiseLevel) -> tuple[jax.Array, jax.Array]:
-        """Gain ``(n + 1,)`` and innovation variance at an estimated size, by linear interpolation."""
-        share = jnp.maximum(0.0, 1.0 - jnp.abs(noise.deviation_mg_dl - jnp.asarray(LEVELS_MG_DL)))
+    def at(self, deviation_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Gain ``(n + 1,)`` and innovation variance at an estimate of s, by linear interpolation."""
+        share = shares(deviation_mg_dl)
         return jnp.sum(share[:, None] * self.gain, axis=0), jnp.sum(share * self.innovation_variance)
 
-    def learn(self, noise: NoiseLevel, innovation: jax.Array, known: jax.Array) -> NoiseLevel:
-        """The estimate after an innovation, which is given in its standard deviations."""
-        pair = jnp.minimum(innovation**2, noise.last**2) / _SMALLER_SQUARE
-        counts = known & (innovation * noise.last < 0.0)
-        change = jnp.where(counts, self.pace * (jnp.minimum(pair, _MOST) - 1.0), 0.0)
-        return NoiseLevel(
-            deviation_mg_dl=jnp.clip(noise.deviation_mg_dl + change, 0.0, LEVELS_MG_DL[-1]),
-            last=jnp.where(known, innovation, 0.0),
+    def fixed(self, deviation_mg_dl: float) -> NoisyFilters:
+        """The same filters if s is known."""
+        gain, variance = self.at(jnp.asarray(deviation_mg_dl))
+        return NoisyFilters(
+            gain=jnp.broadcast_to(gain, self.gain.shape),
+            innovation_variance=jnp.broadcast_to(variance, self.innovation_variance.shape),
+            correlation=self.correlation,
+            pace=jnp.zeros(()),
+        )
+
+    def learn(self, deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array) -> jax.Array:
+        """Estimate of s after an innovation, which is given in its standard deviations."""
+        change = self.pace * (jnp.minimum(innovation**2, _MOST) - 1.0)
+        return jnp.clip(
+            deviation_mg_dl + jnp.where(known & (innovation < 0.0), change, 0.0), LEVELS_MG_DL[0], LEVELS_MG_DL[-1]
         )
 
 
@@ -116,7 +106,8 @@ def noisy_filters(
     correlation : float
         c, from 0 to below 1.
     pace : float
-        Share of a mg/dl by which the estimate of s follows a pair of innovations; 0: the noise is as designed.
+        Change of s by an innovation that is larger or smaller than expected by its variance, mg/dl; 0: the noise is as
+        designed.
 
     Raises
     ------
@@ -126,7 +117,7 @@ def noisy_filters(
     if not 0.0 <= correlation < 1.0:
         raise ValueError(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
     if not 0.0 <= pace <= 1.0:
-        raise ValueError(f"a pace of {pace:g} mg/dl per pair of innovations is not possible; give 0 to 1")
+        raise ValueError(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
     Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
     n = C.size
     wide, drive = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))

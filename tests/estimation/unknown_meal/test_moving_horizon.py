@@ -10,7 +10,9 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glucoloop.estimation.noise_level import LEVELS_MG_DL
 from glucoloop.estimation.unknown_meal import MealHabits, Sensed, design_meal_horizon
+from glucoloop.estimation.unknown_meal.expectation import expectation
 
 H, N = 5.0, 72
 RARE = MealHabits(0.05, 36.0)
@@ -162,6 +164,20 @@ def test_a_true_meal_is_found_and_sized(two_states, record_of, quiet, samples):
     late = 10 + samples - 1 + 12
     assert sized[late] == pytest.approx(1.8 * samples, abs=1.8)
     assert eating[late] < 0.05
+
+
+def test_without_readings_a_meal_is_taken_to_end(two_states, record_of, quiet):
+    insulin = np.full(N, 20.0)
+    estimate, _ = told(two_states, quiet, record_of(served(28), insulin)[:20], insulin[:20])
+    eating = np.asarray(estimate.eating)
+    assert eating[19] > 0.9
+    np.testing.assert_allclose(eating[19:40], eating[19] * 0.7 ** np.arange(21), atol=1e-6)
+
+
+def test_the_noisier_the_sensor_the_more_of_a_meal_is_expected_at_rest(two_states):
+    expected = expectation(design_meal_horizon(two_states), two_states)
+    assert expected.eating.shape == (len(LEVELS_MG_DL),)
+    assert (np.diff(expected.eating) > 0.0).all()
 
 
 def test_what_has_been_served_tells_when_a_meal_began(two_states, record_of, quiet):

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
+from glucoloop.estimation.noise_level import LEVELS_MG_DL, shares
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.meals.stomach import Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -19,12 +20,21 @@ _SAMPLES: Final = 60
 
 @pytree
 class Expectation:
-    """A person at rest as described by an estimator that assumes that meals begin now and then."""
+    """A person at rest as described by an estimator that assumes that meals begin now and then.
+
+    The noisier the sensor, the less do readings at rest say against a meal. So each value is there for each of the
+    sizes of the sensor's error in `estimation.noise_level`, on its first axis.
+    """
 
     eating: jax.Array
     x: jax.Array
     """State, as its difference from the model's rest."""
     stomach: Stomach
+
+    def _at(self, noise_mg_dl: jax.Array) -> Expectation:
+        share = shares(noise_mg_dl)
+        here: Expectation = jax.tree.map(lambda leaf: jnp.tensordot(share, leaf, axes=1), self)
+        return here
 
     def without(self, estimate: MealEstimate, taken: jax.Array | float = 1.0) -> MealEstimate:
         """Estimate without a share `taken` of the meal that is always expected.
@@ -33,18 +43,20 @@ class Expectation:
         removed in proportion to the probability that there is no meal: all of it at rest, and nothing during a meal
         that is certain.
         """
-        share = taken * (1.0 - estimate.eating) / (1.0 - self.eating)
+        here = self._at(estimate.noise_mg_dl)
+        share = taken * (1.0 - estimate.eating) / (1.0 - here.eating)
         return dataclasses.replace(
             estimate,
-            eating=jnp.clip(estimate.eating - share * self.eating, 0.0, 1.0),
-            x=estimate.x - share * self.x,
-            stomach=jax.tree.map(lambda held, always: held - share * always, estimate.stomach, self.stomach),
+            eating=jnp.clip(estimate.eating - share * here.eating, 0.0, 1.0),
+            x=estimate.x - share * here.x,
+            stomach=jax.tree.map(lambda held, always: held - share * always, estimate.stomach, here.stomach),
         )
 
 
 def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
     """Expectation of an estimator whose readings are, sample by sample, those that it predicts for a person at rest."""
-    last = _settled(estimator, model)
+    each = [_settled(estimator.at_noise(deviation), model) for deviation in LEVELS_MG_DL]
+    last: MealEstimate = jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
     return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach)
 
 

@@ -76,6 +76,11 @@ class MealKalman:
     """Probability that a meal ends in a sample."""
     waking: Waking
 
+    def at_noise(self, deviation_mg_dl: float) -> MealKalman:
+        """The same filter: it takes all noise for white."""
+        del deviation_mg_dl
+        return self
+
     def init(self, model: FedModel, sensed: Sensed) -> MealKalmanState:
         """State of a fasting person at rest; the unexplained part of the first reading counts as lasting emptying."""
         x, disturbance = self.waking.wake(model, sensed.insulin_mU_min, sensed.glucose_mg_dl, sensed.known)
@@ -145,6 +150,7 @@ class MealKalman:
             eating=eating,
             carbs_g=state.carbs_g,
             remaining_g=eating * SERVED_G_PER_MIN * sample_time_min * (1.0 - self.ends) / self.ends,
+            noise_mg_dl=jnp.zeros_like(E),
         )
 
 

@@ -35,7 +35,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
-from glucoloop.estimation.noise_level import NoiseLevel, NoisyFilters, no_noise, noisy_filters
+from glucoloop.estimation.noise_level import NoisyFilters, noisy_filters
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -79,7 +79,8 @@ class MealHorizonState:
     probability: jax.Array
     """(2 L + 2,) probability of each hypothesis."""
     announced: Announced
-    noise: NoiseLevel
+    noise_mg_dl: jax.Array
+    """Estimated standard deviation of the correlated error of the sensor."""
 
 
 @pytree
@@ -94,8 +95,14 @@ class MealHorizon:
     """Probability that a meal begins in a sample."""
     ends: jax.Array
     """Probability that a meal under way ends in a sample."""
+    ends_unseen: jax.Array | float
+    """The same without a reading, which could tell that it goes on."""
     waking: Waking
     horizon: int = static()
+
+    def at_noise(self, deviation_mg_dl: float) -> MealHorizon:
+        """The same estimator for a sensor whose correlated error has a known standard deviation."""
+        return dataclasses.replace(self, filters=self.filters.fixed(deviation_mg_dl))
 
     def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
         """State of a fasting person at rest."""
@@ -112,7 +119,7 @@ class MealHorizon:
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
             probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
             announced=nothing_announced(disturbance),
-            noise=no_noise(disturbance),
+            noise_mg_dl=jnp.zeros_like(disturbance),
         )
 
     def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
@@ -121,11 +128,12 @@ class MealHorizon:
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
         # being served an announced meal does not begin another one.
         begins = jnp.where(sensed.known & (served == 0.0), self.begins, 0.0)
-        hypotheses, probability = self._age(state.hypotheses, state.probability, begins)
+        ends = jnp.where(sensed.known, self.ends, self.ends_unseen)
+        hypotheses, probability = self._age(state.hypotheses, state.probability, begins, ends)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
-        hypotheses, probability, noise = self._correct(model, hypotheses, probability, state.noise, sensed)
+        hypotheses, probability, noise = self._correct(model, hypotheses, probability, state.noise_mg_dl, sensed)
         announced = announce(announced, sensed.announced_carbs_g)
-        state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced, noise=noise)
+        state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced, noise_mg_dl=noise)
         return state, self._estimate(state, model.sample_time_min)
 
     def _eating(self) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -133,10 +141,9 @@ class MealHorizon:
         L = self.horizon
         return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L)])
 
-    def _age(self, held: Hypothesis, p: jax.Array, begins: jax.Array) -> tuple[Hypothesis, jax.Array]:
+    def _age(self, held: Hypothesis, p: jax.Array, begins: jax.Array, ends: jax.Array) -> tuple[Hypothesis, jax.Array]:
         """Age all events by a sample: the oldest hypotheses are merged, and new events may happen."""
         L = self.horizon
-        ends = self.ends
         eats = self._eating()
         not_eating, eating = jnp.sum(p * (1.0 - eats)), jnp.sum(p * eats)
 
@@ -183,8 +190,8 @@ class MealHorizon:
         )
 
     def _correct(
-        self, model: FedModel, held: Hypothesis, p: jax.Array, noise: NoiseLevel, sensed: Sensed
-    ) -> tuple[Hypothesis, jax.Array, NoiseLevel]:
+        self, model: FedModel, held: Hypothesis, p: jax.Array, noise: jax.Array, sensed: Sensed
+    ) -> tuple[Hypothesis, jax.Array, jax.Array]:
         """Correct the states by the gain, the probabilities by Bayes' rule, and the size of the sensor's error."""
         predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x) + held.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
@@ -222,6 +229,7 @@ class MealHorizon:
             eating=eating,
             carbs_g=carbs_g,
             remaining_g=eating * per_sample * (1.0 - self.ends) / self.ends,
+            noise_mg_dl=state.noise_mg_dl,
         )
 
 
@@ -234,6 +242,7 @@ def design_meal_horizon(
     measurement_variance: float = 1.45,
     largest_disturbance_mg_min: float = 100.0,
     noise_pace: float = 0.2,
+    ends_unseen: float = 0.3,
 ) -> MealHorizon:
     """Design the estimator for a model.
 
@@ -278,6 +287,7 @@ def design_meal_horizon(
         largest_disturbance_mg_min=largest_disturbance_mg_min,
         begins=jnp.asarray(habits.begins(h)),
         ends=jnp.asarray(habits.ends(h)),
+        ends_unseen=jnp.asarray(max(ends_unseen, habits.ends(h))),
         waking=waking(linear, measurement_variance),
         horizon=horizon,
     )

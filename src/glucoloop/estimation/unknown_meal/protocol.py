@@ -30,6 +30,8 @@ class MealEstimate:
     """Size so far of the latest meal that was not announced; 0 before one is likely."""
     remaining_g: jax.Array
     """Carbohydrate of that meal that is likely still to come."""
+    noise_mg_dl: jax.Array
+    """Standard deviation of the correlated error of the sensor; 0 by an estimator that does not learn it."""
 
 
 @pytree
@@ -47,6 +49,10 @@ class Sensed:
 
 class MealEstimator(Protocol):
     """Estimator from readings to meals. It is designed once; `step` never raises. The state is any pytree."""
+
+    def at_noise(self, deviation_mg_dl: float) -> MealEstimator:
+        """The same estimator for a sensor whose correlated error has a known standard deviation."""
+        ...
 
     def init(self, model: FedModel, sensed: Sensed) -> Any:
         """State before the first sample, of a person at rest."""
