@@ -36,14 +36,36 @@ def data():
     return json.loads(DATA.read_text(encoding="utf-8"))
 
 
+LATE_MIN = {"pid": 5.0, "imc": 10.0, "mpc": 15.0, "mpc-se": 5.0}
+"""Dead time of the guarded loops with each controller, which is part of a loop's program."""
+FAULTS = {
+    ("pid", False): ("missing", "occlusion"),
+    ("imc", False): ("repeated", "spikes", "battery"),
+    ("mpc", False): ("stuck", "drift", "occlusion"),
+    ("mpc-se", False): ("calibration", "compression", "unheard"),
+    ("pid", True): ("saturation", "nonsense", "resolution"),
+    ("imc", True): ("missing", "unheard"),
+    ("mpc", True): ("drift", "occlusion"),
+    ("mpc-se", True): ("stuck", "compression", "battery"),
+}
+"""Faults that the loops with each controller may have, the first innermost."""
+NOTICED = ("mpc", True)
+"""Loops whose pump reports an occlusion."""
+
+
+@pytest.fixture(scope="session")
+def loops_faults():
+    """Names of the faults of the loops with each controller, guarded or not, and whether an occlusion is reported."""
+    return {which: (names, which == NOTICED) for which, names in FAULTS.items()}
+
+
 @pytest.fixture(scope="session")
 def corpus(data):
-    """Generated situations: every controller, with and without a guard, on every patient."""
+    """Generated situations: every controller, fault and patient, with and without a guard, and limits of their own."""
     import numpy as np
 
     rng, found = np.random.default_rng(17), []
-    late = {"pid": 5.0, "imc": 10.0, "mpc": 15.0, "mpc-se": 5.0}
-    for i in range(200):
+    for i in range(208):
         controller = list(data["controllers"])[i % 4]
         noisy, guard = bool(rng.integers(2)), bool(i // 4 % 2)
         settings = data["controllers"][controller]["settings"]
@@ -59,23 +81,54 @@ def corpus(data):
             tuning["move_weight"] = 0.5
         if tuning.get("derivative_time_min", 0.0) < 0.0:
             tuning["derivative_time_min"] = -1.0
+        told = rng.permutation(list(data["guard_limits"]))[: rng.integers(0, 4) if guard else 0].tolist()
         found.append(
             {
                 "patient": list(data["patients"])[i % 3],
                 "controller": controller,
                 "tuning": tuning,
                 "guard": guard,
-                "guard_limits": {},
+                "guard_limits": {name: drawn(data["guard_limits"][name], rng) for name in told},
                 "pump_limits": {"max_insulin_mU_min": 45.0, "max_change_mU_min": 8.0} if i % 10 == 7 else {},
-                "faults": [],
+                "faults": [
+                    faulty(name, data["faults"][name], rng, (controller, guard) == NOTICED)
+                    for name in FAULTS[controller, guard]
+                    if rng.integers(2)
+                ],
                 "meals": [
                     {"t_min": float(rng.integers(0, 500)), "carbs_g": float(rng.integers(5, 120))}
                     for _ in range(rng.integers(0, 4))
                 ],
                 "noise_variance": float(rng.integers(1, 40)) / 10.0 if noisy else 0.0,
-                "dead_time_min": late[controller] if guard else 0.0,
+                "dead_time_min": LATE_MIN[controller] if guard else 0.0,
                 "seed": int(rng.integers(len(data["normals"]))),
                 "duration_min": 600.0,
             }
         )
     return found
+
+
+def drawn(setting, rng):
+    """A value of a setting that the page offers, near the usual one."""
+    low, high = (0.5 * setting["usual"] + 0.5 * setting[end] for end in ("least", "most"))
+    value = float(rng.uniform(low, high))
+    return round(value) if setting["whole"] else round(value, 2)
+
+
+def faulty(name, entry, rng, noticed):
+    """A fault with times and settings of its own."""
+    settings = {
+        name: drawn(setting, rng)
+        for name, setting in entry["settings"].items()
+        if name != "noticed" and rng.integers(2)
+    }
+    if "noticed" in entry["settings"] and noticed:
+        settings["noticed"] = True
+    lasting = float(rng.integers(5, 240)) if rng.integers(4) else None
+    start = float(rng.integers(0, 480)) if entry["timed"] else 0.0
+    return {
+        "name": name,
+        "start_min": start,
+        "duration_min": lasting if entry["timed"] else None,
+        "settings": settings,
+    }

@@ -10,6 +10,7 @@ const { Lab, summary } = await import(pathToFileURL(`${page}/loop.mjs`).href);
 const situations = await import(pathToFileURL(`${page}/situation.mjs`).href);
 const links = await import(pathToFileURL(`${page}/links.mjs`).href);
 const { usualUnits } = await import(pathToFileURL(`${page}/units.mjs`).href);
+const { ofFault } = await import(pathToFileURL(`${page}/fields.mjs`).href);
 const repeat = await import(pathToFileURL(`${page}/repeat.mjs`).href);
 
 const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
@@ -39,6 +40,7 @@ function answered(asked) {
     return {
       situation,
       numbers: lab.controllerNumbers(situation),
+      faults: situation.faults.map((fault) => ofFault(fault, data).numbers),
       trace,
       summary: summary(trace),
       predictions,

@@ -12,7 +12,7 @@ def test_the_expected_glucose_gives_the_dose(in_node, data, controller, guard):
     [answer] = in_node([{"link": f"#controller={controller}{guard}&meals=20g%4050min", "samples": SAMPLES}])
     trace, inner = answer["trace"], "inner." if guard else ""
     numbers = {name: np.asarray(value, float) for name, value in answer["numbers"].items() if value is not None}
-    gain = numbers[f"{inner}plan.gain"]
+    gain = numbers[f"controller.{inner}plan.gain"]
     setpoint = data["patients"]["setpoint-81"]["setpoint_mg_dl"]
     checked = 0
     for sample, expected in zip(SAMPLES, answer["predictions"], strict=True):
@@ -21,7 +21,7 @@ def test_the_expected_glucose_gives_the_dose(in_node, data, controller, guard):
         assert expected["t_min"] == [5.0 * (sample + i) for i in range(gain.size + 1)]
         reference = np.full(gain.size, setpoint)
         if controller.startswith("mpc-se"):
-            reference += numbers[f"{inner}reference"] * (expected["now_mg_dl"] - setpoint)
+            reference += numbers[f"controller.{inner}reference"] * (expected["now_mg_dl"] - setpoint)
         wanted = expected["rate_mU_min"] + gain @ (reference - free)
         if trace["status"][sample] == 0:  # the controller's own dose, which nothing limited
             assert wanted == pytest.approx(trace["command_mU_min"][sample], abs=1e-9)

@@ -3,13 +3,15 @@
 import math
 import operator
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.native.divisions import TOGETHER, share_divisions
-from glucoloop.native.lower import Layout
+from glucoloop.native.interpreter import interpret
+from glucoloop.native.lower import Layout, lower
 from glucoloop.native.program import BOOL, CONSTANT, FLOAT, PERSON, SAMPLE, Program
 from glucoloop.native.targets.llvm.chunks import plan_chunks
 from glucoloop.native.targets.products import fused_products
@@ -167,6 +169,34 @@ def test_factors_that_change_less_often_are_gathered():
     magic = p.constant(1.5 * 2.0**52)
     whole = p.apply("exact_sub", p.apply("add", x, magic), magic)
     assert computed(p, [whole], {"x": 2.3}) == [2.0]
+
+
+def polynomial(x, a, b, c):
+    """A function with factors to gather, and quotients that could share a division."""
+    return ((x * a + c) * b / 3.0 - x / a) * c + jnp.tanh(x / b) / (1.0 + jnp.exp(a * x))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(0.3, 3.0), min_size=4, max_size=4))
+def test_bits_of_a_program_as_written_do_not_depend_on_what_is_constant(numbers):
+    x, *fixed = numbers
+    zero = np.zeros(())
+
+    def known(person, carry, own, shared, rng):
+        return carry, polynomial(own, *fixed)
+
+    def free(person, carry, own, shared, rng):
+        return carry, polynomial(own, *person)
+
+    def beside(person, carry, own, shared, rng):
+        return carry, (polynomial(own, *person), own / (2.0 + jnp.exp(own)), jnp.tanh(own * own))
+
+    own, person = np.array([[x]]), np.array(fixed)[:, None]
+    constant = lower(known, (), (), zero, (), as_written=True)
+    inputs = [lower(step, (zero,) * 3, (), zero, (), as_written=True) for step in (free, beside)]
+    expected = interpret(constant, own=own)[1][0]
+    for lowered in inputs:
+        np.testing.assert_array_equal(interpret(lowered, person=person, own=own)[1][0], expected)
 
 
 @settings(max_examples=60)

@@ -173,7 +173,7 @@ def most(
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
     target = jnp.minimum(surely * (1.0 / settings.fall_mg_dl), settings.max_on_board)
     by_reading = _most_beyond(target, given, max_change_mU_min, kept, samples_per_hour(sample_time_min))
-    little = min(settings.always_basal - 1.0, settings.max_on_board)
+    little = jnp.minimum(settings.always_basal - 1.0, settings.max_on_board)
     always = jnp.minimum(little, (little - kept * given.counted) * (1.0 / (1.0 - kept)))
     by_board = (1.0 + jnp.maximum(by_reading, always)) * given.basal_mU_min
     return jnp.maximum(jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min)), given.basal_mU_min)

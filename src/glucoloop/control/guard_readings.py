@@ -83,7 +83,7 @@ def near(
     glucose_mg_dl: jax.Array, setpoint_mg_dl: jax.Array, settings: GuardSettings, sample_time_min: float
 ) -> jax.Array:
     """Whether a first reading needs no second one, being as near to the setpoint as the error allows."""
-    most = max(_FIRST_MG_DL, settings.fastest_mg_dl_min * sample_time_min)
+    most = jnp.maximum(_FIRST_MG_DL, settings.fastest_mg_dl_min * sample_time_min)
     return jnp.abs(glucose_mg_dl - setpoint_mg_dl) <= most
 
 

@@ -15,8 +15,9 @@ from typing import Any
 
 from glucoloop.lab.numbers import numbers
 from glucoloop.lab.pack import DATA, MODULE
-from glucoloop.lab.parts import Part, parts
-from glucoloop.native.targets.wasm.module import linker_version, wasm_module
+from glucoloop.lab.part import Part
+from glucoloop.lab.parts import parts
+from glucoloop.native.targets.wasm.module import held_numbers, linker_version, wasm_module
 
 
 def tools() -> dict[str, str]:
@@ -42,8 +43,11 @@ def module(of_page: Mapping[str, Part]) -> bytes:
 
 
 def functions(of_page: Mapping[str, Part]) -> dict[str, Any]:
-    """Names and counts of the numbers that each function takes and gives."""
-    return {name: {group: dict(names) for group, names in part.names.items()} for name, part in of_page.items()}
+    """Names and counts of the numbers that each function takes and gives, and how many it keeps of a person."""
+    return {
+        name: {**{group: dict(names) for group, names in part.names.items()}, "held": held_numbers(part.lowered)}
+        for name, part in of_page.items()
+    }
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
     """
     order = program.needed(results)
     group_of = _groups(program, order)
-    new = Program()
+    new = Program(as_written=program.as_written)
     place: dict[Value, Value] = {}
     for value, (operation, _) in enumerate(program.operations):
         if operation == "input":
@@ -81,8 +81,9 @@ def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value
             depth[value] += 1
     groups: dict[Value, tuple[Value, ...]] = {}
     for alike in waiting.values():
-        for start in range(0, len(alike), TOGETHER):
-            group = tuple(alike[start : start + TOGETHER])
+        together = 1 if program.as_written else TOGETHER
+        for start in range(0, len(alike), together):
+            group = tuple(alike[start : start + together])
             groups.update(dict.fromkeys(group, group))
     return groups
 

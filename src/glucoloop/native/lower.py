@@ -91,6 +91,7 @@ def lower(
     rng: Any = (),
     *,
     precision: str = DOUBLE,
+    as_written: bool = False,
 ) -> Lowered:
     """Lower ``carry, outputs = step(person, carry, own, shared, rng)`` to scalars.
 
@@ -104,6 +105,9 @@ def lower(
     rng : pytree
         Examples of random keys and of the number of the sample. What rests on these alone is left to the host.
     precision : {"float64", "float32"}
+    as_written : bool
+        Whether every operation is rounded as the function has it, see `Program`: for results that do not depend on
+        which numbers are part of the program.
 
     Raises
     ------
@@ -117,7 +121,7 @@ def lower(
     before, after = ([leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (given[1], next_carry))
     if before != after:
         raise TypeError(f"the state has leaves of shapes {before} before a sample, but {after} after it")
-    program = Program()
+    program = Program(as_written=as_written)
     flattener = Flattener(program, precision)
     levels = {"person": PERSON, "carry": SAMPLE, "own": SAMPLE, "shared": SAMPLE}
     inputs = {

@@ -3,7 +3,8 @@
 Every value is a number, by its place in the program. Equal operations are one value, operations on constants are
 carried out, and what is the same at every sample is computed once. Two liberties are taken with arithmetic: a product
 with zero is zero, whatever the other factor, so that the zeros of a matrix cost nothing; and constant factors are
-gathered, which may change the last digit (but not through `exact_sub`).
+gathered, which may change the last digit (but not through `exact_sub`). A program *as written* takes only the first, so
+that its bits depend neither on which of its inputs are constants nor on what else is computed beside.
 
 A target carries these operations out, each rounded to nearest in the program's precision:
 
@@ -72,9 +73,16 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
 
 
 class Program:
-    """Operations in the order in which they were requested."""
+    """Operations in the order in which they were requested.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    as_written : bool
+        Whether every operation is rounded as it is requested: no factors are gathered, and no divisions shared.
+    """
+
+    def __init__(self, *, as_written: bool = False) -> None:
+        self.as_written = as_written
         self.operations: list[tuple[str, tuple[Value, ...]]] = []
         self.constants: dict[Value, float | bool] = {}
         self.names: dict[Value, object] = {}
@@ -145,9 +153,9 @@ class Program:
                 return self.apply("neg", b)
             case "mul" if of_b == -1.0:
                 return self.apply("neg", a)
-            case "div" if of_b is not None and of_b != 0.0:
+            case "div" if of_b is not None and of_b != 0.0 and not (self.as_written and self.levels[a] != SAMPLE):
                 return self.apply("mul", a, self.constant(1.0 / of_b))
-            case "mul" if self.levels[a] != self.levels[b]:
+            case "mul" if self.levels[a] != self.levels[b] and not self.as_written:
                 return self._scaled(*((a, b) if self.levels[a] > self.levels[b] else (b, a)))
             case "div" if self.levels[a] == SAMPLE and self.levels[b] == PERSON:
                 # divided once, not at every sample

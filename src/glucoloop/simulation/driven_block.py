@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
-from glucoloop.native.targets.products import FUSED
+from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.protocol import SemilinearPatient
 
 Matrix = npt.NDArray[np.float64]
@@ -77,8 +77,9 @@ def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
             (m_2 + E @ (m_0 + 2.0 * m_1 + m_2)) / 8.0,
         ), ()
 
-    series = lower(term, square, (square,) * 5, (), (number,) * 4)
-    doubling = lower(double, (), (square,) * 4, (), ())
+    portable = products == STRICT
+    series = lower(term, square, (square,) * 5, (), (number,) * 4, as_written=portable)
+    doubling = lower(double, (), (square,) * 4, (), (), as_written=portable)
     return compile_kernel(series, products=products), compile_kernel(doubling, products=products)
 
 

@@ -126,7 +126,9 @@ class NativeEngine:
         products: str = FUSED,
     ) -> None:
         self.precision = precision
-        lowered = lower(step, own, carry, reaching, shared, (key, jnp.zeros((), int)), precision=precision)
+        rng = key, jnp.zeros((), int)
+        portable = products == STRICT
+        lowered = lower(step, own, carry, reaching, shared, rng, precision=precision, as_written=portable)
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None

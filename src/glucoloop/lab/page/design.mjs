@@ -6,6 +6,10 @@
 
 /** @typedef {Record<string, number | number[]>} Numbers numbers of a controller, or of a part of it */
 /** @typedef {Record<string, number>} Tuning */
+/**
+ * Gives a gain that is kept from an earlier time, by what it is computed from, or computes it.
+ * @typedef {(of: number[], compute: () => number[]) => number[]} Kept
+ */
 /** @typedef {{gain: number, tau_min: number, delay_min: number}} FirstOrder */
 /** @typedef {{max_change_mU_min: number, min_mU_min: number, max_mU_min: number}} Limits */
 
@@ -114,32 +118,52 @@ export function mpc(tuning, step_response) {
   return { step_response, "plan.gain": closedFormGain(step_response, tuning) };
 }
 
+/** Rows by which outputs follow from the state and the inputs, `C Phi^i` and their sums; no tuning changes them. */
+const predictions = new WeakMap();
+
+/**
+ * @param {Linear} linear
+ * @param {number} p
+ * @returns {{rows: number[][], free_state: number[], free_input: number[]}} rows `C Phi^(i - 1)`
+ */
+function predicted(linear, p) {
+  const { Phi, Gamma, C } = linear;
+  const n = C.length;
+  let found = predictions.get(linear);
+  if (found === undefined) {
+    found = { rows: [], free_state: [], free_input: [] };
+    predictions.set(linear, found);
+  }
+  while (found.rows.length < p) {
+    const { rows, free_state, free_input } = found;
+    const row = rows.length ? free_state.slice(-n) : C;
+    const next = new Array(n).fill(0);
+    for (let k = 0; k < n; k++) for (let j = 0; j < n; j++) next[j] += row[k] * Phi[k][j];
+    rows.push(row);
+    free_state.push(...next);
+    free_input.push((free_input.at(-1) ?? 0) + dot(row, Gamma));
+  }
+  return { rows: found.rows, free_state: found.free_state.slice(0, p * n), free_input: found.free_input.slice(0, p) };
+}
+
 /**
  * MPC with state estimation.
  * @param {Tuning} tuning
  * @param {Linear} linear
+ * @param {Kept} kept
  * @returns {Numbers}
  */
-export function mpcSe(tuning, linear) {
+export function mpcSe(tuning, linear, kept) {
   const { Phi, Gamma, C } = linear;
   const p = tuning.prediction_horizon;
   const variances = [tuning.glucose_process_noise, tuning.other_process_noise, tuning.glucagon_process_noise];
-  const Q = linear.noise_kinds.map((kind) => variances[kind]);
-  const kalman_gain = steadyKalmanGain(Phi, C, Q, tuning.measurement_variance);
-  const free_state = [];
-  const free_input = [];
-  const free_innovation = [];
-  let row = C;
-  let ofInput = 0;
+  const R = tuning.measurement_variance;
+  const kalman_gain = kept([...variances, R], () =>
+    steadyKalmanGain(Phi, C, linear.noise_kinds.map((kind) => variances[kind]), R),
+  );
+  const { rows, free_state, free_input } = predicted(linear, p);
   let ofInnovation = 0;
-  for (let i = 0; i < p; i++) {
-    ofInput += dot(row, Gamma);
-    ofInnovation += dot(row, kalman_gain);
-    row = Gamma.map((_, j) => row.reduce((sum, c, k) => sum + c * Phi[k][j], 0));
-    free_state.push(...row);
-    free_input.push(ofInput);
-    free_innovation.push(ofInnovation);
-  }
+  const free_innovation = rows.slice(0, p).map((row) => (ofInnovation += dot(row, kalman_gain)));
   return {
     Phi: Phi.flat(),
     Gamma,
@@ -154,6 +178,28 @@ export function mpcSe(tuning, linear) {
     basal_mU_min: linear.insulin_mU_min,
     basal_glucose_mg_dl: linear.glucose_mg_dl,
   };
+}
+
+/**
+ * The controller of a name for a patient.
+ * @param {string} name
+ * @param {Tuning} tuning
+ * @param {import("./situation.mjs").Patient} patient
+ * @param {number} sample_time_min
+ * @param {Kept} kept
+ * @returns {Numbers}
+ */
+export function design(name, tuning, patient, sample_time_min, kept) {
+  switch (name) {
+    case "pid":
+      return pid(tuning, patient.first_order.pid, sample_time_min);
+    case "imc":
+      return imc(tuning, patient.first_order.imc, sample_time_min);
+    case "mpc":
+      return mpc(tuning, patient.step_response);
+    default:
+      return mpcSe(tuning, patient.linear, kept);
+  }
 }
 
 /** @typedef {Float64Array} Square a square matrix, row by row */
@@ -171,21 +217,28 @@ export function mpcSe(tuning, linear) {
  * @returns {number[]} (n,)
  */
 export function steadyKalmanGain(Phi, C, Q, R) {
-  const n = C.length;
-  let A = Float64Array.from({ length: n * n }, (_, at) => Phi[at % n][Math.floor(at / n)]);
-  let G = Float64Array.from({ length: n * n }, (_, at) => (C[Math.floor(at / n)] * C[at % n]) / R);
-  let P = Float64Array.from({ length: n * n }, (_, at) => (at % (n + 1) === 0 ? Q[at % n] : 0));
+  const states = C.length;
+  const n = Math.ceil(states / 4) * 4; // with zeros for states that there are not
+  /** @type {Square} */
+  let A = new Float64Array(n * n);
+  const G = new Float64Array(n * n);
+  const P = new Float64Array(n * n);
+  for (let i = 0; i < states; i++) {
+    P[i * n + i] = Q[i];
+    for (let j = 0; j < states; j++) {
+      A[i * n + j] = Phi[j][i];
+      G[i * n + j] = (C[i] * C[j]) / R;
+    }
+  }
   for (let step = 0; step < 60; step++) {
     const W = product(G, P, n);
     for (let i = 0; i < n; i++) W[i * n + i] += 1;
-    // W^-1 A and W^-1 G
-    const V = solved(W, A, n);
-    const U = solved(W, G, n);
+    const [V, U] = solved(W, A, G, n); // W^-1 A and W^-1 G
     const transposed = transpose(A, n);
     const more = product(transposed, product(P, V, n), n);
-    G = sum(G, product(product(A, U, n), transposed, n));
+    add(G, product(product(A, U, n), transposed, n));
     A = product(A, V, n);
-    P = sum(P, more);
+    add(P, more);
     if (size(more) <= 1e-17 * size(P)) break;
   }
   const seen = C.map((_, i) => C.reduce((total, c, j) => total + 0.5 * (P[i * n + j] + P[j * n + i]) * c, 0));
@@ -203,52 +256,86 @@ function dot(a, b) {
 
 /** @param {Square} a */
 function size(a) {
-  return a.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+  let most = 0;
+  for (let i = 0; i < a.length; i++) most = Math.max(most, Math.abs(a[i]));
+  return most;
 }
 
-/** @param {Square} a @param {Square} b */
-function sum(a, b) {
-  return a.map((value, at) => value + b[at]);
+/** @param {Square} a @param {Square} b what is added to it */
+function add(a, b) {
+  for (let i = 0; i < a.length; i++) a[i] += b[i];
 }
 
 /** @param {Square} a @param {number} n */
 function transpose(a, n) {
-  return a.map((_, at) => a[(at % n) * n + Math.floor(at / n)]);
+  const found = new Float64Array(n * n);
+  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) found[j * n + i] = a[i * n + j];
+  return found;
 }
 
-/** @param {Square} a @param {Square} b @param {number} n */
+/** @param {Square} a @param {Square} b @param {number} n a multiple of four */
 function product(a, b, n) {
   const found = new Float64Array(n * n);
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < n; k++) {
-      const factor = a[i * n + k];
-      if (factor !== 0) for (let j = 0; j < n; j++) found[i * n + j] += factor * b[k * n + j];
+    const row = i * n;
+    // Four columns at a time, so that sums stay in registers.
+    for (let j = 0; j < n; j += 4) {
+      let s0 = 0;
+      let s1 = 0;
+      let s2 = 0;
+      let s3 = 0;
+      for (let k = 0, at = j; k < n; k++, at += n) {
+        const factor = a[row + k];
+        s0 += factor * b[at];
+        s1 += factor * b[at + 1];
+        s2 += factor * b[at + 2];
+        s3 += factor * b[at + 3];
+      }
+      found[row + j] = s0;
+      found[row + j + 1] = s1;
+      found[row + j + 2] = s2;
+      found[row + j + 3] = s3;
     }
   }
   return found;
 }
 
 /**
- * The solution X of `W X = B`, by elimination with row exchanges.
- * @param {Square} W @param {Square} B @param {number} n
+ * The solutions of `W X = A` and `W X = B`, by elimination with row exchanges.
+ * @param {Square} W @param {Square} A @param {Square} B @param {number} n
  */
-function solved(W, B, n) {
-  const left = W.slice();
-  const X = B.slice();
+function solved(W, A, B, n) {
+  const width = 3 * n;
+  const rows = new Float64Array(n * width);
+  for (let i = 0; i < n; i++) {
+    rows.set(W.subarray(i * n, (i + 1) * n), i * width);
+    rows.set(A.subarray(i * n, (i + 1) * n), i * width + n);
+    rows.set(B.subarray(i * n, (i + 1) * n), i * width + 2 * n);
+  }
   for (let k = 0; k < n; k++) {
     let pivot = k;
-    for (let i = k + 1; i < n; i++) if (Math.abs(left[i * n + k]) > Math.abs(left[pivot * n + k])) pivot = i;
-    for (const matrix of [left, X]) {
-      for (let j = 0; j < n; j++) {
-        [matrix[k * n + j], matrix[pivot * n + j]] = [matrix[pivot * n + j], matrix[k * n + j]];
-      }
+    for (let i = k + 1; i < n; i++) {
+      if (Math.abs(rows[i * width + k]) > Math.abs(rows[pivot * width + k])) pivot = i;
     }
+    if (pivot !== k) {
+      const row = rows.slice(k * width, (k + 1) * width);
+      rows.copyWithin(k * width, pivot * width, (pivot + 1) * width);
+      rows.set(row, pivot * width);
+    }
+    const from = k * width;
     for (let i = 0; i < n; i++) {
-      const factor = i === k ? 0 : left[i * n + k] / left[k * n + k];
-      if (factor === 0) continue;
-      for (let j = k; j < n; j++) left[i * n + j] -= factor * left[k * n + j];
-      for (let j = 0; j < n; j++) X[i * n + j] -= factor * X[k * n + j];
+      const to = i * width;
+      const factor = i === k ? 0 : rows[to + k] / rows[from + k];
+      if (factor !== 0) for (let j = k; j < width; j++) rows[to + j] -= factor * rows[from + j];
     }
   }
-  return X.map((value, at) => value / left[Math.floor(at / n) * (n + 1)]);
+  const found = [new Float64Array(n * n), new Float64Array(n * n)];
+  for (let i = 0; i < n; i++) {
+    const scale = rows[i * width + i];
+    for (let j = 0; j < n; j++) {
+      found[0][i * n + j] = rows[i * width + n + j] / scale;
+      found[1][i * n + j] = rows[i * width + 2 * n + j] / scale;
+    }
+  }
+  return found;
 }

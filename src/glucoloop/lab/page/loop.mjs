@@ -1,14 +1,15 @@
 // @ts-check
 /** The closed loop, sample by sample, with the functions of the module: as `glucoloop.simulation.loop` defines it. */
 
-import * as design from "./design.mjs";
-import { limitsOf, tuningOf } from "./situation.mjs";
+import { design } from "./design.mjs";
+import { ofController, ofFault, ofPump } from "./fields.mjs";
+import { tuningOf } from "./situation.mjs";
 
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Kernels} Kernels */
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Prepared} Prepared */
-/** @typedef {import("../../native/targets/wasm/kernels.mjs").Sizes} Sizes */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
+/** @typedef {import("./design.mjs").Numbers} Numbers */
 
 /**
  * @typedef {object} Trace
@@ -24,18 +25,97 @@ import { limitsOf, tuningOf } from "./situation.mjs";
  */
 
 /**
- * Numbers of a controller in the order in which its function takes them. What the design does not give, no step uses.
+ * A person at rest.
+ * @typedef {object} Body
+ * @property {ArrayLike<number>} numbers of the patient that differ between people
+ * @property {ArrayLike<number>} matrices of the integrator, without their zeros
+ * @property {ArrayLike<number>} x state
+ * @property {number} basal_insulin_mU_min
+ * @property {number} glucose_mg_dl
+ */
+
+/**
+ * What happens at each sample: arrays of one number for each person of the vector, overwritten at the next sample.
+ * @typedef {object} Happened
+ * @property {ArrayLike<number>} glucose_mg_dl at the sample
+ * @property {ArrayLike<number>} reading_mg_dl
+ * @property {ArrayLike<number>} command_mU_min
+ * @property {ArrayLike<number>} insulin_mU_min
+ * @property {ArrayLike<number>} status
+ * @property {ArrayLike<number>} inside_mg_dl (moments, people) glucose until the next sample, its moment included
+ */
+
+const MOMENTS = 3;
+const MOST_KEPT = 32;
+
+/**
+ * Numbers in the order in which a function takes them. What is not given, no step uses.
  * @param {Record<string, number>} fields name -> how many
- * @param {design.Numbers} given
+ * @param {Numbers} given
+ * @returns {Float64Array}
  */
 export function inOrder(fields, given) {
-  const numbers = [];
-  for (const [name, count] of Object.entries(fields)) {
-    const own = given[name] ?? 0;
-    const own_numbers = typeof own === "number" ? [own] : own;
-    for (let i = 0; i < count; i++) numbers.push(own_numbers[i] ?? 0);
+  let count = 0;
+  for (const name in fields) count += fields[name];
+  const numbers = new Float64Array(count);
+  let at = 0;
+  for (const name in fields) {
+    const own = given[name];
+    if (typeof own === "number") numbers[at] = own;
+    else if (own !== undefined) for (let i = 0; i < fields[name] && i < own.length; i++) numbers[at + i] = own[i];
+    at += fields[name];
   }
   return numbers;
+}
+
+/** @param {Record<string, number>} names */
+function total(names) {
+  return Object.values(names).reduce((a, b) => a + b, 0);
+}
+
+/** Functions of one vector of people, whose arrays are read and written in place. */
+class Stage {
+  /**
+   * @param {Lab} lab
+   * @param {string} name
+   */
+  constructor(lab, name) {
+    this.fields = lab.data.functions[name];
+    this.lanes = lab.kernels.lanes;
+    this.prepared = lab.prepared(name);
+    this.refresh();
+  }
+
+  /** Find the arrays again after the memory of the module has grown. */
+  refresh() {
+    this.person = this.prepared.view("person");
+    this.carry = this.prepared.view("carry");
+    this.own = this.prepared.view("own");
+    this.outputs = this.prepared.view("outputs");
+  }
+
+  /**
+   * Set the numbers of all people of the vector, or of one of them, without computing what follows from them.
+   * @param {ArrayLike<number>} numbers
+   * @param {number} [lane]
+   */
+  set(numbers, lane) {
+    const { lanes, person } = this;
+    for (let i = 0; i < numbers.length; i++) {
+      if (lane === undefined) for (let l = 0; l < lanes; l++) person[i * lanes + l] = numbers[i];
+      else person[i * lanes + lane] = numbers[i];
+    }
+  }
+
+  /** @param {Numbers} given numbers by name, of all people of the vector */
+  give(given) {
+    this.set(inOrder(this.fields.person, given));
+    this.prepared.hold();
+  }
+
+  step() {
+    this.prepared.advance();
+  }
 }
 
 /** Simulates situations; the memory of the functions is kept from one to the next. */
@@ -49,106 +129,117 @@ export class Lab {
     this.data = data;
     /** @type {Map<string, Prepared>} */
     this.ready = new Map();
-    /** The last design, which meals and noise leave as it is. @type {{of: string, numbers: design.Numbers}} */
-    this.last = { of: "", numbers: {} };
+    /** @type {Map<string, Stage>} */
+    this.stages = new Map();
+    /** Designs and meals that were computed last, by what they were computed from. @type {Map<string, any>} */
+    this.kept = new Map();
   }
 
   /**
    * @param {string} name
-   * @param {number} people
    * @param {number} samples
    */
-  prepared(name, people = 1, samples = 1) {
-    const key = `${name} ${people} ${samples}`;
+  prepared(name, samples = 1) {
+    const key = `${name} ${samples}`;
     let found = this.ready.get(key);
     if (found === undefined) {
-      const count = (/** @type {Record<string, number>} */ names) => Object.values(names).reduce((a, b) => a + b, 0);
-      const { person, carry, own, shared, outputs } = this.data.functions[name];
-      /** @type {Sizes} */
+      const { person, held, carry, own, shared, outputs } = this.data.functions[name];
       const sizes = {
-        person: count(person),
-        carry: count(carry),
-        own: count(own),
-        shared: count(shared),
-        outputs: count(outputs),
+        person: total(person),
+        held,
+        carry: total(carry),
+        own: total(own),
+        shared: total(shared),
+        outputs: total(outputs),
       };
-      found = this.kernels.prepare(name, sizes, people, samples);
+      found = this.kernels.prepare(name, sizes, this.kernels.lanes, samples);
       this.ready.set(key, found);
+      for (const stage of this.stages.values()) stage.refresh();
+    }
+    return found;
+  }
+
+  /** @param {string} name */
+  stage(name) {
+    let found = this.stages.get(name);
+    if (found === undefined) {
+      found = new Stage(this, name);
+      this.stages.set(name, found);
     }
     return found;
   }
 
   /**
-   * Numbers of the controller of a situation.
-   * @param {Situation} situation
-   * @returns {design.Numbers}
+   * A result that is kept for the next time.
+   * @template T
+   * @param {unknown} of what it is computed from
+   * @param {() => T} compute
+   * @returns {T}
    */
-  designed(situation) {
-    const tuning = tuningOf(situation, this.data);
-    const of = JSON.stringify([situation.patient, situation.controller, tuning]);
-    if (this.last.of !== of) this.last = { of, numbers: this.design(situation, tuning) };
-    return this.last.numbers;
+  remembered(of, compute) {
+    const key = JSON.stringify(of);
+    let found = this.kept.get(key);
+    if (found === undefined) found = compute();
+    else this.kept.delete(key);
+    this.kept.set(key, found);
+    if (this.kept.size > MOST_KEPT) this.kept.delete(this.kept.keys().next().value ?? "");
+    return found;
   }
 
   /**
+   * Numbers of the controller of a situation, and of the guard around it, with the limits of the pump.
    * @param {Situation} situation
-   * @param {design.Tuning} tuning
-   * @returns {design.Numbers}
-   */
-  design(situation, tuning) {
-    const patient = this.data.patients[situation.patient];
-    const every = this.data.sample_time_min;
-    switch (situation.controller) {
-      case "pid":
-        return design.pid(tuning, patient.first_order.pid, every);
-      case "imc":
-        return design.imc(tuning, patient.first_order.imc, every);
-      case "mpc":
-        return design.mpc(tuning, patient.step_response);
-      default:
-        return design.mpcSe(tuning, patient.linear);
-    }
-  }
-
-  /**
-   * Numbers of the controller and of the guard around it, with the limits of the pump.
-   * @param {Situation} situation
-   * @returns {design.Numbers}
+   * @returns {Numbers}
    */
   controllerNumbers(situation) {
-    const inner = { ...this.designed(situation) };
-    const planned = situation.controller.startsWith("mpc") ? "plan." : "";
-    for (const [name, value] of Object.entries(limitsOf(situation, this.data))) inner[`${planned}limits.${name}`] = value;
-    if (!situation.guard) return inner;
-    /** @type {design.Numbers} */
-    const numbers = { basal_mU_min: NaN }; // a guard that is told no basal rate takes the one at the start
-    for (const [name, value] of Object.entries(limitsOf(situation, this.data))) numbers[`limits.${name}`] = value;
-    for (const [name, value] of Object.entries(inner)) numbers[`inner.${name}`] = value;
-    return numbers;
+    const { data } = this;
+    const tuning = tuningOf(situation, data);
+    const kalman = (/** @type {unknown} */ of, /** @type {() => number[]} */ gain) =>
+      this.remembered([situation.patient, "kalman", of], gain);
+    const designed = this.remembered([situation.patient, situation.controller, tuning], () =>
+      design(situation.controller, tuning, data.patients[situation.patient], data.sample_time_min, kalman),
+    );
+    return ofController(designed, situation, data);
   }
 
   /**
-   * Moments of all meals of a situation, as the plant takes them, sample by sample.
+   * Moments of all meals of a situation, as the plant takes them, step by step.
    * @param {Situation} situation
-   * @param {number} samples
+   * @param {number} steps
+   * @returns {Float64Array} (steps, moments)
    */
-  moments(situation, samples) {
-    const { meals } = situation;
-    const count = Object.values(this.data.functions.meal.outputs).reduce((a, b) => a + b, 0);
-    const total = new Float64Array(samples * count);
-    if (meals.length === 0) return total;
-    const meal = this.prepared("meal", meals.length, samples);
-    const names = Object.keys(this.data.functions.meal.person);
-    /** @type {Record<string, (meal: import("./situation.mjs").Meal) => number>} */
-    const of = { t_min: (m) => m.t_min, carbs_g: (m) => m.carbs_g, eating_min: () => 0 };
-    meal.set("person", names.flatMap((name) => meals.map(of[name])));
-    meal.set("shared", Array.from({ length: samples }, (_, i) => i * this.data.sample_time_min));
-    meal.run();
-    const found = meal.get("outputs");
-    for (let i = 0; i < total.length; i++) {
-      for (let m = 0; m < meals.length; m++) total[i] += found[i * meals.length + m];
+  moments(situation, steps) {
+    const sum = new Float64Array(steps * MOMENTS);
+    const { family } = this.data.patients[situation.patient];
+    for (const { t_min, carbs_g } of situation.meals) {
+      const of = this.remembered([family, t_min, carbs_g, steps], () => this.momentsOfMeal(family, t_min, carbs_g, steps));
+      for (let i = 0; i < sum.length; i++) sum[i] += of[i];
     }
-    return total;
+    return sum;
+  }
+
+  /**
+   * @param {string} family
+   * @param {number} t_min
+   * @param {number} carbs_g
+   * @param {number} steps
+   */
+  momentsOfMeal(family, t_min, carbs_g, steps) {
+    const { step_min, functions } = this.data;
+    const { lanes } = this.kernels;
+    const name = `${family.replaceAll("-", "_")}_meal`;
+    const meal = this.prepared(name);
+    const stage = this.stage(name);
+    stage.give({ t_min, carbs_g, eating_min: 0 });
+    const shared = meal.view("shared");
+    const found = new Float64Array(steps * total(functions[name].outputs));
+    // Nothing appears before the meal.
+    for (let i = Math.floor(t_min / step_min); i < steps; i++) {
+      shared[0] = i * step_min;
+      stage.step();
+      for (let j = 0; j < MOMENTS; j++) found[i * MOMENTS + j] = stage.outputs[j * lanes];
+    }
+    return found;
   }
 
   /**
@@ -158,109 +249,237 @@ export class Lab {
    */
   simulate(situation, watch) {
     const { data } = this;
-    const patient = data.patients[situation.patient];
     const every = data.sample_time_min;
     const samples = Math.round(situation.duration_min / every);
-    const name = situation.controller.replace("-", "_") + (situation.guard ? "_guarded" : "");
-    const moments = this.moments(situation, samples);
-    const numbers = this.controllerNumbers(situation);
-    const start = this.prepared(`${name}_start`);
-    const controller = this.prepared(`${name}_step`);
-    const plant = this.prepared("plant");
-    const noise = this.prepared("noise");
-
-    start.set("person", inOrder(data.functions[`${name}_start`].person, numbers));
-    controller.set("person", inOrder(data.functions[`${name}_step`].person, numbers));
-    const of_pump = limitsOf(situation, data);
-    const limits = Object.fromEntries(Object.entries(of_pump).map(([key, value]) => [`limits.${key}`, value]));
-    const own = Object.fromEntries(patient.numbers.map((value, i) => [`patient.${i}`, value]));
-    plant.set("person", inOrder(data.functions.plant.person, { ...limits, ...own, matrices: patient.matrices }));
-    noise.set("person", inOrder(data.functions.noise.person, { variance: situation.noise_variance, bound_mg_dl: 5 }));
-
-    const noisy = situation.noise_variance > 0;
-    const late = Math.round(situation.dead_time_min / every);
-    /** @type {number[]} */
-    const line = new Array(late).fill(patient.glucose_mg_dl);
-    const read = (/** @type {number} */ glucose, /** @type {number} */ k) => {
-      if (!noisy) return glucose;
-      noise.set("own", [glucose, data.normals[situation.seed][k]]);
-      noise.run();
-      return noise.get("outputs")[0];
-    };
-    // As `Observation`: glucose, valid, setpoint, delivered rate, announced carbohydrate.
-    const observed = (/** @type {number} */ reading, /** @type {number} */ delivered) => [
-      reading,
-      Number.isFinite(reading) ? 1 : 0,
-      patient.setpoint_mg_dl,
-      delivered,
-      0,
-    ];
-
-    let glucose = patient.glucose_mg_dl;
-    let delivered = patient.basal_insulin_mU_min;
-    const first = late > 0 ? line[0] : read(glucose, 0);
-    start.set("own", observed(first, delivered));
-    start.run();
-    controller.set("carry", start.get("outputs"));
-    const { min_mU_min, max_mU_min } = of_pump;
-    const state = { x: patient.x, delivered_mU_min: Math.min(Math.max(delivered, min_mU_min), max_mU_min) };
-    plant.set("carry", inOrder(data.functions.plant.carry, state));
-    const places = offsets(data.functions.plant.outputs);
-
+    const inside = data.inside_min.length;
+    const { lanes } = this.kernels;
+    const body = data.patients[situation.patient];
+    const array = (/** @type {number} */ length) => new Array(length).fill(0);
     /** @type {Trace} */
     const trace = {
-      t_min: [],
-      glucose_mg_dl: [],
-      reading_mg_dl: [],
-      command_mU_min: [],
-      insulin_mU_min: [],
-      status: [],
-      fine_t_min: [0],
-      fine_glucose_mg_dl: [glucose],
+      t_min: array(samples),
+      glucose_mg_dl: array(samples),
+      reading_mg_dl: array(samples),
+      command_mU_min: array(samples),
+      insulin_mU_min: array(samples),
+      status: array(samples),
+      fine_t_min: array(samples * inside + 1),
+      fine_glucose_mg_dl: array(samples * inside + 1),
     };
-    const per_sample = moments.length / samples;
-    for (let k = 0; k < samples; k++) {
-      line.push(read(glucose, k));
-      const reading = /** @type {number} */ (line.shift());
-      controller.set("own", observed(reading, delivered));
-      const before = k === watch ? controller.get("carry") : undefined;
-      controller.run();
-      if (before !== undefined) trace.watched = { before, after: controller.get("carry") };
-      const [command, status] = controller.get("outputs");
-      plant.set("own", [command, ...moments.subarray(k * per_sample, (k + 1) * per_sample)]);
-      plant.run();
-      const after = plant.get("outputs");
-      trace.t_min.push(k * every);
-      trace.glucose_mg_dl.push(glucose);
-      trace.reading_mg_dl.push(reading);
-      trace.command_mU_min.push(command);
-      trace.insulin_mU_min.push(after[places.delivered_mU_min]);
-      trace.status.push(status);
-      data.inside_min.forEach((t, i) => {
-        trace.fine_t_min.push(k * every + t);
-        trace.fine_glucose_mg_dl.push(after[places.inside_mg_dl + i]);
-      });
-      glucose = after[places.glucose_mg_dl];
-      delivered = after[places.reported_mU_min];
-    }
+    trace.fine_glucose_mg_dl[0] = body.glucose_mg_dl;
+    const loop = new LoopOfVector(this, situation);
+    loop.watch = watch;
+    loop.run(new Array(lanes).fill(body), (k, happened) => {
+      trace.t_min[k] = k * every;
+      trace.glucose_mg_dl[k] = happened.glucose_mg_dl[0];
+      trace.reading_mg_dl[k] = happened.reading_mg_dl[0];
+      trace.command_mU_min[k] = happened.command_mU_min[0];
+      trace.insulin_mU_min[k] = happened.insulin_mU_min[0];
+      trace.status[k] = happened.status[0];
+      for (let i = 0; i < inside; i++) {
+        trace.fine_t_min[k * inside + i + 1] = k * every + data.inside_min[i];
+        trace.fine_glucose_mg_dl[k * inside + i + 1] = happened.inside_mg_dl[i * lanes];
+      }
+    });
+    if (loop.watched !== undefined) trace.watched = loop.watched;
     return trace;
   }
 }
 
-/**
- * Where each output begins.
- * @param {Record<string, number>} names
- * @returns {Record<string, number>}
- */
-function offsets(names) {
-  let at = 0;
-  return Object.fromEntries(
-    Object.entries(names).map(([name, count]) => {
-      const here = at;
-      at += count;
-      return [name, here];
-    }),
-  );
+/** The loop of a situation for one vector of people after another. */
+export class LoopOfVector {
+  /**
+   * @param {Lab} lab
+   * @param {Situation} situation that `checked` returned
+   */
+  constructor(lab, situation) {
+    const { data } = lab;
+    this.lab = lab;
+    this.situation = situation;
+    this.patient = data.patients[situation.patient];
+    this.samples = Math.round(situation.duration_min / data.sample_time_min);
+    this.steps = Math.round(data.sample_time_min / data.step_min);
+    this.moments = lab.moments(situation, this.samples * this.steps);
+    const name = situation.controller.replace("-", "_") + (situation.guard ? "_guarded" : "");
+    const pump = ofPump(situation, data);
+    const faults = situation.faults.filter((fault) => data.faults[fault.name].part === "sensor");
+    this.noise = situation.noise_variance > 0 ? lab.stage("noise") : null;
+    this.faults = faults.map((fault) => {
+      const of = ofFault(fault, data);
+      // Two faults of one kind have states of their own, and share the function's arrays.
+      return { ...of, start: lab.stage(`${of.name}_start`), stage: lab.stage(of.name), state: new Float64Array(0) };
+    });
+    this.start = lab.stage(`${name}_start`);
+    this.controller = lab.stage(`${name}_step`);
+    this.pumpStart = lab.stage(`${pump.name}_start`);
+    this.pump = lab.stage(pump.name);
+    this.plant = lab.stage(`${this.patient.family.replaceAll("-", "_")}_plant`);
+    this.numbers = lab.controllerNumbers(situation);
+    /** Sample about which the memory of the controller is told. @type {number | undefined} */
+    this.watch = undefined;
+    /** @type {{before: number[], after: number[]} | undefined} */
+    this.watched = undefined;
+
+    this.noise?.give({ variance: situation.noise_variance, bound_mg_dl: 5 });
+    for (const stage of [this.pumpStart, this.pump]) stage.give(pump.numbers);
+    for (const stage of [this.start, this.controller]) stage.give(this.numbers);
+  }
+
+  /** What the controller keeps of the first person. */
+  memory() {
+    const { carry, lanes } = this.controller;
+    return Array.from({ length: carry.length / lanes }, (_, i) => carry[i * lanes]);
+  }
+
+  /**
+   * Simulate one vector of people.
+   * @param {Body[]} people one for each lane
+   * @param {(sample: number, happened: Happened) => void} tell
+   * @param {ArrayLike<number>[]} [normals] of each person, for the noise of the readings; those of the seed for all
+   */
+  run(people, tell, normals) {
+    const { lab, situation, patient, samples, steps, noise, faults, start, controller, pumpStart, pump, plant } = this;
+    const { data, kernels } = lab;
+    const { lanes } = kernels;
+    const drawn = normals ?? new Array(lanes).fill(data.normals[situation.seed]);
+    const inside = data.inside[patient.family];
+    const each = (/** @type {(lane: number) => void} */ of) => {
+      for (let lane = 0; lane < lanes; lane++) of(lane);
+    };
+
+    const own = { patient: total(plant.fields.person) - plant.fields.person.matrices };
+    const matricesFirst = Object.keys(plant.fields.person)[0] === "matrices";
+    each((lane) => {
+      const { numbers, matrices, x } = people[lane];
+      for (let i = 0; i < matrices.length; i++) plant.person[((matricesFirst ? 0 : own.patient) + i) * lanes + lane] = matrices[i];
+      for (let i = 0; i < numbers.length; i++) plant.person[((matricesFirst ? matrices.length : 0) + i) * lanes + lane] = numbers[i];
+      for (let i = 0; i < x.length; i++) plant.carry[i * lanes + lane] = x[i];
+    });
+    plant.prepared.hold();
+
+    const glucose = new Float64Array(lanes);
+    const reading = new Float64Array(lanes);
+    const valid = new Float64Array(lanes);
+    const reported = new Float64Array(lanes);
+    const command = new Float64Array(lanes);
+    const late = Math.round(situation.dead_time_min / data.sample_time_min);
+    const line = new Float64Array(Math.max(1, late) * lanes);
+    each((lane) => {
+      glucose[lane] = people[lane].glucose_mg_dl;
+      reported[lane] = people[lane].basal_insulin_mU_min;
+      for (let i = 0; i < late; i++) line[i * lanes + lane] = glucose[lane];
+    });
+
+    const wake = () => {
+      for (const fault of faults) {
+        fault.start.give(fault.numbers);
+        each((lane) => {
+          fault.start.own[lane] = glucose[lane];
+          fault.start.own[lanes + lane] = 0.5; // the draw of an onset that is given
+        });
+        fault.start.step();
+        fault.state = Float64Array.from(fault.start.outputs);
+      }
+    };
+    const read = (/** @type {number} */ k, /** @type {boolean} */ first) => {
+      if (noise === null) reading.set(glucose);
+      else {
+        each((lane) => {
+          noise.own[lane] = glucose[lane];
+          noise.own[lanes + lane] = drawn[lane][k];
+        });
+        noise.step();
+        each((lane) => (reading[lane] = noise.outputs[lane]));
+      }
+      if (late > 0) {
+        const place = (k % late) * lanes;
+        each((lane) => {
+          const newest = reading[lane];
+          reading[lane] = line[place + lane];
+          if (!first) line[place + lane] = newest;
+        });
+      }
+      valid.fill(1);
+      for (const fault of faults) {
+        const { stage } = fault;
+        stage.give(fault.numbers);
+        stage.carry.set(fault.state);
+        each((lane) => {
+          stage.own[lane] = reading[lane];
+          stage.own[lanes + lane] = valid[lane];
+        });
+        stage.step();
+        fault.state.set(stage.carry);
+        each((lane) => {
+          reading[lane] = stage.outputs[lane];
+          valid[lane] = stage.outputs[lanes + lane];
+        });
+      }
+    };
+    // As `Observation`: glucose, valid, setpoint, delivered rate, announced carbohydrate.
+    const observe = (/** @type {Stage} */ stage) =>
+      each((lane) => {
+        stage.own[lane] = reading[lane];
+        stage.own[lanes + lane] = valid[lane];
+        stage.own[2 * lanes + lane] = patient.setpoint_mg_dl;
+        stage.own[3 * lanes + lane] = reported[lane];
+        stage.own[4 * lanes + lane] = 0;
+      });
+
+    wake();
+    read(0, true);
+    observe(start);
+    start.step();
+    controller.carry.set(start.outputs);
+    wake();
+    each((lane) => {
+      pumpStart.own[lane] = reported[lane];
+      if (pumpStart.own.length > lanes) pumpStart.own[lanes + lane] = 0.5;
+    });
+    pumpStart.step();
+    pump.carry.set(pumpStart.outputs);
+
+    const status = pump.outputs.subarray(2 * lanes);
+    const insulin = pump.outputs.subarray(0, lanes);
+    const within = new Float64Array(inside.length * lanes);
+    const happened = {
+      glucose_mg_dl: glucose,
+      reading_mg_dl: reading,
+      command_mU_min: command,
+      insulin_mU_min: insulin,
+      status,
+      inside_mg_dl: within,
+    };
+    for (let k = 0; k < samples; k++) {
+      read(k, false);
+      observe(controller);
+      const before = k === this.watch ? this.memory() : undefined;
+      controller.step();
+      if (before !== undefined) this.watched = { before, after: this.memory() };
+      pump.own.set(controller.outputs); // rate and status
+      for (let lane = 0; lane < lanes; lane++) command[lane] = controller.outputs[lane];
+      pump.step();
+      for (let lane = 0; lane < lanes; lane++) {
+        reported[lane] = pump.outputs[lanes + lane];
+        plant.own[lane] = insulin[lane];
+      }
+      for (let step = 0; step < steps; step++) {
+        const at = (k * steps + step) * MOMENTS;
+        for (let i = 0; i < MOMENTS; i++) {
+          for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = this.moments[at + i];
+        }
+        plant.step();
+        for (let i = 0; i < inside.length; i++) {
+          if (inside[i][0] !== step) continue;
+          for (let lane = 0; lane < lanes; lane++) {
+            within[i * lanes + lane] = plant.outputs[(1 + inside[i][1]) * lanes + lane];
+          }
+        }
+      }
+      tell(k, happened);
+      for (let lane = 0; lane < lanes; lane++) glucose[lane] = plant.outputs[lane];
+    }
+  }
 }
 
 /**

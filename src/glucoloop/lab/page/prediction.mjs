@@ -29,7 +29,7 @@ export function predicted(lab, situation, sample) {
   const numbers = lab.controllerNumbers(situation);
   const { carry } = lab.data.functions[`${controller.replace("-", "_")}${guard ? "_guarded" : ""}_step`];
   const memory = (/** @type {string} */ name, /** @type {ArrayLike<number>} */ of) => named(carry, of, `${prefix}${name}`);
-  const number = (/** @type {string} */ name) => listOf(numbers[`${prefix}${name}`]);
+  const number = (/** @type {string} */ name) => listOf(numbers[`controller.${prefix}${name}`]);
   const [rate_before] = memory("insulin_mU_min", watched.after);
   const move = trace.insulin_mU_min[sample] - rate_before;
   const horizon = number("plan.gain").length;

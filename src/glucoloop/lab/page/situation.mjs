@@ -46,7 +46,9 @@
 
 /**
  * @typedef {object} Patient
- * @property {number[]} numbers of the patient that differ between patients
+ * @property {string} family name in the catalogue of patients
+ * @property {string} operating_point
+ * @property {number[]} numbers of the patient that differ between people
  * @property {number[]} matrices of the integrator, without their zeros
  * @property {number[]} x state at rest
  * @property {number} basal_insulin_mU_min
@@ -61,10 +63,13 @@
  * @typedef {object} Data as `glucoloop.lab.build` writes it
  * @property {string} patient
  * @property {number} sample_time_min
+ * @property {number} step_min of the integrator
  * @property {number[]} inside_min
+ * @property {Record<string, [number, number][]>} inside for each moment inside a sample, the integrator's step and the
+ *   place among its readings, by family
  * @property {number} longest_min
  * @property {import("./design.mjs").Limits} limits of the usual pump
- * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>>>} functions
+ * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>> & {held: number}>} functions
  * @property {Record<string, Patient>} patients
  * @property {Record<string, string>} summaries
  * @property {Record<string, {summary: string, settings: Record<string, Setting>,
@@ -178,6 +183,9 @@ function allowed(given, settings, what) {
 function checkedFault(fault, duration_min, data) {
   among("a fault", fault.name, Object.keys(data.faults));
   const { settings, timed } = data.faults[fault.name];
+  for (const name of ["start_min", "duration_min"]) {
+    if (!timed && fault[/** @type {"start_min"} */ (name)]) throw new RangeError(`the fault ${fault.name} is always there; give no ${name}`);
+  }
   if (timed) within("the start of a fault", fault.start_min, 0, duration_min - 1, " min");
   if (timed && fault.duration_min !== null) within("the duration of a fault", fault.duration_min, 1, duration_min, " min");
   allowed(fault.settings, settings, `a setting of the fault ${fault.name}`);
@@ -211,6 +219,10 @@ export function checked(given, data) {
     throw new RangeError(`${given.faults.length} faults are too many; give at most ${MOST_FAULTS}`);
   }
   for (const fault of given.faults) checkedFault(fault, given.duration_min, data);
+  const of_pump = given.faults.filter(({ name }) => data.faults[name].part === "pump");
+  if (of_pump.length > 1) {
+    throw new RangeError(`${of_pump.length} faults of the pump are too many for this page; give at most one`);
+  }
   return { ...given, meals: [...given.meals].sort((a, b) => a.t_min - b.t_min) };
 }
 

@@ -101,7 +101,7 @@ def by_node(name, lowered, groups, module, folder):
     request = {
         "name": name,
         "precision": lowered.precision,
-        "sizes": lowered.layout.sizes,
+        "sizes": {**lowered.layout.sizes, "held": wasm.held_numbers(lowered)},
         "samples": SAMPLES,
         "people": PEOPLE,
         "folder": str(folder),
@@ -137,7 +137,7 @@ def test_object_code_needs_no_linker(lowered, monkeypatch):
         wasm.wasm_module(lowered)
 
 
-@pytest.mark.parametrize("name", ["two words", "kernel", "é", ""])
+@pytest.mark.parametrize("name", ["two words", "kernel", "hold", "é", ""])
 def test_a_name_that_no_function_can_have_is_refused(name, lowered):
     with pytest.raises(ValueError, match="cannot be the name of a function"):
         wasm.wasm_module({name: lowered["turning"]})

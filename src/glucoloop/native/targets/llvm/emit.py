@@ -47,10 +47,22 @@ class _Lines:
 
 
 class Emitter:
-    """Writes the code of one kernel."""
+    """Writes the code of one kernel.
 
-    def __init__(self, lowered: Lowered, products: str, lanes: int) -> None:
+    Parameters
+    ----------
+    lowered : Lowered
+    products : {"fused", "strict"}
+    lanes : int
+        Number of people side by side in one vector.
+    apart : bool
+        Whether what is computed once for each person has a function of its own, ``hold``, beside ``kernel``: for a
+        caller that goes through the samples and the vectors itself. See `text`.
+    """
+
+    def __init__(self, lowered: Lowered, products: str, lanes: int, *, apart: bool = False) -> None:
         program, layout = self._p, self._layout = lowered.program, lowered.layout
+        self._apart = apart
         self._lanes = lanes
         self._double = lowered.precision == DOUBLE
         self._scalar = "double" if self._double else "float"
@@ -58,11 +70,13 @@ class Emitter:
         self._vector = f"<{lanes} x {self._scalar}>"
         self._wholes = f"<{lanes} x {self._whole}>"
         self._mask = f"<{lanes} x i1>"
-        self._bytes = lanes * (8 if self._double else 4)
+        # Arrays that have people side by side begin anywhere.
+        self._alignment = lanes * (8 if self._double else 4) if apart else 8 if self._double else 4
         self._suffix = f"v{lanes}f{64 if self._double else 32}"
         self._out = _Lines()
         self._names: dict[Value, str] = {}
-        self._member = self._column = ""
+        self._member: str | None = None
+        self._column = ""
 
         results = layout.results
         order = program.needed(results)
@@ -70,34 +84,88 @@ class Emitter:
         self._once = [v for v in order if program.levels[v] == PERSON]
         varying = [v for v in order if program.levels[v] == SAMPLE and v not in self._taken]
         needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]
+        self._persons = {v: i for i, v in enumerate(layout.person)}
         held = [v for v in dict.fromkeys([*needed, *results]) if program.levels[v] == PERSON]
-        self._held = {v: i for i, v in enumerate(held)}
+        own = self._persons if apart else {}  # which need not be copied, since they lie before what is held
+        computed = [v for v in held if v not in own]
+        self._held = {v: i + len(own) for i, v in enumerate(computed)}
         """Place of each value that is computed once and needed at every sample."""
         arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
         self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
         values = [v for v in varying if v not in self._sources]
-        self._group = 1 if len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
+        self._group = 1 if apart or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
         self._plan = plan_chunks(program, layout, values, self._taken)
 
+    @property
+    def held(self) -> int:
+        """Number of values of a person that ``hold`` adds to the numbers of the person."""
+        return len(self._held)
+
     def text(self) -> str:
-        """A module with one function, ``kernel``."""
+        """A module with the function ``kernel``.
+
+        Its arguments are those of `Kernel.run` with the number of columns, the first and the last vector, and the
+        number of samples. If it is apart, both functions take one vector of people, whose numbers lie together:
+        ``hold(held)`` finds the numbers of the people in the first places of `held` and fills the others, and
+        ``kernel(held, carry, own, shared, outputs, samples)`` goes on from these.
+        """
+        if self._apart:
+            self._write("hold", ("held",), (), self._hold)
+            arrays = ("held", "carry", "own", "shared", "outputs")
+            self._write("kernel", arrays, ("samples",), self._samples)
+        else:
+            arrays = ("person", "carry", "own", "shared", "outputs")
+            self._write("kernel", arrays, ("stride", "first", "last", "samples"), self._blocks)
         say = self._out.say
-        say(
-            "define void @kernel(ptr noalias %person, ptr noalias %carry, ptr noalias %own, ptr noalias %shared, "
-            "ptr noalias %outputs, i64 %stride, i64 %first, i64 %last, i64 %samples) #0 {"
-        )
-        say("entry:")
-        sizes = {"held": len(self._held), "before": len(self._layout.carry), "after": len(self._layout.carry)}
-        sizes["slots"] = self._plan.slots
-        for name, size in sizes.items():
-            say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._vector}], align 64")
+        width = self._lanes * (64 if self._double else 32)
+        say(f'attributes #0 = {{ nounwind "min-legal-vector-width"="{width}" "prefer-vector-width"="{width}" }}')
+        v, s = self._vector, self._suffix
+        for name in _LIBRARY.values():
+            say(f"declare {v} @llvm.{name}.{s}({v})")
+        say(f"declare {v} @llvm.fma.{s}({v}, {v}, {v})")
+        say(f"declare {v} @llvm.copysign.{s}({v}, {v})")
+        return "\n".join(self._out.lines) + "\n"
+
+    def _write(self, name: str, arrays: Sequence[str], numbers: Sequence[str], body: Callable[[], None]) -> None:
+        taken = [*(f"ptr noalias %{array}" for array in arrays), *(f"i64 %{number}" for number in numbers)]
+        self._out.say(f"define void @{name}({', '.join(taken)}) #0 {{")
+        self._out.say("entry:")
+        body()
+        self._out.say("  ret void")
+        self._out.say("}")
+
+    def _blocks(self) -> None:
+        """Carry all vectors through all samples, a block at a time."""
+        say = self._out.say
+        self._room(held=self.held)
         say("  %nothing = icmp sge i64 %first, %last")
         say("  br i1 %nothing, label %end, label %block")
         say("block:")
         say("  %b = phi i64 [ %first, %entry ], [ %b_next, %block_end ]")
-        say("  %rest = sub i64 %last, %b")
-        say(f"  %few = icmp slt i64 %rest, {self._group}")
-        say(f"  %members = select i1 %few, i64 %rest, i64 {self._group}")
+        if self._group > 1:
+            say("  %rest = sub i64 %last, %b")
+            say(f"  %few = icmp slt i64 %rest, {self._group}")
+            say(f"  %members = select i1 %few, i64 %rest, i64 {self._group}")
+        self._loop("once", self._hold)
+        self._samples()
+        say("  br label %block_end")
+        say("block_end:")
+        say(f"  %b_next = add i64 %b, {self._group}")
+        say("  %again = icmp slt i64 %b_next, %last")
+        say("  br i1 %again, label %block, label %end")
+        say("end:")
+
+    def _room(self, **sizes: int) -> None:
+        """Room for the state before and after a sample, and for what waits between chunks."""
+        states = len(self._layout.carry)
+        for name, size in {**sizes, "before": states, "after": states, "slots": self._plan.slots}.items():
+            self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._vector}], align 64")
+
+    def _samples(self) -> None:
+        """Carry the people of a block through all samples."""
+        say = self._out.say
+        if self._apart:
+            self._room()
         self._loop("begin", self._begin)
         say("  %idle = icmp sge i64 0, %samples")
         say("  br i1 %idle, label %finish, label %sample")
@@ -107,6 +175,8 @@ class Emitter:
         say("  %new = phi ptr [ %after, %begin_end ], [ %old, %sample_end ]")
         for name in ("own", "shared", "outputs"):
             say(f"  %{name}_row = mul i64 %k, {len(getattr(self._layout, name))}")
+            if self._apart and name != "shared":
+                say(f"  %{name}_now = getelementptr inbounds {self._vector}, ptr %{name}, i64 %{name}_row")
         for number, chunk in enumerate(self._plan.chunks):
             self._loop(f"chunk{number}", functools.partial(self._chunk, chunk))
         say("  br label %sample_end")
@@ -117,27 +187,20 @@ class Emitter:
         say("finish:")
         say("  %final = phi ptr [ %before, %begin_end ], [ %new, %sample_end ]")
         self._loop("hand_back", self._hand_back)
-        say("  br label %block_end")
-        say("block_end:")
-        say(f"  %b_next = add i64 %b, {self._group}")
-        say("  %again = icmp slt i64 %b_next, %last")
-        say("  br i1 %again, label %block, label %end")
-        say("end:")
-        say("  ret void")
-        say("}")
-        width = self._lanes * (64 if self._double else 32)
-        say(f'attributes #0 = {{ nounwind "min-legal-vector-width"="{width}" "prefer-vector-width"="{width}" }}')
-        v, s = self._vector, self._suffix
-        for name in _LIBRARY.values():
-            say(f"declare {v} @llvm.{name}.{s}({v})")
-        say(f"declare {v} @llvm.fma.{s}({v}, {v}, {v})")
-        say(f"declare {v} @llvm.copysign.{s}({v}, {v})")
-        return "\n".join(self._out.lines) + "\n"
 
     # loops over the vectors of a block
 
     def _loop(self, name: str, body: Callable[[], None]) -> None:
         say = self._out.say
+        self._names = {}
+        if self._group == 1:  # no loop: places in memory are then constants
+            say(f"  br label %{name}_end")
+            say(f"{name}_end:")
+            if not self._apart:
+                say(f"  %{name}_column = mul i64 %b, {self._lanes}")
+            self._member, self._column = None, f"%{name}_column"
+            body()
+            return
         say(f"  br label %{name}_enter")
         say(f"{name}_enter:")
         say(f"  br label %{name}")
@@ -146,29 +209,30 @@ class Emitter:
         say(f"  %{name}_vector = add i64 %b, %{name}_m")
         say(f"  %{name}_column = mul i64 %{name}_vector, {self._lanes}")
         self._member, self._column = f"%{name}_m", f"%{name}_column"
-        self._names = {}
         body()
         say(f"  %{name}_next = add i64 %{name}_m, 1")
         say(f"  %{name}_more = icmp slt i64 %{name}_next, %members")
         say(f"  br i1 %{name}_more, label %{name}, label %{name}_end")
         say(f"{name}_end:")
 
-    def _begin(self) -> None:
-        """Compute the values of a person once, and load the initial state."""
-        row = {v: i for i, v in enumerate(self._layout.person)}
+    def _hold(self) -> None:
+        """Compute the values of a person that are the same at every sample."""
         for value in self._once:
-            if value in row:
-                self._names[value] = self._from_number(self._fetch("%person", str(row[value])), value)
+            if value in self._persons:
+                self._names[value] = self._from_number(self._load(self._place("person", self._persons[value])), value)
             else:
                 self._names[value] = self._operation(value)
         for value, i in self._held.items():
             self._store(self._as_number(value), self._cell("%held", i))
+
+    def _begin(self) -> None:
+        """Load the initial state."""
         for i in range(len(self._layout.carry)):
-            self._store(self._fetch("%carry", str(i)), self._cell("%before", i))
+            self._store(self._load(self._place("carry", i)), self._cell("%before", i))
 
     def _hand_back(self) -> None:
         for i in range(len(self._layout.carry)):
-            self._put(self._load(self._cell("%final", i)), "%carry", str(i))
+            self._store(self._load(self._cell("%final", i)), self._place("carry", i))
 
     def _chunk(self, chunk: Chunk) -> None:
         for value in chunk.values:
@@ -179,32 +243,31 @@ class Emitter:
         for value, i in chunk.carried:
             self._store(self._as_number(value), self._cell("%new", i))
         for value, i in chunk.written:
-            self._put(self._as_number(value), "%outputs", self._out(f"add i64 %outputs_row, {i}"))
+            self._store(self._as_number(value), self._place("outputs", i))
 
     # memory
 
     def _cell(self, array: str, i: int) -> str:
-        at = self._out(f"add i64 {self._member}, {i * self._group}")
-        return self._out(f"getelementptr {self._vector}, ptr {array}, i64 {at}")
+        """Address of a vector among those that belong to this function, or to its caller if it is apart."""
+        at = i if self._member is None else self._out(f"add i64 {self._member}, {i * self._group}")
+        return self._out(f"getelementptr inbounds {self._vector}, ptr {array}, i64 {at}")
 
-    def _load(self, at: str) -> str:
-        return self._out(f"load {self._vector}, ptr {at}, align {self._bytes}")
-
-    def _store(self, name: str, at: str) -> None:
-        self._out.say(f"  store {self._vector} {name}, ptr {at}, align {self._bytes}")
-
-    def _outside(self, array: str, row: str) -> str:
+    def _place(self, array: str, i: int) -> str:
+        """Address of a vector in the caller's arrays."""
+        by_sample = array in ("own", "outputs")
+        if self._apart:
+            here = f"%{array}_now" if by_sample else "%held" if array == "person" else f"%{array}"
+            return self._out(f"getelementptr inbounds {self._vector}, ptr {here}, i64 {i}")
+        row = self._out(f"add i64 %{array}_row, {i}") if by_sample else str(i)
         offset = self._out(f"mul i64 {row}, %stride")
         offset = self._out(f"add i64 {offset}, {self._column}")
-        return self._out(f"getelementptr {self._scalar}, ptr {array}, i64 {offset}")
+        return self._out(f"getelementptr inbounds {self._scalar}, ptr %{array}, i64 {offset}")
 
-    def _fetch(self, array: str, row: str) -> str:
-        at = self._outside(array, row)
-        return self._out(f"load {self._vector}, ptr {at}, align {8 if self._double else 4}")
+    def _load(self, at: str) -> str:
+        return self._out(f"load {self._vector}, ptr {at}, align {self._alignment}")
 
-    def _put(self, name: str, array: str, row: str) -> None:
-        at = self._outside(array, row)
-        self._out.say(f"  store {self._vector} {name}, ptr {at}, align {8 if self._double else 4}")
+    def _store(self, name: str, at: str) -> None:
+        self._out.say(f"  store {self._vector} {name}, ptr {at}, align {self._alignment}")
 
     def _splat(self, scalar: str) -> str:
         first = self._out(f"insertelement {self._vector} poison, {self._scalar} {scalar}, i32 0")
@@ -222,6 +285,8 @@ class Emitter:
         return self._names[value]
 
     def _kept(self, value: Value) -> str:
+        if self._apart and value in self._persons:
+            return self._load(self._place("person", self._persons[value]))
         if value in self._held:
             return self._load(self._cell("%held", self._held[value]))
         source, i = self._sources.get(value, ("slots", -1))
@@ -229,10 +294,10 @@ class Emitter:
             case "carry":
                 return self._load(self._cell("%old", i))
             case "own":
-                return self._fetch("%own", self._out(f"add i64 %own_row, {i}"))
+                return self._load(self._place("own", i))
             case "shared":
                 row = self._out(f"add i64 %shared_row, {i}")
-                at = self._out(f"getelementptr {self._scalar}, ptr %shared, i64 {row}")
+                at = self._out(f"getelementptr inbounds {self._scalar}, ptr %shared, i64 {row}")
                 return self._splat(self._out(f"load {self._scalar}, ptr {at}"))
             case _:
                 return self._load(self._cell("%slots", self._plan.slot_of[value]))

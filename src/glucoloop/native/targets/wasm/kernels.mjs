@@ -2,14 +2,16 @@
 /**
  * Runs the functions of a WebAssembly module that `glucoloop.native.targets.wasm` made.
  *
- * Arrays are of numbers row by row, people trailing: `person` and `carry` are (numbers, people), `own` and `outputs`
- * (samples, numbers, people), and `shared` (samples, numbers).
+ * People are in vectors of `Kernels.lanes`, whose numbers lie together: for each vector `held` is (numbers, lanes), the
+ * first of them those of the people, `carry` (numbers, lanes), and `own` and `outputs` (samples, numbers, lanes).
+ * `shared` is (samples, numbers).
  */
 
 /**
  * What one function of the module takes and gives, in numbers.
  * @typedef {object} Sizes
  * @property {number} person
+ * @property {number} held what it keeps of a person beside
  * @property {number} carry
  * @property {number} own
  * @property {number} shared
@@ -18,7 +20,7 @@
 
 /** @typedef {Float64Array | Float32Array} Numbers */
 
-/** @typedef {keyof Sizes} Group */
+/** @typedef {"person" | "carry" | "own" | "shared" | "outputs"} Group */
 
 const VECTOR_BYTES = 16;
 const PAGE_BYTES = 65536;
@@ -33,83 +35,117 @@ export class Prepared {
    * @param {number} samples
    */
   constructor(kernels, name, sizes, people, samples) {
+    this.kernels = kernels;
     this.name = name;
     this.people = people;
     this.samples = samples;
-    this.columns = Math.ceil(people / kernels.lanes) * kernels.lanes;
+    this.vectors = Math.ceil(people / kernels.lanes);
+    /** Rows of a group for each vector. */
     this.rows = {
       person: sizes.person,
+      held: sizes.person + sizes.held,
       carry: sizes.carry,
       own: sizes.own * samples,
       shared: sizes.shared * samples,
       outputs: sizes.outputs * samples,
     };
-    this.kernels = kernels;
-    const place = (/** @type {Group} */ group) => kernels.reserve(this.rows[group] * this.width(group));
+    const { lanes } = kernels;
+    const place = (/** @type {"held" | "carry" | "own" | "outputs"} */ group) =>
+      kernels.reserve(this.rows[group] * lanes * this.vectors);
+    const held = place("held");
     this.at = {
-      person: place("person"),
+      person: held,
+      held,
       carry: place("carry"),
       own: place("own"),
-      shared: place("shared"),
+      shared: kernels.reserve(this.rows.shared),
       outputs: place("outputs"),
     };
-  }
-
-  /** @param {Group} group */
-  width(group) {
-    return group === "shared" ? 1 : this.columns;
+    this.begin = kernels.exports[`${name}_hold`];
+    this.step = kernels.exports[name];
   }
 
   /**
-   * The numbers of a group, with the columns that fill the last vector. Memory that grows makes it useless.
+   * Numbers of a group of one vector, in the module's memory. Memory that grows makes them useless.
    * @param {Group} group
+   * @param {number} [vector]
    * @returns {Numbers}
    */
-  view(group) {
-    return new this.kernels.array(this.kernels.memory.buffer, this.at[group], this.rows[group] * this.width(group));
+  view(group, vector = 0) {
+    const { array, memory, lanes } = this.kernels;
+    if (group === "shared") return new array(memory.buffer, this.at.shared, this.rows.shared);
+    const apart = group === "person" ? this.rows.held : this.rows[group];
+    const at = this.at[group] + vector * apart * lanes * array.BYTES_PER_ELEMENT;
+    return new array(memory.buffer, at, this.rows[group] * lanes);
   }
 
   /**
-   * Set a group; the columns that fill the last vector repeat the last person.
+   * Set a group of all people, (rows, people); lanes that are left over repeat the last person.
    * @param {Group} group
    * @param {ArrayLike<number>} numbers
    */
   set(group, numbers) {
     const rows = this.rows[group];
-    const width = this.width(group);
     const wide = group === "shared" ? 1 : this.people;
     if (numbers.length !== rows * wide) {
       throw new RangeError(`${this.name} takes ${rows * wide} numbers of ${group}, not ${numbers.length}`);
     }
-    const into = this.view(group);
-    for (let row = 0; row < rows; row++) {
-      for (let column = 0; column < width; column++) {
-        into[row * width + column] = numbers[row * wide + Math.min(column, wide - 1)];
+    if (group === "shared") return this.view(group).set(numbers);
+    const { lanes } = this.kernels;
+    for (let vector = 0; vector < this.vectors; vector++) {
+      const into = this.view(group, vector);
+      for (let i = 0; i < into.length; i++) {
+        const person = Math.min(vector * lanes + (i % lanes), wide - 1);
+        into[i] = numbers[Math.floor(i / lanes) * wide + person];
       }
     }
   }
 
   /**
-   * A copy of a group, without the columns that fill the last vector.
+   * A copy of a group of all people, (rows, people).
    * @param {Group} group
    * @returns {Numbers}
    */
   get(group) {
-    const from = this.view(group);
-    const found = new this.kernels.array(this.rows[group] * this.people);
-    for (let row = 0; row < this.rows[group]; row++) {
-      for (let person = 0; person < this.people; person++) {
-        found[row * this.people + person] = from[row * this.columns + person];
+    const { lanes, array } = this.kernels;
+    const found = new array(this.rows[group] * this.people);
+    for (let person = 0; person < this.people; person++) {
+      const from = this.view(group, Math.floor(person / lanes));
+      for (let row = 0; row < this.rows[group]; row++) {
+        found[row * this.people + person] = from[row * lanes + (person % lanes)];
       }
     }
     return found;
   }
 
-  /** Carry the people through the samples: the state becomes that at the end. */
+  /** Compute what is the same at every sample from the numbers of the people of the first vector. */
+  hold() {
+    this.begin(this.at.held);
+  }
+
+  /** Carry the people of the first vector through the samples: the state becomes that at the end. */
+  advance() {
+    const { held, carry, own, shared, outputs } = this.at;
+    this.step(held, carry, own, shared, outputs, this.samples);
+  }
+
+  /** Carry all people through the samples. */
   run() {
-    const { person, carry, own, shared, outputs } = this.at;
-    const vectors = this.columns / this.kernels.lanes;
-    this.kernels.exports[this.name](person, carry, own, shared, outputs, this.columns, 0, vectors, this.samples);
+    const { held, carry, own, shared, outputs } = this.at;
+    const bytes = VECTOR_BYTES;
+    for (let vector = 0; vector < this.vectors; vector++) {
+      const at = (/** @type {number} */ first, /** @type {"held" | "carry" | "own" | "outputs"} */ group) =>
+        first + vector * this.rows[group] * bytes;
+      this.begin(at(held, "held"));
+      this.step(
+        at(held, "held"),
+        at(carry, "carry"),
+        at(own, "own"),
+        shared,
+        at(outputs, "outputs"),
+        this.samples,
+      );
+    }
   }
 }
 

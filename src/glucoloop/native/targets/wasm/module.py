@@ -3,10 +3,17 @@
 The target needs LLVM's linker, ``wasm-ld``; who only runs a module needs nothing but the module. `kernels.mjs`, beside
 this file, runs one from JavaScript.
 
-An exported function takes 32-bit whole numbers: five addresses in the module's memory (`person`, `carry`, `own`,
-`shared`, `outputs`, as `glucoloop.native.targets.llvm.kernel.Kernel.run` describes the arrays), the number of columns
-of these arrays, the first and the last vector of people, and the number of samples. A module exports its ``memory``
-and ``__heap_base``, the address from which the caller may use it; addresses have to be multiples of 16.
+What is computed once for a person is apart from what is computed at every sample, so that a caller can go through the
+samples of several functions in turn. A lowered function is therefore exported as two, which take 32-bit whole numbers:
+
+- ``NAME_hold``: the address of `held`, which begins with the numbers of `person` and has room for `held_numbers` more.
+- ``NAME``: the addresses of `held`, `carry`, `own`, `shared` and `outputs`, and the number of samples.
+
+Both take one vector of people, `lanes` of them: `held` and `carry` are (numbers, lanes) arrays, `own` and `outputs`
+(samples, numbers, lanes), and `shared` (samples, numbers).
+
+A module exports its ``memory`` and ``__heap_base``, the address from which the caller may use it; addresses have to be
+multiples of 16.
 """
 
 from __future__ import annotations
@@ -32,8 +39,12 @@ _TRIPLE: Final = "wasm32-unknown-unknown"
 _PROCESSOR, _FEATURES = "mvp", "+simd128"
 _STACK_BYTES: Final = 1 << 20
 _KERNEL: Final = "kernel"
-_ARGUMENTS: Final = ("person", "carry", "own", "shared", "outputs")
-_NUMBERS: Final = ("stride", "first", "last", "samples")
+_HOLD: Final = "hold"
+_ARGUMENTS: Final = {
+    _HOLD: (("held",), ()),
+    _KERNEL: (("held", "carry", "own", "shared", "outputs"), ("samples",)),
+}
+"""Addresses and numbers that the two functions take."""
 
 
 def lanes(precision: str) -> int:
@@ -83,7 +94,7 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
         If the linker is absent or fails, or a name is not an identifier.
     """
     for name in functions:
-        if not name.isidentifier() or not name.isascii() or name == _KERNEL:
+        if not name.isidentifier() or not name.isascii() or name in _ARGUMENTS:
             raise ValueError(f"{name!r} cannot be the name of a function; give letters, digits and _")
     program = _linker()
     with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
@@ -93,12 +104,17 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
             objects[-1].write_bytes(object_code(name, lowered))
         linked = Path(place, "module.wasm")
         options = ["--no-entry", "--strip-all", "--export=__heap_base", "-z", f"stack-size={_STACK_BYTES}"]
-        exports = [f"--export={name}" for name in functions]
+        exports = [f"--export={name}{ending}" for name in functions for ending in ("", f"_{_HOLD}")]
         command = [program, *options, *exports, "-o", str(linked), *map(str, objects)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise ValueError(f"{LINKER} failed: {done.stderr.strip()}")
         return linked.read_bytes()
+
+
+def held_numbers(lowered: Lowered) -> int:
+    """How many numbers a function holds for each person from sample to sample."""
+    return _emitter(lowered).held
 
 
 def object_code(name: str, lowered: Lowered) -> bytes:
@@ -107,12 +123,17 @@ def object_code(name: str, lowered: Lowered) -> bytes:
 
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
-    text = Emitter(lowered, STRICT, lanes(lowered.precision)).text() + _entry(name)
+    text = _emitter(lowered).text() + _entry(name, _KERNEL) + _entry(f"{name}_{_HOLD}", _HOLD)
     module = binding.parse_assembly(f'target triple = "{_TRIPLE}"\n{text}')
-    module.get_function(_KERNEL).linkage = "internal"
+    for internal in _ARGUMENTS:
+        module.get_function(internal).linkage = "internal"
     module.verify()
     code: bytes = _machine().emit_object(module)
     return code
+
+
+def _emitter(lowered: Lowered) -> Emitter:
+    return Emitter(lowered, STRICT, lanes(lowered.precision), apart=True)
 
 
 def _machine() -> Any:
@@ -122,16 +143,17 @@ def _machine() -> Any:
     return target.create_target_machine(cpu=_PROCESSOR, features=_FEATURES, opt=2)
 
 
-def _entry(name: str) -> str:
+def _entry(name: str, called: str) -> str:
     """The exported function, which takes 32-bit numbers: JavaScript has 64-bit ones only as objects."""
-    taken = [*(f"ptr %{pointer}" for pointer in _ARGUMENTS), *(f"i32 %{number}" for number in _NUMBERS)]
-    widened = [f"  %{number}_wide = zext i32 %{number} to i64" for number in _NUMBERS]
-    given = [*(f"ptr %{pointer}" for pointer in _ARGUMENTS), *(f"i64 %{number}_wide" for number in _NUMBERS)]
+    pointers, numbers = _ARGUMENTS[called]
+    taken = [*(f"ptr %{pointer}" for pointer in pointers), *(f"i32 %{number}" for number in numbers)]
+    widened = [f"  %{number}_wide = zext i32 %{number} to i64" for number in numbers]
+    given = [*(f"ptr %{pointer}" for pointer in pointers), *(f"i64 %{number}_wide" for number in numbers)]
     return "\n".join(
         [
             f"define void @{name}({', '.join(taken)}) nounwind {{",
             *widened,
-            f"  call void @{_KERNEL}({', '.join(given)})",
+            f"  call void @{called}({', '.join(given)})",
             "  ret void",
             "}\n",
         ]

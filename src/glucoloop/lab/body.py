@@ -1,0 +1,185 @@
+"""Patients of the page with their meals, as functions of one step of the integrator of `glucoloop run`.
+
+The matrices of the integrator are inputs of the function, so that it depends on formulas alone and not on how a library
+rounded; only what is zero at all operating points is known to it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.experiments.situation import Situation, usual_situation
+from glucoloop.lab.part import Part, part
+from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
+from glucoloop.meals.models import meal_model_of
+from glucoloop.meals.protocol import Eaten
+from glucoloop.patients import SemilinearPatient
+from glucoloop.registry.patients import PatientEntry, patient_entry
+from glucoloop.simulation import exponential
+from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
+from glucoloop.simulation.people_plant import chosen, replaced, varying
+from glucoloop.simulation.plant import SampleGrid
+
+Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
+
+FAMILIES: Final = ("parker-1999",)
+"""Patients of the page, the usual one first."""
+SAMPLE_TIME_MIN: Final = 5.0
+GRID: Final = SampleGrid(sample_time_min=SAMPLE_TIME_MIN, samples=1)
+INTEGRATOR: Final = Exponential()
+STEPS: Final = INTEGRATOR.steps_of(GRID)
+"""Steps of the integrator in a sample."""
+STEP_MIN: Final = SAMPLE_TIME_MIN / STEPS
+
+
+def entry_of(family: str) -> PatientEntry:
+    """Entry of a patient in the catalogue."""
+    return patient_entry(family)
+
+
+def situation(family: str, operating_point: str) -> Situation:
+    """Situation of a patient of the page, with noise-free readings and the usual pump."""
+    return dataclasses.replace(usual_situation(family), operating_point=operating_point)
+
+
+@functools.cache
+def patients(family: str) -> dict[str, SemilinearPatient]:
+    """Patients of a family by operating point."""
+    return {point.name: situation(family, point.name).nominal for point in entry_of(family).operating_points}
+
+
+@functools.cache
+def _varied(family: str) -> SemilinearPatient:
+    """The patients of a family, whose numbers trail where they differ."""
+    everybody = list(patients(family).values())
+    leaves = zip(*(jax.tree.leaves(person) for person in everybody), strict=True)
+    joined = [
+        each[0] if all(np.array_equal(each[0], other) for other in each[1:]) else jnp.stack(list(each), axis=-1)
+        for each in leaves
+    ]
+    varied: SemilinearPatient = jax.tree.unflatten(jax.tree.structure(everybody[0]), joined)
+    return varied
+
+
+@functools.cache
+def plants(family: str) -> dict[str, ExponentialPlant]:
+    """Patients with the integrator, by operating point."""
+    found = {}
+    for name, patient in patients(family).items():
+        found[name], _ = INTEGRATOR.prepare(patient, fasting(meal_model_of(patient, None)), GRID)
+    return found
+
+
+def patients_vary(family: str) -> list[bool]:
+    """Whether each leaf of a patient differs between operating points."""
+    return varying(_varied(family), next(iter(patients(family).values())))
+
+
+@functools.cache
+def _matrices(family: str, operating_point: str) -> Matrices:
+    """Matrices of a step, with the rows of all steps of a sample one below the other."""
+    matrices = plants(family)[operating_point].matrices
+    return dataclasses.replace(matrices, dense=matrices.dense.reshape(1, -1, *matrices.dense.shape[2:]))
+
+
+@functools.cache
+def _places(family: str) -> Places:
+    """Places of each matrix that are not zero at all operating points; None for what holds no real numbers."""
+    found: list[np.ndarray[Any, np.dtype[np.int64]] | None] = []
+    every = (jax.tree.leaves(_matrices(family, name)) for name in patients(family))
+    for leaves in zip(*every, strict=True):
+        each = [np.ravel(np.asarray(leaf)) for leaf in leaves]
+        found.append(np.flatnonzero(np.any(each, axis=0)) if each[0].dtype == float else None)
+    return found
+
+
+def plant_numbers(family: str, operating_point: str) -> dict[str, list[float]]:
+    """Numbers of a patient and of the integrator's matrices, as the plant takes them: what is always zero is left out.
+
+    A zero that is known costs nothing.
+    """
+    leaves = zip(jax.tree.leaves(_matrices(family, operating_point)), _places(family), strict=True)
+    kept = [np.ravel(np.asarray(leaf))[own] for leaf, own in leaves if own is not None]
+    patient = chosen(patients(family)[operating_point], patients_vary(family))
+    return {"numbers": [float(leaf) for leaf in patient], "matrices": np.concatenate(kept).tolist()}
+
+
+def _filled(matrices: Matrices, places: Places, numbers: jax.Array) -> Matrices:
+    """Matrices with other numbers in the places that are not zero."""
+    leaves, structure = jax.tree.flatten(matrices)
+    new, start = [], 0
+    for leaf, own in zip(leaves, places, strict=True):
+        if own is None:
+            new.append(leaf)
+            continue
+        flat = jnp.zeros(leaf.size).at[own].set(numbers[start : start + own.size])
+        new.append(flat.reshape(leaf.shape))
+        start += own.size
+    filled: Matrices = jax.tree.unflatten(structure, new)
+    return filled
+
+
+def inside(family: str) -> list[tuple[int, int]]:
+    """Step and place of each reading of the fine grid among those that the plant gives at a step."""
+    matrices = next(iter(plants(family).values())).matrices
+    most = matrices.dense.shape[1]
+    return [(int(place) // most, int(place)) for place in np.asarray(matrices.wanted)]
+
+
+def adjusted(family: str, person: dict[str, Any]) -> tuple[SemilinearPatient, Matrices]:
+    """A patient and the matrices with other numbers, in the order of `plant_numbers`; JAX traces it.
+
+    The rows of the matrices that read glucose are those of all steps of a sample, one below the other.
+    """
+    first, nominal = next(iter(patients(family).items()))
+    patient: SemilinearPatient = replaced(nominal, patients_vary(family), person["patient"])
+    return patient, _filled(_matrices(family, first), _places(family), person["matrices"])
+
+
+def example_person(family: str) -> dict[str, Any]:
+    """Numbers of a patient as `adjusted` takes them."""
+    first, nominal = next(iter(patients(family).items()))
+    numbers = plant_numbers(family, first)
+    return {
+        "patient": chosen(nominal, patients_vary(family)),
+        "matrices": jnp.asarray(numbers["matrices"]),
+    }
+
+
+def plant_part(family: str) -> Part:
+    """The patient for one step of the integrator: from the infusion to the state and to glucose on the way there.
+
+    It gives the readings of all steps of a sample; `inside` tells which of them are those of a step.
+    """
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared, rng
+        patient, matrices = adjusted(family, person)
+        dense, rate = matrices.dense[0], own["insulin_mU_min"]
+        x, glucose = exponential.step(patient, matrices, dense, carry, rate, own["moments"])
+        return x, {"glucose_mg_dl": patient.glucose_mg_dl(x), "inside_mg_dl": glucose}
+
+    nominal = next(iter(patients(family).values()))
+    x = nominal.steady_state(nominal.basal_insulin_mU_min)
+    own = {"insulin_mU_min": jnp.zeros(()), "moments": jnp.zeros(3)}
+    return part(step, example_person(family), x, own)
+
+
+def meal_part(family: str) -> Part:
+    """Moments of one meal over a step, as the plant takes them; meals are added up."""
+    gut = meal_model_of(next(iter(patients(family).values())), None)
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del own, rng
+        absorption = Absorption(model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person)))
+        return carry, appearance_moments(shared, STEP_MIN, absorption)
+
+    zero = jnp.zeros(())
+    return part(step, Eaten(t_min=zero, carbs_g=zero, eating_min=zero), (), (), zero)

@@ -1,0 +1,161 @@
+"""Sensors and pumps of the page with their faults, as functions of one sample.
+
+A fault of a sensor takes the reading of what is inside it, so that the page can put any number of them around one
+another; a fault of a pump is compiled with the usual pump inside. Times and settings of faults are inputs. Random draws
+are none: the onset is given, and the draw that would move it moves nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop._pytree import pytree
+from glucoloop.arguments import random_key
+from glucoloop.control.protocol import Status
+from glucoloop.experiments.faulty import put_around
+from glucoloop.lab.body import SAMPLE_TIME_MIN
+from glucoloop.lab.part import Part, part, starting
+from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.registry.faults import FAULTS, Fault, FaultEntry, fault
+from glucoloop.sensors import Reading, white_noise
+
+OFFERED: Final = (
+    "missing",
+    "repeated",
+    "spikes",
+    "stuck",
+    "drift",
+    "calibration",
+    "compression",
+    "saturation",
+    "nonsense",
+    "resolution",
+    "battery",
+    "occlusion",
+    "unheard",
+)
+"""Faults of the page. The others of the catalogue draw random numbers, or have delays that are part of the program."""
+NOTICED: Final = "noticed"
+
+
+def offered() -> list[FaultEntry]:
+    """Entries of the faults of the page."""
+    return [FAULTS.find(name) for name in OFFERED]
+
+
+def part_name(of: Fault) -> str:
+    """Name under which the function of a fault is exported."""
+    ending = f"_{NOTICED}" if of.settings.get(NOTICED) else ""
+    return f"{of.entry.part}_{of.name.replace('-', '_')}{ending}"
+
+
+@pytree
+class _Passed:
+    """A sensor whose reading is what it is shown, for a fault around it."""
+
+    valid: jax.Array
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
+        del glucose_mg_dl, key
+        return ()
+
+    def read(self, state: tuple[()], glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[tuple[()], Reading]:
+        del key
+        return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=self.valid)
+
+
+def sensor_parts() -> dict[str, Part]:
+    """Noise, and the faults of a sensor, each with its state at the start."""
+    found = {"noise": noise_part()}
+    zero = jnp.zeros(())
+    shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
+    for entry in offered():
+        if entry.part != "sensor":
+            continue
+        told = fault(entry.name, {"start_min": 0.0})
+        numbers = jax.tree.map(jnp.asarray, put_around(_Passed(valid=shown.valid), told, SAMPLE_TIME_MIN))
+
+        def init(sensor: Any, glucose_mg_dl: Any, rng: Any) -> Any:
+            return sensor.init(glucose_mg_dl, rng)
+
+        def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+            del shared
+            around = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
+            state, reading = around.read(carry, own.glucose_mg_dl, rng)
+            return state, reading
+
+        state = jax.eval_shape(numbers.init, zero, jax.random.key(0))
+        name = part_name(told)
+        found |= {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, shown)}
+    return found
+
+
+def noise_part() -> Part:
+    """The reading of glucose with bounded white noise, from a normal number that was drawn before."""
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared
+        sensor = white_noise(person["variance"], person["bound_mg_dl"])
+        _, reading = sensor.read((), own, rng)
+        return carry, reading.glucose_mg_dl
+
+    zero = jnp.zeros(())
+    return part(step, {"variance": zero, "bound_mg_dl": zero}, (), zero)
+
+
+def normals(seed: int, samples: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Normal numbers of the readings of a run with a seed, in the order in which `noise_part` takes them."""
+    drawing = noise_part().lowered.drawing
+    _, reading_key = jax.random.split(random_key(seed))
+    keys = jax.vmap(lambda index: jax.random.fold_in(reading_key, index))(jnp.arange(samples))
+    [drawn] = jax.vmap(drawing)(keys)
+    return np.asarray(drawn).reshape(samples)
+
+
+def pumps() -> dict[str, Pump]:
+    """Pumps by the names of their functions: the usual one, and each fault around it."""
+    usual = LimitedPump(limits=PARKER_1999_LIMITS)
+    found: dict[str, Pump] = {"pump": usual}
+    for entry in offered():
+        if entry.part != "pump":
+            continue
+        times = {"start_min": 0.0} if entry.timed else {}
+        noticing = any(setting.name == NOTICED for setting in entry.settings)
+        for own in ({NOTICED: False}, {NOTICED: True}) if noticing else ({},):
+            told = fault(entry.name, {**times, **own})
+            found[part_name(told)] = put_around(usual, told, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
+    return found
+
+
+def pump_parts() -> dict[str, Part]:
+    """Pumps, each with its state at the start: from a decision to what is delivered and what is reported."""
+    found: dict[str, Part] = {}
+    zero = jnp.zeros(())
+    decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int)}
+
+    def init(pump: Any, insulin_mU_min: Any, rng: Any) -> Any:
+        return pump.init(insulin_mU_min, rng)
+
+    def step(pump: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        """Deliver a dose, as `simulation.loop.sample` passes it to the pump."""
+        del shared
+        asked = own["insulin_mU_min"]
+        finite = jnp.isfinite(asked)
+        state, delivery = pump.deliver(carry, jnp.where(finite, asked, 0.0), rng)
+        return state, {
+            "insulin_mU_min": delivery.insulin_mU_min,
+            "reported_mU_min": delivery.reported_mU_min,
+            "status": jnp.where(finite, own["status"], int(Status.NO_FINITE_DOSE)),
+        }
+
+    for name, pump in pumps().items():
+        numbers = jax.tree.map(jnp.asarray, pump)
+        state = jax.eval_shape(numbers.init, zero, jax.random.key(0))
+        found |= {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, decided)}
+    return found

@@ -1,0 +1,93 @@
+// @ts-check
+/** Numbers of the functions of the module, by the names of their fields, from the settings of a situation. */
+
+import { limitsOf } from "./situation.mjs";
+
+/** @typedef {import("./situation.mjs").Situation} Situation */
+/** @typedef {import("./situation.mjs").Data} Data */
+/** @typedef {import("./situation.mjs").Fault} Fault */
+/** @typedef {import("./design.mjs").Numbers} Numbers */
+
+const GUARD = "guard_";
+const HAIR = 1e-9; // of a sample or a step, as glucoloop rounds up
+
+/**
+ * Numbers of a controller, and of the guard around it.
+ * @param {Numbers} designed
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {Numbers}
+ */
+export function ofController(designed, situation, data) {
+  /** @type {Numbers} */
+  const numbers = {};
+  const own = situation.guard ? "controller.inner." : "controller.";
+  const planned = situation.controller.startsWith("mpc") ? "plan." : "";
+  for (const name in designed) numbers[own + name] = designed[name];
+  for (const [name, value] of Object.entries(limitsOf(situation, data))) {
+    numbers[`${own}${planned}limits.${name}`] = value;
+    if (situation.guard) numbers[`controller.limits.${name}`] = value;
+  }
+  if (!situation.guard) return numbers;
+  numbers["controller.basal_mU_min"] = NaN; // a guard that is told no basal rate takes the one at the start
+  for (const [key, { usual }] of Object.entries(data.guard_limits)) {
+    numbers[`guard.${key.slice(GUARD.length)}`] = situation.guard_limits[key] ?? usual;
+  }
+  return numbers;
+}
+
+/**
+ * Times of a fault in samples, as `episodes_of` counts them.
+ * @param {Fault} fault
+ * @param {number} every
+ * @returns {Numbers}
+ */
+function episodes({ start_min, duration_min }, every) {
+  const samples = (/** @type {number} */ minutes) => Math.ceil(minutes / every - HAIR);
+  const earliest = samples(start_min);
+  const length = duration_min === null ? Infinity : Math.max(1, samples(duration_min));
+  return { "episodes.earliest": earliest, "episodes.latest": earliest, "episodes.length": length };
+}
+
+/**
+ * Name and numbers of the function of a fault.
+ * @param {Fault} fault
+ * @param {Data} data
+ * @returns {{name: string, numbers: Numbers}}
+ */
+export function ofFault(fault, data) {
+  const every = data.sample_time_min;
+  const entry = data.faults[fault.name];
+  /** @type {Record<string, any>} */
+  const settings = {};
+  for (const [name, { usual }] of Object.entries(entry.settings)) settings[name] = fault.settings[name] ?? usual;
+  const { noticed, mg_dl_h, tau_min, step_mU_min, least_mU_min, ...others } = settings;
+  /** @type {Numbers} */
+  const numbers = { ...(entry.timed ? episodes(fault, every) : {}), ...others };
+  if (mg_dl_h !== undefined) numbers.mg_dl_sample = (mg_dl_h * every) / 60;
+  if (tau_min !== undefined) numbers.left = Math.exp(-every / tau_min);
+  if (step_mU_min !== undefined) {
+    numbers.step_mU_min = step_mU_min;
+    numbers.least_mU_min = Math.ceil(least_mU_min / step_mU_min - HAIR) * step_mU_min;
+  }
+  const name = `${entry.part}_${fault.name.replaceAll("-", "_")}${noticed ? "_noticed" : ""}`;
+  return { name, numbers };
+}
+
+/**
+ * Name and numbers of the function of the pump, with its fault if it has one.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {{name: string, numbers: Numbers}}
+ */
+export function ofPump(situation, data) {
+  const fault = situation.faults.find(({ name }) => data.faults[name].part === "pump");
+  const { name, numbers } = fault === undefined ? { name: "pump", numbers: {} } : ofFault(fault, data);
+  /** @type {Numbers} */
+  const all = { ...numbers };
+  for (const [limit, value] of Object.entries(limitsOf(situation, data))) {
+    all[`limits.${limit}`] = value; // those that a resolution keeps, or the pump's own
+    all[`inner.limits.${limit}`] = value;
+  }
+  return { name, numbers: all };
+}

@@ -1,0 +1,47 @@
+"""A function of the page: lowered, with the names of what it takes and gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+
+from glucoloop.native.lower import Lowered, lower
+
+
+@dataclass(frozen=True)
+class Part:
+    """A lowered function with the names of its inputs and outputs."""
+
+    lowered: Lowered
+    names: Mapping[str, Mapping[str, int]]
+    """Name -> number of numbers, in their order, of each group; see `glucoloop.native.lower.Layout`."""
+
+
+def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> Part:
+    """Lower a function, and name what it takes and gives by the places in its trees; drawn numbers come last in own."""
+    lowered = lower(step, person, carry, own, shared, jax.random.key(0), as_written=True)
+    shapes = lowered.shapes
+    groups = {"person": shapes.person, "carry": shapes.carry, "own": shapes.own, "shared": shapes.shared}
+    names = {name: _names(tree) for name, tree in {**groups, "outputs": shapes.outputs}.items()}
+    drawn = lowered.layout.sizes["own"] - sum(names["own"].values())
+    if drawn:
+        names["own"]["drawn"] = drawn
+    return Part(lowered=lowered, names=names)
+
+
+def starting(init: Callable[..., Any], person: Any, own: Any) -> Part:
+    """Lower a function that gives the state at the start: its outputs are the state."""
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared
+        return carry, init(person, own, rng)
+
+    return part(step, person, (), own)
+
+
+def _names(tree: Any) -> dict[str, int]:
+    found = jax.tree_util.tree_leaves_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator="."): int(leaf.size) for path, leaf in found}
