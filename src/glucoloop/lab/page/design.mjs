@@ -4,6 +4,8 @@
  * the names of its fields.
  */
 
+import { exponential, power } from "./exact.mjs";
+
 /** @typedef {Record<string, number | number[]>} Numbers numbers of a controller, or of a part of it */
 /** @typedef {Record<string, number>} Tuning */
 /**
@@ -57,8 +59,8 @@ export function pid(tuning, model, sample_time_min) {
  * @returns {Numbers}
  */
 export function imc(tuning, model, sample_time_min) {
-  const pole = Math.exp(-sample_time_min / model.tau_min);
-  return { pole, gain: model.gain * (1 - pole), filter_pole: Math.exp(-sample_time_min / tuning.filter_min) };
+  const pole = exponential(-sample_time_min / model.tau_min);
+  return { pole, gain: model.gain * (1 - pole), filter_pole: exponential(-sample_time_min / tuning.filter_min) };
 }
 
 /**
@@ -173,7 +175,7 @@ export function mpcSe(tuning, linear, kept) {
     free_state,
     free_input,
     free_innovation,
-    reference: Array.from({ length: p }, (_, i) => tuning.reference_filter ** (i + 1 - tuning.reference_start)),
+    reference: Array.from({ length: p }, (_, i) => power(tuning.reference_filter, i + 1 - tuning.reference_start)),
     "plan.gain": closedFormGain(free_input, tuning),
     basal_mU_min: linear.insulin_mU_min,
     basal_glucose_mg_dl: linear.glucose_mg_dl,
