@@ -1,18 +1,14 @@
-"""The page in a browser: axe-core finds nothing, every control answers to the keyboard, and what is told is saved.
+"""The page in a browser: numbers as in node, nothing that axe-core finds, every control by keyboard, files to save."""
 
-It needs node, chromium, and a folder with the packages `playwright-core` and `axe-core` of npm, whose path is in
-GLUCOLOOP_NODE_MODULES: ``npm install --prefix /tmp/axe playwright-core axe-core``, then ``/tmp/axe/node_modules``.
-"""
-
-import json
-import os
-import shutil
-import subprocess
+import csv
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from browser import in_browser, needs_browser
+from glucoloop import __version__
 from glucoloop.config.run import read_run
 from glucoloop.config.toml import toml_text
 from glucoloop.lab.pack import page
@@ -20,16 +16,8 @@ from glucoloop.report._page import Repeat, situation
 from glucoloop.report._page import page as page_of
 from glucoloop.report._plot import GLUCOSE, Panel, plot
 
-NODE, CHROMIUM = shutil.which("node"), shutil.which("chromium") or shutil.which("chromium-browser")
-MODULES = os.environ.get("GLUCOLOOP_NODE_MODULES")
-
-pytestmark = [
-    pytest.mark.long,
-    pytest.mark.skipif(
-        not (NODE and CHROMIUM and MODULES),
-        reason="needs node, chromium, and GLUCOLOOP_NODE_MODULES with playwright-core and axe-core",
-    ),
-]
+pytestmark = [pytest.mark.long, needs_browser]
+COLUMNS = {"t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status"}
 
 
 def trial_page():
@@ -63,10 +51,7 @@ def shown(in_node, tmp_path_factory):
     }
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
-    command = [NODE, Path(__file__).with_name("use.mjs"), CHROMIUM, MODULES, *(folder / name for name in files)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return in_browser(Path(__file__).with_name("use.mjs"), *(folder / name for name in files))
 
 
 def test_nobody_is_kept_out_and_nothing_is_loaded(shown):
@@ -132,3 +117,37 @@ def test_nonsense_is_refused_in_a_sentence_and_the_page_works(shown):
         "The link was not used: the controller is 'fuzzy'; the known ones are: "
     )
     assert shown["used"]["after"] == "Change anything; the picture follows at once."
+
+
+def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, tmp_path):
+    place = tmp_path / "lab.html"
+    place.write_text(page(), encoding="utf-8")
+    links = [
+        f"#glucoloop={__version__}&controller=mpc-se&guard=true&noise_variance=1.45&seed=3&meals=60g%4045min",
+        "#glucoloop=0.0.1&controller=imc",
+        "#controller=fuzzy",
+        "",
+    ]
+    answers = in_node([*links[:2], "#", "#", *corpus[::19]])
+    links += [answer["hash"].replace("1.2.3", __version__) for answer in answers[4:]]
+    assert len(links) == 15
+    shown = in_browser(Path(__file__).with_name("open.mjs"), *(f"file://{place}{link}" for link in links))
+    for link, there, answer in zip(links, shown, answers, strict=True):
+        assert (there["errors"], there["requests"], there["canvases"]) == ([], [f"file://{place}"], 2)
+        summary = answer["summary"]
+        expected = [f"{summary[name]:.1f}" for name in ("mean_mg_dl", "minimum_mg_dl", "peak_mg_dl")]
+        assert there["cells"][:3] == expected
+        assert there["command"] == answer["command"]
+        assert there["hash"] == answer["hash"].replace("1.2.3", __version__)
+        rows = list(csv.DictReader(io.StringIO(there["table"])))
+        assert set(rows[0]) == COLUMNS
+        for name in COLUMNS:
+            in_browser_too = [None if row[name] == "NaN" else float(row[name]) for row in rows]
+            assert in_browser_too == answer["trace"][name], (link, name)
+    assert [there["said"] for there in shown[:4]] == [
+        "This is the situation of the link.",
+        f"The link was made by glucoloop 0.0.1, and this page is {__version__}; numbers may differ.",
+        "The link was not used: the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se. "
+        "This is the usual situation.",
+        "Change anything; the picture follows at once.",
+    ]

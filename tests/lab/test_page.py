@@ -1,25 +1,22 @@
-"""The page as a file, its links and its texts, and the page in a browser."""
+"""The page as a file, its links, its texts and the types of its code."""
 
 import base64
 import gzip
 import itertools
 import json
+import math
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 
-from glucoloop import __version__
+from browser import MODULES, NODE, needs_modules
 from glucoloop.config.run import read_run
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.native.targets.wasm.module import HOST
 
-NODE = shutil.which("node")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 USUAL = {
     "patient": "setpoint-81",
     "controller": "mpc",
@@ -175,41 +172,29 @@ def test_nonsense_in_a_link_is_refused_in_a_sentence(in_node):
         assert told in answer.get("refused", "nothing was refused"), link
 
 
-@pytest.mark.long
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (Debian: apt install chromium)")
-def test_the_page_works_in_chromium_from_its_file_without_the_network(text, in_node, tmp_path):
-    place = tmp_path / "lab.html"
-    place.write_text(text, encoding="utf-8")
-    links = [
-        f"#glucoloop={__version__}&controller=mpc-se&guard=true&noise_variance=1.45&seed=3&meals=60g%4045min",
-        "#glucoloop=0.0.1&controller=imc",
-        "#controller=fuzzy",
-        "",
-    ]
-    script = Path(__file__).with_name("browse.mjs")
-    done = subprocess.run(
-        [NODE, script, CHROMIUM, tmp_path / "home", *(f"file://{place}{link}" for link in links)],
-        capture_output=True,
-        text=True,
-        timeout=550,
-        check=True,
+@pytest.mark.skipif(NODE is None, reason="needs node (Debian: apt install nodejs)")
+def test_the_exponential_is_that_of_python():
+    points = [0.0, *(-(1.07**k) for k in range(-200, 90)), 3.0, 700.0]
+    code = (
+        f'import {{ exponential, power }} from "{(PAGE / "exact.mjs").as_uri()}";'
+        f"console.log(JSON.stringify([{points}.map(exponential), power(0.97, 24), power(0, 0)]));"
     )
-    shown = json.loads(done.stdout)
-    of_node = in_node([links[0], links[1], "#", "#"])
-    for link, page_there, answer in zip(links, shown, of_node, strict=True):
-        assert page_there["ready"], link
-        assert page_there["errors"] == []
-        assert page_there["requests"] == [f"file://{place}{link}".split("#")[0]]
-        assert page_there["canvases"] == 2
-        summary = answer["summary"]
-        expected = [f"{summary[name]:.1f}" for name in ("mean_mg_dl", "minimum_mg_dl", "peak_mg_dl")]
-        assert page_there["cells"][:3] == expected
-        assert page_there["same"] == answer["command"]
-        assert page_there["hash"] == answer["hash"].replace("1.2.3", __version__)
-    assert [page_there["said"] for page_there in shown] == [
-        "This is the situation of the link.",
-        f"The link was made by glucoloop 0.0.1, and this page is {__version__}; numbers may differ.",
-        "The link was not used: the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se. "
-        "This is the usual situation.",
-        "Change anything; the picture follows at once.",
-    ]
+    done = subprocess.run([NODE, "--input-type=module", "-e", code], capture_output=True, text=True, check=True)
+    found, *powers = json.loads(done.stdout)
+    assert found == pytest.approx([math.exp(x) for x in points], rel=2.3e-16)
+    assert powers == [pytest.approx(0.97**24, rel=1e-15), 1.0]
+
+
+def test_what_gives_numbers_calls_no_function_that_differs_between_browsers():
+    found = re.compile(r"Math\.(?!abs|ceil|floor|fround|LN2|max|min|round|sign|sqrt|trunc)\w+|\*\* ?(?!2\b)\w+")
+    for path in (*(PAGE / f"{name}.mjs" for name in ("design", "loop", "prediction", "exact")), HOST):
+        code = re.sub(r"/\*\*.*?\*/", "", path.read_text(), flags=re.DOTALL)
+        assert found.findall(code) == [], path.name
+
+
+@pytest.mark.long
+@needs_modules
+def test_the_types_of_the_code_hold():
+    command = [NODE, f"{MODULES}/typescript/bin/tsc", "--project", PAGE / "tsconfig.json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stdout) == (0, "")

@@ -1,34 +1,19 @@
-"""Pages in a browser: axe-core finds nothing, nothing is loaded, and plots answer to the keyboard.
+"""Pages in a browser: axe-core finds nothing, nothing is loaded, and plots answer to the keyboard."""
 
-It needs node, chromium, and a folder with the packages `playwright-core` and `axe-core` of npm, whose path is in
-GLUCOLOOP_NODE_MODULES: ``npm install --prefix /tmp/axe playwright-core axe-core``, then ``/tmp/axe/node_modules``.
-"""
-
-import json
-import os
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 
+from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page, trial_page
 from glucoloop.report.surface_page import surface_page
 from glucoloop.studies.stress.page import stress_page
 from glucoloop.tuning.grid import tuning_grid
 
-NODE, CHROMIUM = shutil.which("node"), shutil.which("chromium") or shutil.which("chromium-browser")
-MODULES = os.environ.get("GLUCOLOOP_NODE_MODULES")
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
 
-pytestmark = [
-    pytest.mark.long,
-    pytest.mark.skipif(
-        not (NODE and CHROMIUM and MODULES),
-        reason="needs node, chromium, and GLUCOLOOP_NODE_MODULES with playwright-core and axe-core",
-    ),
-]
+pytestmark = [pytest.mark.long, needs_browser]
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +45,8 @@ def pages(quiet, noisy, make_report, make_stress, surface_of, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def seen(pages):
-    command = [NODE, Path(__file__).with_name("browser.mjs"), CHROMIUM, MODULES, *sorted(pages.iterdir())]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    return {(Path(of["file"]).stem, of["width"], of["colorScheme"]): of for of in json.loads(done.stdout)}
+    answers = in_browser(Path(__file__).with_name("browser.mjs"), *sorted(pages.iterdir()))
+    return {(Path(of["file"]).stem, of["width"], of["colorScheme"]): of for of in answers}
 
 
 def test_nobody_is_kept_out_and_nothing_is_loaded(seen):
