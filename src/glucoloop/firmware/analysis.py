@@ -69,15 +69,20 @@ _PACKAGE: Final = "frama-c is not installed; Debian's package frama-c-base bring
 
 
 def misra(exported: Exported) -> Rung:
-    """Findings of cppcheck's add-on; one of a required rule fails the check."""
+    """Findings of cppcheck's add-on in the controller; one of a required rule fails the check."""
+    return misra_of(_code(exported), "controller.c")
+
+
+def misra_of(files: Mapping[str, str], *checked: str) -> Rung:
+    """The same for those of the files that are checked."""
     name = "MISRA C:2012, by cppcheck"
     if shutil.which("cppcheck") is None:
         return Rung(name, None, "cppcheck is not installed; Debian's package cppcheck brings it", {})
     with tempfile.TemporaryDirectory(prefix="glucoloop-misra-") as made:
         folder = Path(made)
-        _write(folder, _code(exported))
+        _write(folder, files)
         flags = ["--std=c99", "--enable=style", "--addon=misra", "--quiet", "--template={id}", "--inline-suppr"]
-        code, said = ran(["cppcheck", *flags, "controller.c"], folder)
+        code, said = ran(["cppcheck", *flags, *checked], folder)
     if code == 124:
         return Rung(name, None, said, {})
     found: dict[str, int] = {}

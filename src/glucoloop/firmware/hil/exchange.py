@@ -166,6 +166,7 @@ class Exchange:
     def _until(self, ask: Callable[[], None], took: Callable[[Frame], bool], within_s: float = ANSWER_WITHIN_S) -> bool:
         """Ask until a frame is the one that is waited for; False if none was in time."""
         end = self._clock() + within_s
+        self._decoder.forget()
         ask()
         again = self._clock() + self._patience.wait_s
         while (now := self._clock()) < end:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import enum
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from glucoloop.firmware.hil.link import Link, ProcessLink
-from glucoloop.firmware.hil.protocol import Decoder, Plan
+from glucoloop.firmware.hil.protocol import Decoder, Frame, Plan, Type
+
+_LONGEST_START_S: Final = 1.0
 
 
 class Kind(enum.Enum):
@@ -119,6 +121,7 @@ class DisturbedLink:
         self._late_to: list[bytes] = []
         self._late_from: list[bytes] = []
         self._decoder = Decoder()
+        self._down = False
         self.happened: dict[Kind, int] = dict.fromkeys(Kind, 0)
         """Number of disturbances of each kind so far."""
 
@@ -147,15 +150,15 @@ class DisturbedLink:
             self._restart()
         elif event.kind in (Kind.CUT_IN_RECORD, Kind.HANG):
             plan = Plan.HANG if event.kind is Kind.HANG else Plan.CUT
+            # The frame is lost too; it is sent again when the chip says that it has power.
             self._restart(plan, int(event.where * (self._record_bytes + 1)))
-            self._inner.send(data)
         else:
             self._inner.send(b"".join(_disturbed(data, event)))
 
     def receive(self, wait_s: float) -> bytes:
         """Whole frames from the chip, each disturbed by the next event."""
         out: list[bytes] = []
-        for frame in self._decoder.feed(self._inner.receive(wait_s)):
+        for frame in self._frames(wait_s):
             data = frame.encoded()
             if not self._from:
                 out += [data, *self._late_from]
@@ -168,9 +171,20 @@ class DisturbedLink:
             elif event.kind is Kind.CUT_AFTER_ANSWER:
                 out.append(data)
                 self._restart()
+                self._down = True
             else:
                 out += _disturbed(data, event)
         return b"".join(out)
+
+    def _frames(self, wait_s: float) -> Iterator[Frame]:
+        """Frames from the chip; after a power cut all until it is up again, which takes less than a sample."""
+        yield from self._decoder.feed(self._inner.receive(wait_s))
+        while self._down:
+            received = self._inner.receive(_LONGEST_START_S)
+            self._down = bool(received)
+            for frame in self._decoder.feed(received):
+                self._down &= frame.type != Type.HELLO
+                yield frame
 
     def close(self) -> None:
         """Close the inner link."""

@@ -86,6 +86,10 @@ class Decoder:
         while (frame := self._next()) is not None:
             yield frame
 
+    def forget(self) -> None:
+        """Forget what was received and not taken: it answers nothing that is asked from now on."""
+        self._held.clear()
+
     def _next(self) -> Frame | None:
         while self._held:
             length = self._length()
