@@ -1,8 +1,8 @@
 """Turn stress tests into the tables that ``guide/guard.md`` shows.
 
     glucoloop stress --people 300 --controller imc --controller mpc --controller mpc-se --out three
-    glucoloop stress --people 100 --controller nlqdmc-se --controller meal-mpc --guards with --out others
-    python docs/stress.py three/summary.json others/summary.json
+    glucoloop stress --people 30 --controller meal-mpc --out meal
+    python docs/stress.py three/summary.json meal/summary.json
 
 It rewrites ``guide/stress_figures.md``: the faults from the folders, and what the guard costs a day without one from a
 trial that it carries out.
