@@ -1,6 +1,7 @@
 // Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER.
 // A request is a JSON list of situations; of texts, which are the parts of links after the #; or of {link, samples}, for
-// what the controller expects at these samples; or of {toml, csv}, files that glucoloop wrote.
+// what the controller expects at these samples; of {link, person}, for a person of the
+// population; or of {toml, csv}, files that glucoloop wrote.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
@@ -19,15 +20,30 @@ const { predicted } = await import(pathToFileURL(`${page}/prediction.mjs`).href)
 
 const { fromToml, fromTrace, situationOf } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
 
+const { simulated } = await import(pathToFileURL(`${page}/views/challenge.mjs`).href);
+const { peopleOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
+
 const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
 const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
 
-function answered(asked) {
+async function answered(asked) {
   try {
     if (asked === "lessons" || asked === "presets") return texts[asked];
     if (asked.toml !== undefined) {
       const read = situationOf(fromToml(asked.toml), data);
       return { ...read, here: lab.simulate(read.situation), table: asked.csv && fromTrace(asked.csv, data) };
+    }
+    if (asked.people !== undefined) {
+      const { situation } = links.fromLink(asked.link, data);
+      const crowd = await simulated(lab, peopleOf(lab), situation, asked.people, () => true);
+      return { score: crowd.score(), worst: crowd.worst(3), percentiles: crowd.percentiles("") };
+    }
+    if (asked.person !== undefined) {
+      const { situation } = links.fromLink(asked.link, data);
+      const { lanes } = lab.kernels;
+      const body = peopleOf(lab)(asked.person - (asked.person % lanes))[asked.person % lanes];
+      const { basal_insulin_mU_min, glucose_mg_dl } = body;
+      return { basal_insulin_mU_min, glucose_mg_dl, x: [...body.x], trace: lab.simulate(situation, undefined, body) };
     }
     const found = typeof asked === "string" ? links.fromLink(asked, data)
       : asked.link !== undefined ? { ...links.fromLink(asked.link, data), samples: asked.samples }
@@ -60,4 +76,6 @@ function answered(asked) {
 }
 
 // NaN, which JSON does not have, is written as null.
-writeFileSync(answer, JSON.stringify(JSON.parse(readFileSync(request, "utf8")).map(answered)));
+const answers = [];
+for (const asked of JSON.parse(readFileSync(request, "utf8"))) answers.push(await answered(asked));
+writeFileSync(answer, JSON.stringify(answers));

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,15 @@ def test_numbers_picture_and_program_are_taken_along(shown):
     assert "glucoloop run --patient parker-1999" in saved["glucoloop-lab.svg"]
     assert saved["glucoloop-lab.png"].startswith("\x89PNG")
     assert "outcome = close_the_loop(read_run(keys))" in shown["used"]["python"]
+
+
+def test_a_tuning_is_tried_on_people_and_one_of_them_is_followed(shown):
+    told, points, harmed, rows = shown["used"]["people"]
+    assert re.match(r"Of 100 people \d+ come below 70 mg/dl", told)
+    assert re.match(r"-?\d+\.\d\d points\. The rule: ", points)
+    assert harmed == 10
+    assert re.search(r"Person \d+", rows)
+    assert shown["used"]["peopleViolations"] == []
 
 
 def test_results_are_loaded(shown):

@@ -116,7 +116,7 @@ def moved(answer):
 
 def test_the_lessons_show_what_they_tell(in_node):
     [lessons] = in_node(["lessons"])
-    slow, far, late, unannounced = in_node([lesson["hash"] for lesson in lessons])
+    slow, far, late, occluded, _, unannounced = in_node([lesson["hash"] for lesson in lessons])
     others = ("#controller=pid&closed_loop_min=10", "#prediction_horizon=3", "#move_weight=5", "#")
     quick, near, weighted, usual = in_node(others)
     [calmer] = in_node(["#dead_time_min=10&move_weight=8"])
@@ -125,6 +125,14 @@ def test_the_lessons_show_what_they_tell(in_node):
     assert low_and_peak(quick)[1] < 100.0
     assert low_and_peak(far)[1] > low_and_peak(near)[1]
     assert low_and_peak(weighted)[0] < 50.0
+    [bare] = in_node([lessons[3]["beside"]["hash"]])
+    assert [round(low_and_peak(answer)[1]) for answer in (bare, occluded)] == [237, 237]
+    assert round(low_and_peak(bare)[0]) == 63
+    assert low_and_peak(occluded)[0] > 79.0
+    [people] = in_node([{"link": lessons[4]["hash"], "people": lessons[4]["people"]}])
+    assert lessons[4]["people"] == 100
+    assert people["score"]["people_below_70"] == 35
+    assert low_and_peak(usual)[0] > 70.0
     assert moved(late) > 5.0 * moved(usual) > moved(calmer)
     assert low_and_peak(calmer)[0] < low_and_peak(late)[0]
     meal = "&meals=90g%4060min"

@@ -85,7 +85,7 @@ used.why = await of(page, "#why");
 await page.locator("#glucose-unit").selectOption("mmol/l");
 await page.locator("#insulin-unit").selectOption("U/h");
 await drawn(page);
-used.units = [await of(page, "thead"), await of(page, "#why"), await page.evaluate(() => location.hash)];
+used.units = [await of(page, "#number-names"), await of(page, "#why"), await page.evaluate(() => location.hash)];
 used.saved = {};
 for (const kind of ["csv", "svg", "png"]) {
   const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#save-${kind}`).click()]);
@@ -93,6 +93,15 @@ for (const kind of ["csv", "svg", "png"]) {
 }
 await page.locator("#form").selectOption("python");
 used.python = await of(page, "#same");
+await page.locator("#people-try").click();
+await page.waitForFunction(() => !document.querySelector("#people-box").hidden, null, { timeout: 120_000 });
+await page.locator("#people-harmed button").first().click();
+await drawn(page);
+used.people = [await of(page, "#said"), await of(page, "#people-points"), await page.locator("#people-harmed button").count(), await of(page, "#numbers")];
+await page.evaluate(axe);
+used.peopleViolations = (await page.evaluate(() => axe.run())).violations.map(({ id }) => id);
+await page.locator("#people-clear").click();
+await page.locator("#numbers button").first().click();
 await page.locator("#load-box summary").click();
 await page.setInputFiles("#load", [table, configuration]);
 await drawn(page);

@@ -20,8 +20,9 @@ from glucoloop.lab.part import Part, part
 from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten
-from glucoloop.patients import SemilinearPatient
-from glucoloop.registry.patients import PatientEntry, patient_entry
+from glucoloop.patients import SemilinearPatient, population, virtual_people
+from glucoloop.patients.population import of_people
+from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import chosen, replaced, varying
@@ -29,6 +30,8 @@ from glucoloop.simulation.plant import SampleGrid
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
+POPULATION: Final = "parker2000"
+"""Population whose people the page simulates beside the usual patient."""
 FAMILIES: Final = ("parker-1999",)
 """Patients of the page, the usual one first."""
 SAMPLE_TIME_MIN: Final = 5.0
@@ -57,8 +60,10 @@ def patients(family: str) -> dict[str, SemilinearPatient]:
 
 @functools.cache
 def _varied(family: str) -> SemilinearPatient:
-    """The patients of a family, whose numbers trail where they differ."""
-    everybody = list(patients(family).values())
+    """The patients of a family and some people around the usual one, whose numbers trail where any of them differ."""
+    people = virtual_people(population(POPULATION), 0, [0, 1]) if family == USUAL_PATIENT.name else None
+    some = [] if people is None else [of_people(people.patient, i) for i in range(2)]
+    everybody = [*patients(family).values(), *some]
     leaves = zip(*(jax.tree.leaves(person) for person in everybody), strict=True)
     joined = [
         each[0] if all(np.array_equal(each[0], other) for other in each[1:]) else jnp.stack(list(each), axis=-1)
@@ -78,7 +83,7 @@ def plants(family: str) -> dict[str, ExponentialPlant]:
 
 
 def patients_vary(family: str) -> list[bool]:
-    """Whether each leaf of a patient differs between operating points."""
+    """Whether each leaf of a patient differs between people or operating points."""
     return varying(_varied(family), next(iter(patients(family).values())))
 
 

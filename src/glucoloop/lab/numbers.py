@@ -23,6 +23,7 @@ from glucoloop.lab.body import (
 )
 from glucoloop.lab.devices import normals, offered
 from glucoloop.lab.parts import CONTROLLERS, FREE_LIMITS, LONGEST_HORIZON
+from glucoloop.lab.people import people_numbers
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.registry.controllers import complete, controller_entry
@@ -133,6 +134,7 @@ def numbers() -> dict[str, Any]:
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
         "configuration": _configuration(),
+        "people": people_numbers(),
     }
 
 

@@ -41,7 +41,8 @@ _GAUSS_NODES: Final = (np.polynomial.legendre.leggauss(3)[0] + 1.0) / 2.0
 # From monomial moments on [0, 1] to Legendre moments, and from these to the projected path at the Gauss nodes.
 _LEGENDRE: Final = np.array([[1.0, 0.0, 0.0], [-1.0, 2.0, 0.0], [1.0, -6.0, 6.0]])
 _AT_NODES: Final = np.stack([np.polynomial.polynomial.polyval(_GAUSS_NODES, row) for row in _LEGENDRE], axis=-1)
-_PATH: Final = _AT_NODES * np.array([1.0, 3.0, 5.0]) @ _LEGENDRE
+PATH: Final = _AT_NODES * np.array([1.0, 3.0, 5.0]) @ _LEGENDRE
+"""From the moments to the projected path at the Gauss nodes, ``(3, 3)``."""
 
 
 def doublings_for(single: SemilinearPatient, step_min: float) -> int:
@@ -84,7 +85,7 @@ def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
 
 
 @functools.partial(jax.jit, static_argnames="states")
-def _rates(patient: SemilinearPatient, states: int) -> jax.Array:
+def rates(patient: SemilinearPatient, states: int) -> jax.Array:
     """A with b beside it and a row of zeros below, ``(d + 1, d + 1, people)``."""
     people = patient.basal_insulin_mU_min.shape[0]
     unit, none = jnp.broadcast_to(jnp.eye(states)[..., None], (states, states, people)), jnp.zeros(people)
@@ -117,7 +118,7 @@ def driven_matrices(
         As in `exponential.Matrices`.
     """
     series, doubling = _kernels(states, products)
-    X = np.asarray(_rates(patient, states)) * (step_min / 2**doublings)
+    X = np.asarray(rates(patient, states)) * (step_min / 2**doublings)
     people, size = X.shape[-1], states + 1
     E, path = np.empty((states, size, people)), np.empty((3, states, size, people))
     k = np.arange(_TERMS + 1)
@@ -137,6 +138,6 @@ def driven_matrices(
         doubling.run(person[:0], found, nothing[:doublings], np.zeros((doublings, 0)), nothing[:doublings])
         end, *moments = found[:, :n].reshape(4, size, size, n)
         E[..., here] = end[:states]
-        projected = np.tensordot(_PATH, np.stack([m[:states] for m in moments]), 1)
+        projected = np.tensordot(PATH, np.stack([m[:states] for m in moments]), 1)
         path[..., here] = projected
     return E, path

@@ -74,7 +74,7 @@ function total(names) {
 }
 
 /** Functions of one vector of people, whose arrays are read and written in place. */
-class Stage {
+export class Stage {
   /**
    * @param {Lab} lab
    * @param {string} name
@@ -83,7 +83,10 @@ class Stage {
     this.fields = lab.data.functions[name];
     this.lanes = lab.kernels.lanes;
     this.prepared = lab.prepared(name);
-    this.refresh();
+    this.person = this.prepared.view("person");
+    this.carry = this.prepared.view("carry");
+    this.own = this.prepared.view("own");
+    this.outputs = this.prepared.view("outputs");
   }
 
   /** Find the arrays again after the memory of the module has grown. */
@@ -98,13 +101,24 @@ class Stage {
    * Set the numbers of all people of the vector, or of one of them, without computing what follows from them.
    * @param {ArrayLike<number>} numbers
    * @param {number} [lane]
+   * @param {number} [at] place of the first
    */
-  set(numbers, lane) {
+  set(numbers, lane, at = 0) {
     const { lanes, person } = this;
     for (let i = 0; i < numbers.length; i++) {
-      if (lane === undefined) for (let l = 0; l < lanes; l++) person[i * lanes + l] = numbers[i];
-      else person[i * lanes + lane] = numbers[i];
+      if (lane === undefined) for (let l = 0; l < lanes; l++) person[(at + i) * lanes + l] = numbers[i];
+      else person[(at + i) * lanes + lane] = numbers[i];
     }
+  }
+
+  /** Place of the numbers of a name among those of a person. @param {string} name */
+  place(name) {
+    let at = 0;
+    for (const other in this.fields.person) {
+      if (other === name) return at;
+      at += this.fields.person[other];
+    }
+    throw new RangeError(`the function takes no ${name}`);
   }
 
   /** @param {Numbers} given numbers by name, of all people of the vector */
@@ -167,6 +181,11 @@ export class Lab {
       this.stages.set(name, found);
     }
     return found;
+  }
+
+  /** The plant of a patient. @param {string} patient */
+  plant(patient) {
+    return this.stage(`${this.data.patients[patient].family.replaceAll("-", "_")}_plant`);
   }
 
   /**
@@ -245,15 +264,15 @@ export class Lab {
   /**
    * @param {Situation} situation that `checked` returned
    * @param {number} [watch] sample about which the memory of the controller is told
+   * @param {Body} [body] another person than the nominal patient
    * @returns {Trace}
    */
-  simulate(situation, watch) {
+  simulate(situation, watch, body = this.data.patients[situation.patient]) {
     const { data } = this;
     const every = data.sample_time_min;
     const samples = Math.round(situation.duration_min / every);
     const inside = data.inside_min.length;
     const { lanes } = this.kernels;
-    const body = data.patients[situation.patient];
     const array = (/** @type {number} */ length) => new Array(length).fill(0);
     /** @type {Trace} */
     const trace = {
@@ -286,6 +305,23 @@ export class Lab {
   }
 }
 
+/**
+ * Put people into the plant: constants, matrices and states.
+ * @param {Stage} plant
+ * @param {Body[]} people one for each lane
+ */
+export function put(plant, people) {
+  const { person } = plant.fields;
+  const first = Object.keys(person).find((name) => name !== "matrices") ?? "";
+  const [of_patient, of_matrices] = [plant.place(first), plant.place("matrices")];
+  people.forEach(({ numbers, matrices, x }, lane) => {
+    plant.set(matrices, lane, of_matrices);
+    plant.set(numbers, lane, of_patient);
+    for (let i = 0; i < x.length; i++) plant.carry[i * plant.lanes + lane] = x[i];
+  });
+  plant.prepared.hold();
+}
+
 /** The loop of a situation for one vector of people after another. */
 export class LoopOfVector {
   /**
@@ -313,7 +349,7 @@ export class LoopOfVector {
     this.controller = lab.stage(`${name}_step`);
     this.pumpStart = lab.stage(`${pump.name}_start`);
     this.pump = lab.stage(pump.name);
-    this.plant = lab.stage(`${this.patient.family.replaceAll("-", "_")}_plant`);
+    this.plant = lab.plant(situation.patient);
     this.numbers = lab.controllerNumbers(situation);
     /** Sample about which the memory of the controller is told. @type {number | undefined} */
     this.watch = undefined;
@@ -347,15 +383,14 @@ export class LoopOfVector {
       for (let lane = 0; lane < lanes; lane++) of(lane);
     };
 
-    const own = { patient: total(plant.fields.person) - plant.fields.person.matrices };
-    const matricesFirst = Object.keys(plant.fields.person)[0] === "matrices";
-    each((lane) => {
-      const { numbers, matrices, x } = people[lane];
-      for (let i = 0; i < matrices.length; i++) plant.person[((matricesFirst ? 0 : own.patient) + i) * lanes + lane] = matrices[i];
-      for (let i = 0; i < numbers.length; i++) plant.person[((matricesFirst ? matrices.length : 0) + i) * lanes + lane] = numbers[i];
-      for (let i = 0; i < x.length; i++) plant.carry[i * lanes + lane] = x[i];
-    });
-    plant.prepared.hold();
+    put(plant, people);
+    if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
+      const name = `controller.${situation.guard ? "inner." : ""}basal_mU_min`;
+      for (const stage of [start, controller]) {
+        each((lane) => stage.set([people[lane].basal_insulin_mU_min], lane, stage.place(name)));
+        stage.prepared.hold();
+      }
+    }
 
     const glucose = new Float64Array(lanes);
     const reading = new Float64Array(lanes);

@@ -9,6 +9,7 @@ import { Session } from "./session.mjs";
 import { usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { controlsView } from "./views/controls.mjs";
+import { crowdView } from "./views/challenge.mjs";
 import { folderView } from "./views/folder.mjs";
 import { isOwn, lessonOf, lessonsView, putBeside } from "./views/lessons.mjs";
 import { numbersView } from "./views/numbers.mjs";
@@ -25,6 +26,7 @@ const [module, packed] = await Promise.all([unpacked("module"), unpacked("data")
 /** @type {import("./situation.mjs").Data} */
 const data = JSON.parse(new TextDecoder().decode(packed));
 const session = new Session(new Lab(await load(module, "float64"), data), data, version);
+const tryOnPeople = crowdView(session, new Lab(await load(module, "float64"), data));
 lessonsView();
 folderView(session);
 /** What follows a control at the next frame, and what may come a moment later. */
@@ -48,7 +50,7 @@ function showRest() {
 }
 
 /** Take the situation of the link, or the usual one where the link tells none. */
-function open() {
+async function open() {
   const { hash } = location;
   if (hash.length < 2) return say(texts.ready);
   try {
@@ -58,6 +60,7 @@ function open() {
     if (!isOwn(hash)) session.show(found.units);
     if (lesson !== undefined) {
       putBeside(session, lesson);
+      if (lesson.people !== undefined) await tryOnPeople(lesson.people);
       return say(lesson.text);
     }
     if (isOwn(hash)) return say(texts.ready);
@@ -77,7 +80,7 @@ function showSoon() {
   waiting = requestAnimationFrame(show);
 }
 
-open();
+await open();
 session.before.length = 0;
 show();
 showRest();

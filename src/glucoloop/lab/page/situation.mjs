@@ -60,6 +60,21 @@
  */
 
 /**
+ * @typedef {object} People whom the page can simulate beside the nominal patient
+ * @property {string} population
+ * @property {number} seed
+ * @property {string} operating_point around which they are drawn
+ * @property {number} count
+ * @property {number[]} places of the numbers of a patient that differ
+ * @property {[number, number][]} entries of the rates that differ
+ * @property {string} table numbers and rates of each person, in base64
+ * @property {number[][]} rates of the driven block of the nominal patient
+ * @property {number} doublings
+ * @property {number} step_min
+ * @property {number[][]} path from moments to the nodes
+ */
+
+/**
  * @typedef {object} Data as `glucoloop.lab.build` writes it
  * @property {string} patient
  * @property {number} sample_time_min
@@ -77,6 +92,7 @@
  * @property {Record<string, Setting & {usual: number}>} guard_limits
  * @property {Record<string, Setting & {usual: number}>} pump_limits
  * @property {Record<string, FaultEntry>} faults those that this page has
+ * @property {People} people
  * @property {number[][]} normals
  * @property {Record<string, string>} statuses
  * @property {Record<string, string>} status_names as tables tell them

@@ -24,6 +24,14 @@ export const texts = {
     formCommand: "command line",
     formToml: "configuration file (TOML)",
     formPython: "program in Python",
+    people: "One tuning for many people",
+    peopleHelp: "The controller as it is now, on people around the patient setpoint-81 as the population parker2000 draws them. The challenge: find the tuning with the most points.",
+    peopleCount: "People",
+    peopleTry: "Try it on them",
+    peopleProgress: "People who are done",
+    peopleTried: "Tunings that were tried",
+    peopleHarmed: "The lowest glucose of all: choose a person to follow",
+    peopleClear: "Take the people away",
     situation: "Situation",
     lessons: "Lessons",
     presets: "Situations to begin with",
@@ -81,12 +89,26 @@ export const texts = {
       text: "Readings come ten minutes late, and the controller does not know it: insulin and glucose swing. More weight on the moves calms insulin, at the price of a lower low.",
     },
     {
+      title: "An occlusion, with and without the guard",
+      hash: "#controller=mpc&guard=true&faults=occlusion%2C+start_min%3D30%2C+duration_min%3D120",
+      text: "For two hours no insulin passes the line, and nobody knows: glucose rises to 237 mg/dl either way. When the line is free again, MPC without a guard (dashed) brings it down to 63 mg/dl; under the guard, which bounds what is on board, it stays above 79.",
+      beside: { name: "Without the guard", hash: "#controller=mpc&faults=occlusion%2C+start_min%3D30%2C+duration_min%3D120" },
+    },
+    {
+      title: "One tuning for many people",
+      hash: "#controller=mpc&move_weight=0",
+      text: "The tuning that keeps the nominal patient above 70 mg/dl is tried on 100 people: 35 of them come below. Follow one of those, named below the picture, then look for a tuning with more points.",
+      people: 100,
+    },
+    {
       title: "The meal that nobody announced",
       hash: "#controller=pid&closed_loop_min=60&meals=90g%4060min",
       text: "No controller of this page is told of a meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 80, and lets it rise to 124.",
     },
   ],
   presets: [
+    { title: "A sensor that sticks for two hours", hash: "#controller=mpc&guard=true&faults=stuck%2C+start_min%3D90%2C+duration_min%3D120" },
+    { title: "Pressure on the sensor at night", hash: "#controller=mpc-se&guard=true&noise_variance=1.45&meals=&faults=compression%2C+start_min%3D200%2C+duration_min%3D60" },
     { title: "50 g of glucose, as in the paper", hash: "#controller=mpc" },
     { title: "The same with a noisy sensor", hash: "#controller=mpc&noise_variance=1.45" },
     { title: "A day with three meals", hash: "#controller=mpc-se&noise_variance=1.45&duration_min=1440&meals=45g%40420min+70g%40720min+60g%401080min" },
@@ -133,6 +155,22 @@ export const texts = {
     `Insulin delivered in ${unit}, fine dashes where another rate was commanded; the pump gives at most ${most}`,
   commanded: "Commanded",
   median: (/** @type {string} */ name) => `Median of people, ${name}`,
+  peopleOf: (/** @type {number} */ count) => `${count} people`,
+  person: (/** @type {number} */ number) => `Person ${number}`,
+  peopleElsewhere: (/** @type {string} */ point) => `The people are drawn around ${point}; choose that operating point to try a tuning on them`,
+  peopleTold: (/** @type {number} */ count, /** @type {number} */ low, /** @type {number} */ very_low) =>
+    `Of ${count} people ${low} come below 70 mg/dl, and ${very_low} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
+  points: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {typeof import("./crowd.mjs").RULE} */ rule) =>
+    `${score.points.toFixed(2)} points. The rule: the mean part of the time from 70 to 180 mg/dl, in % (${score.in_range_pct.toFixed(2)}), ` +
+    `less ${rule.below_70_pct} times that below 70 (${score.below_70_pct.toFixed(2)}), ` +
+    `less ${rule.change_mU_min} times the mean change of insulin from sample to sample, in mU/min (${score.change_mU_min.toFixed(2)}).`,
+  triedColumns: ["Tuning", "Points", "In range %", "Low %", "Change mU/min", "Situation"],
+  tried: (/** @type {string} */ controller, /** @type {boolean} */ guarded, /** @type {Record<string, number>} */ tuning) =>
+    [controller + (guarded ? ", guarded" : ""), ...Object.entries(tuning).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`)].join(", "),
+  take: "Take",
+  takeTuning: (/** @type {string} */ name) => `Take the situation of ${name}`,
+  harmed: (/** @type {import("./crowd.mjs").Fate} */ fate, /** @type {string} */ lowest, /** @type {string} */ unit) =>
+    `Person ${fate.person}: lowest ${lowest} ${unit}, ${fate.below_70_pct.toFixed(1)} % low`,
   loadedRun: (/** @type {string} */ name, /** @type {string} */ difference, /** @type {string} */ unit) =>
     `${name} is drawn beside its situation, simulated here; at the samples, glucose differs by ${difference} ${unit} at most.`,
   loadedAlone: (/** @type {string} */ name, /** @type {string} */ why) => `${name} is drawn; it is not simulated here: ${why}.`,

@@ -6,7 +6,7 @@ import { fromLink } from "../links.mjs";
 import { texts } from "../texts.mjs";
 
 /** @typedef {import("../session.mjs").Session} Session */
-/** @typedef {{title: string, hash: string, text: string, beside?: {name: string, hash: string}}} Lesson */
+/** @typedef {{title: string, hash: string, text: string, beside?: {name: string, hash: string}, people?: number}} Lesson */
 
 const link = (/** @type {{title: string, hash: string}} */ { title, hash }) => element("a", { href: hash }, title);
 

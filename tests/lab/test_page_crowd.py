@@ -1,0 +1,90 @@
+"""Percentiles, fates and points of people are what NumPy makes of their glucose."""
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.lab.body import POPULATION, situation
+from glucoloop.lab.pack import PAGE
+from glucoloop.patients import population, virtual_people
+from glucoloop.patients.population import of_people
+from glucoloop.simulation import simulate
+
+NODE = shutil.which("node")
+SCRIPT = """
+import { readFileSync } from "node:fs";
+const { Crowd, RULE } = await import(process.argv[1]);
+const { inside, insulin } = JSON.parse(readFileSync(0, "utf8"));
+const [samples, people] = [insulin.length, insulin[0].length];
+const crowd = new Crowd(people, samples, 5);
+for (let p = 0; p < people; p++)
+  for (let k = 0; k < samples; k++) {
+    const before = k === 0 ? 100 : inside[k - 1][p][4];
+    crowd.add(p, k, before, inside[k][p], insulin[k][p]);
+  }
+const fates = Array.from({ length: people }, (_, p) => crowd.fate(p));
+const found = { RULE, fates, percentiles: crowd.percentiles("pid"), worst: crowd.worst(3), score: crowd.score() };
+console.log(JSON.stringify(found));
+"""
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_what_happened_to_people(tmp_path):
+    rng = np.random.default_rng(5)
+    samples, people = 30, 17
+    inside = 100.0 + np.cumsum(rng.normal(0.0, 8.0, (samples, people, 5)), axis=0)
+    insulin = rng.uniform(0.0, 60.0, (samples, people))
+    done = subprocess.run(
+        [NODE, "--input-type=module", "-e", SCRIPT, (PAGE / "crowd.mjs").as_uri()],
+        input=json.dumps({"inside": inside.tolist(), "insulin": insulin.tolist()}),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    found = json.loads(done.stdout)
+    fine = np.concatenate([np.full((1, people), 100.0), inside.transpose(0, 2, 1).reshape(-1, people)])
+    expected = {
+        "lowest_mg_dl": fine.min(axis=0),
+        "highest_mg_dl": fine.max(axis=0),
+        "in_range_pct": 100.0 * np.mean((fine >= 70.0) & (fine <= 180.0), axis=0),
+        "below_70_pct": 100.0 * np.mean(fine < 70.0, axis=0),
+        "change_mU_min": np.mean(np.abs(np.diff(insulin, axis=0)), axis=0),
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose([fate[name] for fate in found["fates"]], values, rtol=1e-12, err_msg=name)
+    at_samples = np.concatenate([np.full((1, people), 100.0), inside[:, :, 4]])
+    levels = np.percentile(at_samples, [5, 25, 50, 75, 95], axis=1)
+    np.testing.assert_allclose(found["percentiles"]["levels"], levels, rtol=1e-6)
+    assert found["percentiles"]["t_min"] == [5.0 * k for k in range(samples + 1)]
+    order = np.argsort(expected["lowest_mg_dl"])[:3]
+    assert [fate["person"] for fate in found["worst"]] == order.tolist()
+    mean = {name: float(np.mean(values)) for name, values in expected.items()}
+    rule, score = found["RULE"], found["score"]
+    lost = sum(weight * mean[name] for name, weight in rule.items())
+    assert score["points"] == pytest.approx(mean["in_range_pct"] - lost)
+    assert score["people_below_70"] == np.sum(expected["lowest_mg_dl"] < 70.0)
+    assert score["people_below_54"] == np.sum(expected["lowest_mg_dl"] < 54.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("controller", ["pid", "mpc-se"])
+def test_the_people_of_the_page_are_those_of_a_trial(in_node, controller):
+    chosen = [3, 18, 997]
+    found = in_node([{"link": f"#controller={controller}&duration_min=600", "person": person} for person in chosen])
+    people = virtual_people(population(POPULATION), 0, chosen)
+    around = situation("parker-1999", "setpoint-81")
+    designed = controller_of(around, usual_case(controller, around))
+    for place, answer in enumerate(found):
+        basal = float(people.basal_insulin_mU_min[place])
+        assert answer["basal_insulin_mU_min"] == pytest.approx(basal, rel=1e-9)
+        assert answer["glucose_mg_dl"] == pytest.approx(81.1, abs=1e-9)
+        np.testing.assert_allclose(answer["x"], people.rest[:, place], rtol=1e-9, atol=1e-9)
+        trace = simulate(of_people(people.patient, place), with_individual_basal(designed, basal))
+        expected = np.asarray(trace.fine_glucose_mg_dl)
+        np.testing.assert_allclose(answer["trace"]["fine_glucose_mg_dl"], expected, rtol=0.0, atol=0.02)
