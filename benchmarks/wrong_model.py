@@ -73,6 +73,11 @@ class Row:
     blocked: bool = False
     flat_battery: bool = False
 
+    @property
+    def told(self) -> tuple[float, float]:
+        """Setpoint and noise variance for which the controller is designed: nobody tells of correlated noise."""
+        return self.setpoint, 0.0 if self.variance == 0.0 else 1.45
+
 
 _FIFTY, _NOTHING = ((50.0, 50.0, 0.0),), ()
 _WHITE: dict[str, Any] = {"variance": 1.45}
@@ -260,15 +265,11 @@ class Bench:
     def single(self) -> Any:
         return _digesting(_nominal(), LehmannDeutsch(), None)
 
-    def told(self, row: Row) -> tuple[float, float]:
-        """Setpoint and noise variance for which a row's controller is designed: nobody tells of correlated noise."""
-        return row.setpoint, 0.0 if row.variance == 0.0 else 1.45
-
     def controllers(self, design: Callable[[float, float], Any]) -> Any:
         """Controllers of all people, each designed for the setpoint and the noise of the row; numbers trail."""
-        keys = sorted({self.told(row) for row in self.table})
+        keys = sorted({row.told for row in self.table})
         each = [design(*key) for key in keys]
-        which = np.asarray([keys.index(self.told(self.table[i])) for i in self.where])
+        which = np.asarray([keys.index(self.table[i].told) for i in self.where])
 
         def of_people(path: Any, *leaves: Any) -> Any:
             if ".plant" in jax.tree_util.keystr(path):  # the same for all, and a constant of the program
@@ -354,6 +355,15 @@ def design_with(name: str, settings: dict[str, Any]) -> Callable[[float, float],
     return design
 
 
+def alike(table: list[Row], design: Callable[[float, float], Any]) -> list[list[Row]]:
+    """Rows in groups whose controllers have arrays of the same shapes; tunings differ where there is no noise."""
+    groups: dict[Any, list[Row]] = {}
+    for row in table:
+        shapes = tuple(np.shape(leaf) for leaf in jax.tree_util.tree_leaves(design(*row.told)))
+        groups.setdefault(shapes, []).append(row)
+    return list(groups.values())
+
+
 def _value(text: str) -> Any:
     try:
         return json.loads(text)
@@ -379,16 +389,21 @@ def main() -> None:
     asked = parser.parse_args()
     start = time.perf_counter()
     table = [row for row in rows() if not asked.rows or any(part in row.name for part in asked.rows)]
-    bench = Bench(table, 1000 if asked.tuning else 0)
-    run, found = None, {}
+    found: dict[str, dict[str, float]] = {}
     before = json.loads(asked.beside.read_text()) if asked.beside else {}
+    runs: dict[tuple[str, ...], tuple[Bench, Callable[[Any], Any]]] = {}
     for text in asked.set or [""]:
-        design = design_with(asked.controller, _settings(text))
-        own = bench.controllers(design)
-        if run is None:
-            run = bench.compiled(design(81.0, 1.45), own)
-        found = bench.table_of(run(own))
-        print(f"{text or 'defaults'}: {bench.where.size} loops, {time.perf_counter() - start:.0f} s")
+        design = functools.cache(design_with(asked.controller, _settings(text)))
+        found = {}
+        for group in alike(table, design):
+            names = tuple(row.name for row in group)
+            bench = runs[names][0] if names in runs else Bench(group, 1000 if asked.tuning else 0)
+            own = bench.controllers(design)
+            if names not in runs:
+                runs[names] = bench, bench.compiled(design(*group[0].told), own)
+            found |= bench.table_of(runs[names][1](own))
+        found = {row.name: found[row.name] for row in table}
+        print(f"{text or 'defaults'}: {sum(row.runs for row in table)} loops, {time.perf_counter() - start:.0f} s")
         show(found, before)
         sys.stdout.flush()
         start = time.perf_counter()

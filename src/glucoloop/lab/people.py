@@ -22,7 +22,7 @@ POINT: Final = USUAL_PATIENT.usual_point
 
 
 def people_numbers() -> dict[str, Any]:
-    """What differs between the people of the usual patient's population, and what the page makes of it."""
+    """Numbers in which the people of the usual patient's population differ, as the page reads them."""
     family = USUAL_PATIENT.name
     nominal = patients(family)[POINT]
     states = plants(family)[POINT].matrices.driven_end.shape[0]

@@ -42,7 +42,7 @@ _GAUSS_NODES: Final = (np.polynomial.legendre.leggauss(3)[0] + 1.0) / 2.0
 _LEGENDRE: Final = np.array([[1.0, 0.0, 0.0], [-1.0, 2.0, 0.0], [1.0, -6.0, 6.0]])
 _AT_NODES: Final = np.stack([np.polynomial.polynomial.polyval(_GAUSS_NODES, row) for row in _LEGENDRE], axis=-1)
 PATH: Final = _AT_NODES * np.array([1.0, 3.0, 5.0]) @ _LEGENDRE
-"""From the moments to the projected path at the Gauss nodes, ``(3, 3)``."""
+"""Matrix that makes the projected path at the Gauss nodes of the moments, ``(3, 3)``."""
 
 
 def doublings_for(single: SemilinearPatient, step_min: float) -> int:

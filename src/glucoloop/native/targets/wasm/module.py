@@ -113,7 +113,7 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
 
 
 def held_numbers(lowered: Lowered) -> int:
-    """How many numbers a function holds for each person from sample to sample."""
+    """Number of values that a function holds for each person from sample to sample."""
     return _emitter(lowered).held
 
 
