@@ -225,7 +225,7 @@ def close(found, expected):
         return found.keys() == expected.keys() and all(close(found[key], expected[key]) for key in expected)
     if isinstance(expected, list):
         same_kind = len(found) == len(expected)
-        if not same_kind or not expected or isinstance(expected[0], dict):
+        if not same_kind or not expected or isinstance(expected[0], dict | str):
             return same_kind and all(map(close, found, expected))
         a, b = (np.array(of, float) for of in (found, expected))
         return a.shape == b.shape and np.allclose(a, b, rtol=1e-6, atol=1e-7 * np.abs(b).max())
