@@ -75,7 +75,7 @@ def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
             ("--out", "a", "--fault", "late, delay_min=0"),
             "a delay of 0 min is not possible; give a finite value above 0",
         ),
-        (("--out", "a", "--guard-gap-min", -1), "gap_min of -1"),
+        (("--out", "a", "--guard-gap-min", -1), "until the basal rate is given, of -1 min is not possible"),
         (("--out", "a", "--workers", 0), "--workers is 0; give a whole number from 1"),
         (("--out", "a", "--people", 0), "--people is 0"),
     ],

@@ -111,7 +111,7 @@ class GuardSettings:
         _limit(
             "Minutes without an accepted reading after which the basal rate is given.",
             at_least=0.0,
-            called="guard's time until the basal rate",
+            called="guard's time without a reading, until the basal rate is given,",
         ),
     ] = 20.0
     long_gap_min: Annotated[
@@ -119,7 +119,7 @@ class GuardSettings:
         _limit(
             "Minutes without an accepted reading after which a part of the basal rate is given.",
             at_least=0.0,
-            called="guard's time until a part of the basal rate",
+            called="guard's time without a reading, until a part of the basal rate is given,",
         ),
     ] = 90.0
     reduced_fraction: Annotated[
