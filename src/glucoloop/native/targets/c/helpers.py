@@ -295,7 +295,7 @@ static @real@ gl_sqrt(@real@ x)
     {
       @bits@ sum = 0@u@;
       @bits@ found = 0@u@;
-      @bits@ digit = (@bits@)1@u@ << (@shift@ + 1);
+      @bits@ digit = (@bits@)2@u@ << @shift@;
       while (digit != 0@u@)
       {
         const @bits@ trial = sum + digit;
@@ -309,7 +309,7 @@ static @real@ gl_sqrt(@real@ x)
         digit >>= 1;
       }
       found += (b != 0@u@) ? (found & 1@u@) : 0@u@;
-      found = (found >> 1) + ((@bits@)(@bias@ - 1) << @shift@);
+      found = (found >> 1) + (((@bits@)@bias@@u@ - 1@u@) << @shift@);
       if (e >= 0)
       {
         found += (@bits@)((uint32_t)e / 2U) << @shift@;
