@@ -69,6 +69,16 @@ function curveOf(path) {
   };
 }
 
+/**
+ * Curves and bands of a panel as they are told: lines first, then bands from the inner one, which is drawn last.
+ * @param {Element} panel
+ */
+function curvesOf(panel) {
+  const curves = [...panel.querySelectorAll("path[data-name]")].map((path) => curveOf(/** @type {SVGElement} */ (path)));
+  const isBand = (/** @type {ReturnType<typeof curveOf>} */ { edges }) => edges.length > 1;
+  return [...curves.filter((curve) => !isBand(curve)), ...curves.filter(isBand).reverse()];
+}
+
 /** @param {number} span in units of the axis @param {boolean} minutes */
 function tickOf(span, minutes) {
   const steps = minutes ? [1, 2, 5, 10, 20, 30, 60, 120, 180] : [0.25, 0.5, 1, 2, 3, 6, 12, 24, 48, 168, 336, 1008];
@@ -80,7 +90,7 @@ function connect(group) {
   const slider = /** @type {HTMLInputElement} */ (group.querySelector(".controls input"));
   const figures = [...group.querySelectorAll(".plot")].map((figure) => ({
     figure,
-    curves: [...figure.querySelectorAll("path[data-name]")].map((path) => curveOf(/** @type {SVGElement} */ (path))),
+    curves: [...figure.querySelectorAll(".panel")].flatMap(curvesOf),
     readout: /** @type {HTMLElement} */ (figure.querySelector(".readout")),
   }));
   const divisor = Number(group.dataset.divisor), unit = group.dataset.unit ?? "min";

@@ -208,6 +208,7 @@ class Cohort:
         if start_min is not None:
             self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
+        self._glucose_people = jax.jit(jax.vmap(self._glucose, in_axes=-1))
         self._engine = self._make_engine(engine, precision, products)
 
     @property
@@ -240,7 +241,7 @@ class Cohort:
         last, outputs = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
         glucose, delivered, *decisions = outputs
         reading, status = decisions or (None, None)
-        end = np.asarray(self._nominal.glucose_mg_dl(last.loop.x))
+        end = np.asarray(self._glucose_people(own, last.loop.x))
         return CohortRun(
             fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
             glucose_mg_dl=np.concatenate([glucose, end[None]]),
@@ -255,6 +256,9 @@ class Cohort:
         """The loop with a person's own numbers in their places."""
         parts = {name: replaced(getattr(self._single, name), v, getattr(own, name)) for name, v in self._varies.items()}
         return dataclasses.replace(self._single, plant=self._plants.of(own.plant), **parts)
+
+    def _glucose(self, own: _Own, x: Any) -> jax.Array:
+        return self._loop(own).plant.patient.glucose_mg_dl(x)
 
     def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
         """State before the first sample, and the key of the person's readings."""
