@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.experiments import MEASURES, ComparisonRuns, ControllerRuns, numbers_of
+from glucoloop.papers.meal_aware.experiments import ComparisonRuns, ControllerRuns
+from glucoloop.papers.meal_aware.measures import MEASURES, numbers_of
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, SITUATIONS, read_asked
 
 SETPOINT = 81.1

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from glucoloop.config.run import read_run
-from glucoloop.papers.meal_aware.experiments import MEASURES, numbers_of, study
+from glucoloop.papers.meal_aware.experiments import study
+from glucoloop.papers.meal_aware.measures import MEASURES, numbers_of
 from glucoloop.papers.meal_aware.options import MOST_SEEDS
 from glucoloop.papers.meal_aware.situations import SITUATIONS, read_asked
 from glucoloop.patients.population import population, virtual_people

@@ -9,14 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from glucoloop.papers.meal_aware.experiments import (
-    LATE_MIN,
-    MEASURES,
-    NEAR_MG_DL,
-    SWING_MG_DL,
-    ComparisonRuns,
-    ControllerRuns,
-)
+from glucoloop.papers.meal_aware.experiments import ComparisonRuns, ControllerRuns
+from glucoloop.papers.meal_aware.measures import LATE_MIN, MEASURES, NEAR_MG_DL, SWING_MG_DL
 from glucoloop.papers.meal_aware.situations import OURS, NamedSituation
 from glucoloop.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
 

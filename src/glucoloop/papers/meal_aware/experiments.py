@@ -26,6 +26,7 @@ from glucoloop.experiments.surroundings import Surroundings, pump_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.papers.meal_aware.measures import Floats, numbers_of
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, NamedSituation
 from glucoloop.registry.controllers import controller_entry
@@ -33,46 +34,12 @@ from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.tuning.oscillation import Oscillation, crossings, oscillation
+from glucoloop.tuning.oscillation import Oscillation, oscillation
 
-Floats = npt.NDArray[np.float64]
 Progress = Callable[[int], None]
 
-NEAR_MG_DL: Final = 15.0
-"""Distance from the setpoint within which glucose counts as near it."""
-LATE_MIN: Final = 200.0
-"""Length of the last part of a run, for measures of its end."""
-SWING_MG_DL: Final = 5.0
-"""Smallest deviation to either side of the setpoint that counts as a swing. It is the largest error of a reading, so
-that noise alone makes no swing.
-"""
 _MOST_TOGETHER: Final = 50  # few enough that Ctrl-C is heeded soon
 _STEPS_TIMED: Final = 200
-
-
-@dataclass(frozen=True)
-class RunMeasure:
-    """One number that describes a run."""
-
-    name: str
-    title: str
-    unit: str
-    digits: int = 1
-
-
-MEASURES: Final = (
-    RunMeasure("undershoot_mg_dl", "Undershoot", "mg/dl"),
-    RunMeasure("overshoot_mg_dl", "Peak above setpoint", "mg/dl"),
-    RunMeasure("deviation_mg_dl", "Largest deviation", "mg/dl"),
-    RunMeasure("late_deviation_mg_dl", f"Largest deviation, last {LATE_MIN:g} min", "mg/dl"),
-    RunMeasure("late_swings", f"Swings, last {LATE_MIN:g} min", "", 0),
-    RunMeasure("minimum_mg_dl", "Lowest glucose", "mg/dl"),
-    RunMeasure("time_near_pct", f"Time within {NEAR_MG_DL:g} mg/dl", "%"),
-    RunMeasure("time_below_60_pct", "Time below 60 mg/dl", "%", 2),
-    RunMeasure("settling_5pct_min", "Settling, 5 %", "min", 0),
-    RunMeasure("insulin_total_variation_mU_min", "Total variation of insulin", "mU/min", 0),
-)
-"""Measures of noise-free glucose on a grid of one minute."""
 
 
 @dataclass(frozen=True)
@@ -279,36 +246,6 @@ def _loops_of_people(situation: NamedSituation, name: str, asked: ClaimsKeys, pr
         setpoint_mg_dl=setpoint,
         infeasible=int((~feasible).sum()),
     )
-
-
-def numbers_of(
-    metrics: Mapping[str, Floats], t_min: Floats, glucose_mg_dl: Floats, setpoint: float
-) -> dict[str, Floats]:
-    """Compute the measures of runs.
-
-    Parameters
-    ----------
-    metrics : mapping
-        (runs,) each, by the name of a result of `registry.metrics`.
-    t_min : (points,) array
-    glucose_mg_dl : (points, runs) array
-        Glucose; it is interpolated linearly where the points are farther apart than a minute.
-    setpoint : float
-    """
-    minutes = np.arange(t_min[0], t_min[-1] + 0.5)
-    away, late = np.abs(glucose_mg_dl - setpoint), t_min >= t_min[-1] - LATE_MIN
-    by_minute = np.stack([np.interp(minutes, t_min, of_run) for of_run in glucose_mg_dl.T], axis=1)
-    near = np.abs(by_minute - setpoint) <= NEAR_MG_DL
-    swings = jax.vmap(lambda of_run: crossings(of_run, setpoint, SWING_MG_DL / setpoint), in_axes=1)(
-        glucose_mg_dl[late]
-    )
-    own = {
-        "deviation_mg_dl": np.maximum(metrics["undershoot_mg_dl"], metrics["overshoot_mg_dl"]),
-        "late_deviation_mg_dl": away[late].max(axis=0),
-        "late_swings": swings,
-        "time_near_pct": np.where(np.isfinite(away).all(axis=0), 100.0 * near.mean(axis=0), np.nan),
-    }
-    return {measure.name: np.asarray({**metrics, **own}[measure.name], float) for measure in MEASURES}
 
 
 def _bounds(situations: Sequence[NamedSituation]) -> dict[str, OptimalDoses]:

@@ -17,6 +17,8 @@ TUNING_SEEDS: Final = range(900_000, 900_200)
 """Seeds of the sensor on which the tuning of the meal-aware controller was chosen."""
 TUNING_PEOPLE_SEED: Final = 424_242
 """Seed of the people on whom the tuning was chosen."""
+MISMATCH_TUNING_SEED: Final = 1000
+"""Seed of the people and of the noise on which the settings for a wrong model were chosen."""
 EXTENT_PANEL: Final = "How much"
 _extent = functools.partial(Key, panel=EXTENT_PANEL)
 

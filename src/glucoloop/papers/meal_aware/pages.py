@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from glucoloop.config.key import plain
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, runs_told, spread
-from glucoloop.papers.meal_aware.experiments import LATE_MIN, MEASURES, SWING_MG_DL, ComparisonRuns
+from glucoloop.papers.meal_aware.experiments import ComparisonRuns
 from glucoloop.papers.meal_aware.figures import COLOURS, caption
+from glucoloop.papers.meal_aware.measures import LATE_MIN, MEASURES, SWING_MG_DL
 from glucoloop.papers.meal_aware.options import TUNING_PEOPLE_SEED, TUNING_SEEDS
 from glucoloop.papers.meal_aware.situations import NAMES, NamedSituation
 from glucoloop.report import _page

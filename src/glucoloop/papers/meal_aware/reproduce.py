@@ -10,8 +10,9 @@ import polars as pl
 from glucoloop.config.key import plain
 from glucoloop.config.toml import toml_text
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, spread, verdicts
-from glucoloop.papers.meal_aware.experiments import MEASURES, ComparisonRuns, Progress, loops_to_close, study
+from glucoloop.papers.meal_aware.experiments import ComparisonRuns, Progress, loops_to_close, study
 from glucoloop.papers.meal_aware.figures import draw
+from glucoloop.papers.meal_aware.measures import MEASURES
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.pages import REPEAT, page, report
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS

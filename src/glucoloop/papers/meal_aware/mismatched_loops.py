@@ -1,0 +1,343 @@
+"""Loops of the situations in which a controller's model is wrong: all runs as people of one compiled program."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree
+from glucoloop.bounds import OptimalDoses, bound_of_situation
+from glucoloop.cohorts.blocks import in_blocks
+from glucoloop.config.trial import read_trial
+from glucoloop.control.protocol import Controller, Decision, Observation
+from glucoloop.episodes import once
+from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
+from glucoloop.experiments.random_keys import keys_of_people
+from glucoloop.meals import Eaten, Meal, Scenario
+from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
+from glucoloop.papers.meal_aware.measures import Floats, numbers_at_samples
+from glucoloop.papers.meal_aware.mismatches import Mismatch
+from glucoloop.papers.meal_aware.situations import HORIZON_MIN, OPERATING_POINT
+from glucoloop.patients import SemilinearPatient
+from glucoloop.patients.capabilities import rest_at
+from glucoloop.patients.model import patient_model
+from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
+from glucoloop.pumps import LimitedPump
+from glucoloop.pumps.faults import battery_gap, occlusion
+from glucoloop.registry.guard import complete_guard
+from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
+from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.people_plant import varying
+from glucoloop.threefry import uniforms
+from glucoloop.tuning.stacking import move_slots
+
+SAMPLE_MIN: Final = 5.0
+_NEVER: Final = math.inf
+_SETPOINT_MG_DL: Final = 81.0
+"""Setpoint of the example from which the loop is compiled."""
+_NO_RATE_MU_MIN: Final = 20.0
+"""Rate at the start of a person whom no rate holds at the setpoint, and whose run does not count."""
+_TOGETHER: Final = 256  # few enough that Ctrl-C is heeded soon
+
+Design = Callable[[float, float], Controller]
+"""Function that designs a controller for a setpoint and a noise variance."""
+
+
+@dataclass(frozen=True)
+class MismatchRuns:
+    """Runs of one controller in one situation."""
+
+    run: npt.NDArray[np.int64]
+    """(runs,) numbers of the runs, or of the people."""
+    numbers: Mapping[str, Floats]
+    """(runs,) values of each measure of `AT_SAMPLES`, by its name."""
+    infeasible: int
+    """Number of people without a basal rate for the setpoint, who are not among the runs."""
+
+
+@pytree
+class _Digesting:
+    """A person with an individual stomach and gut."""
+
+    person: SemilinearPatient
+    meal_model: LehmannDeutsch
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "person" or name.startswith("__"):  # not made yet, or not a property of a person
+            raise AttributeError(name)
+        return getattr(self.person, name)
+
+
+@pytree
+class _Aiming:
+    """A controller with an individual setpoint, so that people of one loop may differ in it."""
+
+    inner: Any
+    setpoint_mg_dl: jax.Array
+
+    def _at(self, observation: Observation) -> Observation:
+        return dataclasses.replace(observation, setpoint_mg_dl=self.setpoint_mg_dl)
+
+    def init(self, observation: Observation) -> Any:
+        return self.inner.init(self._at(observation))
+
+    def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
+        state, decision = self.inner.step(state, self._at(observation))
+        return state, decision
+
+
+@pytree
+class _NoFold:
+    """A fold that computes nothing."""
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        return jnp.zeros_like(glucose_mg_dl)
+
+    def step(self, state: jax.Array, happened: Any, t_min: jax.Array) -> jax.Array:
+        return state
+
+
+_trial = functools.cache(lambda: read_trial({"controllers": ["basal"], "operating_point": OPERATING_POINT}))
+
+
+def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Design:
+    """Function that designs a controller of the catalogue, with settings in place of its defaults."""
+
+    @functools.cache
+    def design(setpoint_mg_dl: float, variance: float) -> Controller:
+        keys = {"controllers": [controller], "operating_point": OPERATING_POINT, "noise_variance": variance}
+        own = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
+        trial = read_trial({**keys, **(settings or {}), **own})
+        return controller_of(trial, trial.cases[0])
+
+    return design
+
+
+def mismatched_people(row: Mismatch, seed: int, runs: int) -> VirtualPeople:
+    """The people of a situation, at rest at its setpoint."""
+    table, number = population("parker2000"), np.arange(runs)
+    if row.people == "parker2000":
+        return virtual_people(table, seed, number, setpoint_mg_dl=row.setpoint_mg_dl)
+    model = patient_model(table.patient)
+    sides = np.random.default_rng(seed).choice([0.6, 1.4], size=(len(table.variations), runs))
+    share = sides if row.people == "corners" else np.ones_like(sides)
+    values = {v.parameter: model.nominal[v.parameter] * share[i] for i, v in enumerate(table.variations)}
+    setpoint = np.full(runs, row.setpoint_mg_dl)
+    anybody = model.build(values, np.full(runs, np.nan), setpoint)
+    basal, rest = map(np.asarray, rest_at(anybody, jnp.asarray(setpoint)))
+    patient = model.build(values, basal, setpoint)
+    return VirtualPeople(table.patient, Draw(number, values), patient, basal, rest, np.isfinite(basal))
+
+
+def _digesting(person: SemilinearPatient, stomach: Mapping[str, float], runs: int | None) -> Any:
+    numbers = dataclasses.asdict(LehmannDeutsch(**stomach))
+    own: Any = {name: np.full(runs, n) if runs else n for name, n in numbers.items()}
+    return _Digesting(person=person, meal_model=LehmannDeutsch(**own))
+
+
+def _once(begin: Floats | float, samples: float) -> Any:
+    return dataclasses.replace(once(0, samples), earliest=jnp.asarray(begin), latest=jnp.asarray(begin))
+
+
+def _surroundings(variance: Floats | float, correlation: Floats | float, begin: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Sensor and pump with every fault, each of which begins at an individual sample or never."""
+    sensor: Any = CorrelatedNoise(
+        inner=IdealSensor(), variance=jnp.asarray(variance), correlation=jnp.asarray(correlation)
+    )
+    sensor = late(2, _once(begin["late"], _NEVER), sensor)
+    sensor = missing(_once(begin["gap"], 12.0), sensor)
+    pump: Any = battery_gap(_once(begin["battery"], 12.0), LimitedPump(limits=_trial().limits))
+    return sensor, occlusion(_once(begin["blocked"], 24.0), pump)
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    return jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves], axis=-1), *parts)
+
+
+def _at(many: Any, one: Any, places: npt.NDArray[np.intp]) -> Any:
+    """Numbers of the people at some places; numbers that are the same for all are unchanged."""
+    return jax.tree.map(lambda leaf, single: leaf[..., places] if np.ndim(leaf) > np.ndim(single) else leaf, many, one)
+
+
+class MismatchedLoops:
+    """Loops of some situations, compiled once for controllers that differ in their numbers.
+
+    Parameters
+    ----------
+    rows : sequence of Mismatch
+        Situations, all with a guard or all without.
+    runs : sequence of int
+        Number of runs of each.
+    seed : int
+        Seed of the people, of the noise, and of the times of faults.
+    """
+
+    def __init__(self, rows: Sequence[Mismatch], runs: Sequence[int], seed: int) -> None:
+        self.rows = tuple(rows)
+        self._runs = tuple(runs)
+        drawn = [mismatched_people(row, seed, n) for row, n in zip(rows, runs, strict=True)]
+        patients = []
+        for row, n, people in zip(rows, runs, drawn, strict=True):
+            whole = jax.tree.map(lambda leaf, n=n: np.broadcast_to(leaf, n), people.patient)
+            patients.append(_digesting(whole, row.stomach, n))
+        self._patient = _joined(patients)
+        self._basal = np.concatenate([people.basal_insulin_mU_min for people in drawn])
+        self._feasible = np.isfinite(self._basal)
+        self._basal = np.where(self._feasible, self._basal, _NO_RATE_MU_MIN)
+        self._rest = np.where(self._feasible, np.concatenate([people.rest for people in drawn], axis=1), 1.0)
+        self._row = np.repeat(np.arange(len(rows)), runs)
+        self._setpoint = self._of_rows([row.setpoint_mg_dl for row in rows])
+        number = np.concatenate([np.arange(n) for n in runs])
+        onset = 12.0 + np.floor(49.0 * uniforms(seed, "onset", number))
+        gap = self._of_rows([_NEVER if row.gap_min is None else row.gap_min[0] / SAMPLE_MIN for row in rows])
+        begin = {
+            "late": np.where(self._of_rows([row.late for row in rows]), 0.0, _NEVER),
+            "gap": np.where(gap < 0.0, onset, gap),
+            "battery": np.where(self._of_rows([row.flat_battery for row in rows]), onset, _NEVER),
+            "blocked": np.where(self._of_rows([row.blocked for row in rows]), onset, _NEVER),
+        }
+        variance, correlation = (
+            self._of_rows([getattr(row, name) for row in rows]) for name in ("variance", "correlation")
+        )
+        self._sensor, self._pump = _surroundings(variance, correlation, begin)
+        self._one_sensor, self._one_pump = _surroundings(0.0, 0.0, dict.fromkeys(begin, _NEVER))
+        most = max(1, *(len(row.meals) for row in rows))
+        plan = np.asarray([[*row.meals, *[(0.0, 0.0, 0.0)] * (most - len(row.meals))] for row in rows])[self._row]
+        self._meals = Eaten(t_min=plan[:, :, 1].T, carbs_g=plan[:, :, 0].T, eating_min=plan[:, :, 2].T)
+        self._key = keys_of_people(seed, number)
+        self._single = _digesting(_trial().nominal, {}, None)
+        self._cohorts: dict[Any, Cohort] = {}
+
+    def _of_rows(self, values: Sequence[Any]) -> npt.NDArray[Any]:
+        """Value of each run's situation."""
+        return np.asarray(values)[self._row]
+
+    def run(self, design: Design, *, progress: Callable[[int], None] = lambda runs: None) -> dict[str, MismatchRuns]:
+        """Close the loops under the controllers of a design.
+
+        Parameters
+        ----------
+        design : callable
+            Function that designs a controller for a setpoint and a noise variance.
+        progress : callable
+            Called with the number of loops that have just been closed.
+
+        Returns
+        -------
+        dict
+            Runs by name of the situation.
+        """
+        one, many = self._controllers(design)
+        cohort = self._compiled(one, many)
+        whole = People(
+            patient=self._patient, x=self._rest, insulin_mU_min=self._basal, key=self._key,
+            controller=many, sensor=self._sensor, pump=self._pump, meals=self._meals,
+        )  # fmt: skip
+
+        def block(places: npt.NDArray[np.intp], asked: int) -> tuple[Floats, Floats]:
+            people = People(
+                patient=_at(whole.patient, self._single, places),
+                x=whole.x[:, places],
+                insulin_mU_min=whole.insulin_mU_min[places],
+                key=whole.key[places],
+                controller=_at(many, one, places),
+                sensor=_at(self._sensor, self._one_sensor, places),
+                pump=_at(self._pump, self._one_pump, places),
+                meals=jax.tree.map(lambda leaf: leaf[:, places], self._meals),
+            )
+            done = cohort.run(people)
+            progress(asked)
+            return np.asarray(done.glucose_mg_dl, float)[:, :asked], np.asarray(done.insulin_mU_min, float)[:, :asked]
+
+        parts = in_blocks(block, np.arange(self._row.size), min(_TOGETHER, self._row.size))
+        glucose, insulin = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+        return dict(self._measured(glucose, insulin))
+
+    def _measured(self, glucose: Floats, insulin: Floats) -> Iterator[tuple[str, MismatchRuns]]:
+        for i, row in enumerate(self.rows):
+            mine = self._row == i
+            counted = mine & self._feasible
+            numbers = numbers_at_samples(glucose[:, counted], insulin[:, counted], row.setpoint_mg_dl, SAMPLE_MIN)
+            run = np.flatnonzero(self._feasible[mine]).astype(np.int64)
+            yield row.name, MismatchRuns(run=run, numbers=numbers, infeasible=int(mine.sum() - counted.sum()))
+
+    def _controllers(self, design: Design) -> tuple[Any, Any]:
+        """Controller of one person, and those of all people, each designed for the situation; numbers trail."""
+        told = sorted({row.told for row in self.rows})
+        each = _alike([design(*key) for key in told])
+        which = self._of_rows([told.index(row.told) for row in self.rows])
+
+        def of_people(path: Any, *leaves: Any) -> Any:
+            if ".plant" in jax.tree_util.keystr(path):  # the same for all, and a constant of the program
+                return leaves[0]
+            return jnp.asarray(np.moveaxis(np.stack([np.asarray(leaf) for leaf in leaves])[which], 0, -1))
+
+        many = with_individual_basal(jax.tree_util.tree_map_with_path(of_people, *each), self._basal)
+        one, guard, limits = each[0], complete_guard({}) if self.rows[0].guarded else None, _trial().limits
+        one, many = (
+            with_guard(one, guard, limits, jnp.asarray(self._basal[0])),
+            with_guard(many, guard, limits, jnp.asarray(self._basal)),
+        )
+        return (
+            _Aiming(inner=one, setpoint_mg_dl=jnp.asarray(_SETPOINT_MG_DL)),
+            _Aiming(inner=many, setpoint_mg_dl=jnp.asarray(self._setpoint)),
+        )
+
+    def _compiled(self, one: Any, many: Any) -> Cohort:
+        """Loop for controllers of a structure; it is compiled once for each."""
+        shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(one))
+        key = jax.tree.structure(one), shapes, tuple(varying(many, one))
+        if key not in self._cohorts:
+            self._cohorts[key] = Cohort(
+                self._single, self._patient, one, self._one_sensor, self._one_pump,
+                sample_grid(HORIZON_MIN, SAMPLE_MIN), _NoFold(),
+                setpoint_mg_dl=_SETPOINT_MG_DL, meals=None,
+                varied_controller=many, varied_sensor=self._sensor, varied_pump=self._pump,
+            )  # fmt: skip
+        return self._cohorts[key]
+
+
+def _alike(controllers: Sequence[Any]) -> list[Any]:
+    """Controllers whose arrays have the same shapes: horizons are padded to the longest."""
+    if not all(hasattr(controller, "padded") for controller in controllers):
+        return list(controllers)
+    horizons = [controller.horizons for controller in controllers]
+    most, horizon = max(moves for moves, _ in horizons), max(samples for _, samples in horizons)
+    return [
+        controller.padded(move_slots(moves, most), horizon)
+        for controller, (moves, _) in zip(controllers, horizons, strict=True)
+    ]
+
+
+def bounds_of_mismatches(rows: Sequence[Mismatch]) -> dict[str, OptimalDoses]:
+    """Best possible doses of the situations of the nominal person, by name; people would each need their own.
+
+    Faults of the sensor, noise and the guard make no plan possible that was not before, so they do not count.
+    """
+    found: dict[Any, OptimalDoses] = {}
+    bounds = {}
+    for row in rows:
+        if row.people != "nominal" or row.late or row.blocked or row.flat_battery:
+            continue
+        key = row.setpoint_mg_dl, row.meals, tuple(sorted(row.stomach.items()))
+        if key not in found:
+            scenario = Scenario(
+                [Meal(t_min=t_min, carbs_g=carbs_g, eating_min=eating) for carbs_g, t_min, eating in row.meals],
+                horizon_min=HORIZON_MIN,
+                setpoint_mg_dl=row.setpoint_mg_dl,
+                initial_glucose_mg_dl=row.setpoint_mg_dl,
+                meal_model=LehmannDeutsch(**row.stomach),
+            )
+            found[key] = bound_of_situation(_trial().nominal, scenario, _trial().limits, sample_time_min=SAMPLE_MIN)
+        bounds[row.name] = found[key]
+    return bounds
