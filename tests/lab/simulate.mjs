@@ -20,8 +20,8 @@ const { predicted } = await import(pathToFileURL(`${page}/prediction.mjs`).href)
 
 const { fromToml, fromTrace, situationOf } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
 
-const { simulated } = await import(pathToFileURL(`${page}/views/challenge.mjs`).href);
-const { peopleOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
+const { some } = await import(pathToFileURL(`${page}/many.mjs`).href);
+const { peopleOf, personOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
 
 const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
 const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
@@ -35,24 +35,23 @@ async function answered(asked) {
     }
     if (asked.people !== undefined) {
       const { situation } = links.fromLink(asked.link, data);
-      const crowd = await simulated(lab, peopleOf(lab), situation, asked.people, () => true);
+      const crowd = some(lab, peopleOf(lab), situation, 0, asked.people);
       return { score: crowd.score(), worst: crowd.worst(3), percentiles: crowd.percentiles("") };
     }
     if (asked.person !== undefined) {
       const { situation } = links.fromLink(asked.link, data);
-      const { lanes } = lab.kernels;
-      const body = peopleOf(lab)(asked.person - (asked.person % lanes))[asked.person % lanes];
+      const body = personOf(lab, peopleOf(lab), asked.person);
       const { basal_insulin_mU_min, glucose_mg_dl } = body;
-      return { basal_insulin_mU_min, glucose_mg_dl, x: [...body.x], trace: lab.simulate(situation, undefined, body) };
+      return { basal_insulin_mU_min, glucose_mg_dl, x: [...body.x], trace: lab.simulate(situation, body) };
     }
     const found = typeof asked === "string" ? links.fromLink(asked, data)
       : asked.link !== undefined ? { ...links.fromLink(asked.link, data), samples: asked.samples }
         : { situation: asked, units: usualUnits() };
     const situation = situations.checked(found.situation, data);
-    const trace = lab.simulate(situation);
-    const predictions = (found.samples ?? []).map((sample) => predicted(lab, situation, sample));
+    const { memory, ...trace } = lab.simulate(situation, undefined, { memory: true });
+    const predictions = (found.samples ?? []).map((sample) => predicted(lab, situation, { ...trace, memory }, sample));
     const hash = situations.hash(situation, data, "1.2.3");
-    const link = links.link(situation, found.units, data, "1.2.3");
+    const link = links.link({ situation, units: found.units, person: found.person ?? null }, data, "1.2.3");
     return {
       situation,
       numbers: lab.controllerNumbers(situation),

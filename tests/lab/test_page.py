@@ -9,12 +9,13 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 
 from browser import MODULES, NODE, needs_modules
 from glucoloop.config.run import read_run
-from glucoloop.lab.pack import DATA, MODULE, PAGE, page
+from glucoloop.lab.pack import DATA, MODULE, PAGE, _as_function, page
 from glucoloop.native.targets.wasm.module import HOST
 
 USUAL = {
@@ -51,14 +52,17 @@ def test_the_file_holds_everything_and_is_the_same_again(text):
     assert not re.search(r"\{\{[A-Z]+\}\}", text)
 
 
-def test_every_import_is_in_the_file(text):
-    code = json.loads(packed(text, "code"))
-    expected = {f"lab/{path.name}" for path in (HOST, *PAGE.rglob("*.mjs"))}
-    assert set(code["modules"]) == expected
-    assert code["first"] in expected
-    for module in code["modules"].values():
-        named = re.findall(r'^import [^;]*?"([^"]+)";$', module, re.M | re.S)
-        assert set(named) <= expected
+def test_every_module_is_in_the_file(text):
+    program = json.loads(packed(text, "code"))["program"]
+    there = re.findall(r'^"([\w-]+)": \(\) => \{$', program, re.M)
+    assert sorted(there) == sorted(path.stem for path in (HOST, *PAGE.rglob("*.mjs")))
+    assert set(re.findall(r' = need\("([\w-]+)"\);$', program, re.M)) <= set(there)
+
+
+@pytest.mark.parametrize("line", ['import "./other.mjs";', "export default 3;", 'import * as all from "./a.mjs";'])
+def test_an_import_or_export_of_another_form_is_refused(line):
+    with pytest.raises(ValueError, match=r"^own\.mjs has .*; name what is imported or exported$"):
+        _as_function(f"const a = 1;\n{line}\n", Path("own.mjs"))
 
 
 def test_every_text_that_the_page_names_is_there_once(text):
@@ -77,8 +81,8 @@ def test_nothing_in_the_file_can_reach_the_network(text):
     assert "connect-src" not in policy
     assert not re.search(r'(?:src|href)="(?!data:)', text)
     code = json.loads(packed(text, "code"))
-    for module in (*code["modules"].values(), *code["scripts"]):
-        assert not re.search(r"\b(?:fetch|XMLHttpRequest|WebSocket|EventSource|sendBeacon|importScripts)\b", module)
+    for script in code.values():
+        assert not re.search(r"\b(?:fetch|XMLHttpRequest|WebSocket|EventSource|sendBeacon|importScripts)\b", script)
 
 
 def test_the_licence_of_uplot_lies_beside_it():

@@ -14,6 +14,7 @@ from glucoloop.lab.pack import PAGE
 from glucoloop.patients import population, virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import simulate
+from glucoloop.threefry import name_word, uniforms
 
 NODE = shutil.which("node")
 SCRIPT = """
@@ -72,10 +73,42 @@ def test_what_happened_to_people(tmp_path):
     assert score["people_below_54"] == np.sum(expected["lowest_mg_dl"] < 54.0)
 
 
+JOINED = """
+const { Crowd } = await import(process.argv[1]);
+const { uniform } = await import(process.argv[2]);
+const [whole, part] = [new Crowd(5, 3, 5), new Crowd(2, 3, 5)];
+const glucose = (person, k) => 60 + 7 * person + 20 * k;
+for (const [crowd, first] of [[whole, 0], [part, 2]])
+  for (let person = 0; person < crowd.people; person++)
+    for (let k = 0; k < 3; k++) {
+      const [now, next] = [glucose(first + person, k), glucose(first + person, k + 1)];
+      crowd.add(person, k, now, [next], k * (first + person));
+    }
+const joined = new Crowd(5, 3, 5);
+joined.join(part, 2);
+const fates = (crowd) => [2, 3].map((person) => crowd.fate(person));
+const of = (crowd) => ({ fates: fates(crowd), glucose: [2, 3, 12, 13, 17].map((i) => crowd.glucose[i]) });
+const words = [[0, 2320734002, 0], [7, 10598100, 4294967295], [4294967295, 3625609037, 999]];
+console.log(JSON.stringify({ whole: of(whole), joined: of(joined), drawn: words.map((of) => uniform(...of)) }));
+"""
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_parts_join_and_people_are_drawn_as_in_python():
+    modules = [(PAGE / name).as_uri() for name in ("crowd.mjs", "people.mjs")]
+    command = [NODE, "--input-type=module", "-e", JOINED, *modules]
+    found = json.loads(subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout)
+    assert found["joined"] == found["whole"]
+    names = {name_word(f"parameter {name}"): name for name in population(POPULATION).distributions()}
+    asked = ((0, 2320734002, 0), (7, 10598100, 4294967295), (4294967295, 3625609037, 999))
+    expected = [uniforms(seed, f"parameter {names[word]}", [person])[0] for seed, word, person in asked]
+    assert found["drawn"] == expected
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("controller", ["pid", "mpc-se"])
 def test_the_people_of_the_page_are_those_of_a_trial(in_node, controller):
-    chosen = [3, 18, 997]
+    chosen = [3, 18, 9997]
     found = in_node([{"link": f"#controller={controller}&duration_min=600", "person": person} for person in chosen])
     people = virtual_people(population(POPULATION), 0, chosen)
     around = situation("parker-1999", "setpoint-81")

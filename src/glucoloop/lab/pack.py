@@ -1,19 +1,17 @@
 """Packing of the page: one HTML file with its modules, styles, numbers and WebAssembly, which asks the network nothing.
 
 The modules of the page import one another by relative paths, so that node runs them as they are. In the file they are
-compressed; ``start.js`` unpacks them into addresses ``data:`` of an import map. The policy of the page forbids every
-connection.
+one program, compressed: each module is a function that returns what it exports. Workers begin with the same program,
+since they cannot load modules from a file on a disk. The policy of the page forbids every connection.
 """
 
 from __future__ import annotations
 
 import base64
-import functools
 import gzip
 import html
 import json
 import re
-from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
@@ -23,14 +21,16 @@ import glucoloop
 PAGE: Final = Path(str(files("glucoloop.lab"))) / "page"
 MODULE: Final = PAGE / "lab.wasm"
 DATA: Final = PAGE / "lab.json"
-_FIRST: Final = PAGE / "main.mjs"
-_IMPORT: Final = re.compile(r'(?P<before>\b(?:from|import)\s*)"(?P<path>\.\.?/[^"]+)"')
+_FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
+"""Modules with which the page and its workers begin."""
+_IMPORT: Final = re.compile(r'^import (?P<names>\{[^}]*\}) from "(?P<path>\.\.?/[^"]+)";$', re.MULTILINE)
+_EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
+_LEFT: Final = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 
 
 def page() -> str:
     """The whole page as the text of an HTML file."""
-    modules = {_name(path): code for path, code in sorted(_modules(_FIRST))}
-    code = {"scripts": [_read("uPlot.iife.min.js")], "modules": modules, "first": _name(_FIRST)}
+    code = {"drawing": _read("uPlot.iife.min.js"), "program": program()}
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
         "STYLE": _read("uPlot.min.css") + _read("lab.css"),
@@ -47,28 +47,39 @@ def _read(name: str) -> str:
     return (PAGE / name).read_text(encoding="utf-8")
 
 
-def _modules(path: Path) -> Iterator[tuple[Path, str]]:
-    """A module and those that it imports, each once, with the names of the import map in place of paths."""
-    waiting, known = [path], {path}
+def program() -> str:
+    """The modules as one script, in which ``need(name)`` gives what a module exports."""
+    waiting, known = list(_FIRST), set(_FIRST)
+    functions = []
     while waiting:
-        here = waiting.pop()
+        here = waiting.pop(0)
         code = here.read_text(encoding="utf-8")
         for found in _IMPORT.finditer(code):
             other = (here.parent / found["path"]).resolve()
             if other not in known:
                 known.add(other)
                 waiting.append(other)
-        yield here, _IMPORT.sub(functools.partial(_renamed, here.parent), code)
+        functions.append(f'"{here.stem}": () => {{\n{_as_function(code, here)}\n}}')
+    head = '"use strict";\nconst made = {};\nconst need = (name) => (made[name] ??= modules[name]());\n'
+    return head + "const modules = {\n" + ",\n".join(functions) + "\n};\n"
 
 
-def _renamed(folder: Path, found: re.Match[str]) -> str:
-    """An import from a folder by the name of the import map."""
-    return f'{found["before"]}"{_name((folder / found["path"]).resolve())}"'
+def _as_function(code: str, path: Path) -> str:
+    """Body of a function that does what a module does and returns what it exports.
 
-
-def _name(path: Path) -> str:
-    """Name of a module in the import map."""
-    return f"lab/{path.name}"
+    Raises
+    ------
+    ValueError
+        For an import or export of another form than those of the page.
+    """
+    exported = ", ".join(_EXPORT.findall(code))
+    body = _EXPORT.sub("", _IMPORT.sub(lambda of: f'const {of["names"]} = need("{Path(of["path"]).stem}");', code))
+    left = _LEFT.search(body)
+    if left is not None:
+        raise ValueError(
+            f"{path.name} has {left[0]!r}, which the packer does not know; name what is imported or exported"
+        )
+    return f"{body}return {{ {exported} }};"
 
 
 def _packed(content: bytes) -> str:

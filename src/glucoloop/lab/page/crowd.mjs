@@ -70,6 +70,19 @@ export class Crowd {
     this.moments = this.samples * later_mg_dl.length + 1;
   }
 
+  /**
+   * Take over what happened to people who were simulated apart.
+   * @param {Crowd} part
+   * @param {number} first of the people
+   */
+  join(part, first) {
+    for (const name of /** @type {const} */ (["lowest", "highest", "inside", "below", "change"])) this[name].set(part[name], first);
+    for (let k = 0; k <= this.samples; k++) {
+      this.glucose.set(part.glucose.subarray(k * part.people, (k + 1) * part.people), k * this.people + first);
+    }
+    this.moments = part.moments;
+  }
+
   /** @param {number} person @param {number} glucose_mg_dl */
   count(person, glucose_mg_dl) {
     if (glucose_mg_dl < this.lowest[person]) this.lowest[person] = glucose_mg_dl;

@@ -206,6 +206,10 @@ export function design(name, tuning, patient, sample_time_min, kept) {
 
 /** @typedef {Float64Array} Square a square matrix, row by row */
 
+const MOST_DOUBLINGS = 60;
+/** Relative addition after which another doubling would add less than rounding does. */
+const CONVERGED = 1e-9;
+
 /**
  * The steady Kalman gain in filter form, `P C' / (C P C' + R)`, of a system that is read by one row C.
  *
@@ -232,16 +236,17 @@ export function steadyKalmanGain(Phi, C, Q, R) {
       G[i * n + j] = (C[i] * C[j]) / R;
     }
   }
-  for (let step = 0; step < 60; step++) {
+  for (let step = 0; step < MOST_DOUBLINGS; step++) {
     const W = product(G, P, n);
     for (let i = 0; i < n; i++) W[i * n + i] += 1;
     const [V, U] = solved(W, A, G, n); // W^-1 A and W^-1 G
     const transposed = transpose(A, n);
     const more = product(transposed, product(P, V, n), n);
+    add(P, more);
+    // It converges quadratically: what the next doubling would add is the square of this.
+    if (size(more) <= CONVERGED * size(P)) break;
     add(G, product(product(A, U, n), transposed, n));
     A = product(A, V, n);
-    add(P, more);
-    if (size(more) <= 1e-17 * size(P)) break;
   }
   const seen = C.map((_, i) => C.reduce((total, c, j) => total + 0.5 * (P[i * n + j] + P[j * n + i]) * c, 0));
   const gain = seen.map((value) => value / (dot(C, seen) + R));

@@ -14,17 +14,20 @@ const CONFIGURATION = "configuration";
 /** Keys of the units in a link. */
 const KEYS = { glucose: "shown_glucose", insulin: "shown_insulin" };
 
+/** Key of the person who is followed. */
+const PERSON = "follow";
+
 /**
- * @param {Situation} situation
- * @param {Units} units
+ * @param {{situation: Situation, units: Units, person: number | null}} shown
  * @param {Data} data
  * @param {string} version
  */
-export function link(situation, units, data, version) {
+export function link({ situation, units, person }, data, version) {
   const told = new URLSearchParams(hash(situation, data, version).slice(1));
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
     if (units[quantity] !== UNITS[quantity][0]) told.set(KEYS[quantity], units[quantity].name);
   }
+  if (person !== null) told.set(PERSON, `${person}`);
   return `#${told}`;
 }
 
@@ -32,7 +35,7 @@ export function link(situation, units, data, version) {
  * What a link tells.
  * @param {string} text from the # on
  * @param {Data} data
- * @returns {{situation: Situation, version: string | null, units: Units, unlike: string[]}} with what a configuration has and the
+ * @returns {{situation: Situation, version: string | null, units: Units, person: number | null, unlike: string[]}} with what a configuration has and the
  *   page has not
  * @throws {RangeError} with a sentence, for a link that tells nothing possible
  */
@@ -44,8 +47,18 @@ export function fromLink(text, data) {
     if (name !== null) units[quantity] = unitOf(quantity, name);
     told.delete(KEYS[quantity]);
   }
+  const person = followed(told.get(PERSON), data);
+  told.delete(PERSON);
   const configuration = told.get(CONFIGURATION);
-  if (configuration === null) return { ...fromHash(`#${told}`, data), units, unlike: [] };
+  if (configuration === null) return { ...fromHash(`#${told}`, data), units, person, unlike: [] };
   const keys = fromToml(configuration);
-  return { ...situationOf(keys, data), version: keys[VERSION] ?? null, units };
+  return { ...situationOf(keys, data), version: keys[VERSION] ?? null, units, person };
+}
+
+/** Number of the person whom a link follows. @param {string | null} text @param {Data} data */
+function followed(text, data) {
+  if (text === null) return null;
+  const { count } = data.people;
+  if (!/^\d+$/.test(text) || Number(text) >= count) throw new RangeError(`the person is '${text}'; give a number from 0 to ${count - 1}`);
+  return Number(text);
 }

@@ -6,7 +6,6 @@ import { ofController, ofFault, ofPump } from "./fields.mjs";
 import { tuningOf } from "./situation.mjs";
 
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Kernels} Kernels */
-/** @typedef {import("../../native/targets/wasm/kernels.mjs").Prepared} Prepared */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./design.mjs").Numbers} Numbers */
@@ -21,7 +20,7 @@ import { tuningOf } from "./situation.mjs";
  * @property {number[]} status
  * @property {number[]} fine_t_min a grid of one minute, both ends included
  * @property {number[]} fine_glucose_mg_dl
- * @property {{before: ArrayLike<number>, after: ArrayLike<number>}} [watched] what the controller keeps, about one sample
+ * @property {Float64Array[]} [memory] what the controller keeps before each sample and after the last, if asked for
  */
 
 /**
@@ -29,6 +28,7 @@ import { tuningOf } from "./situation.mjs";
  * @typedef {object} Body
  * @property {ArrayLike<number>} numbers of the patient that differ between people
  * @property {ArrayLike<number>} matrices of the integrator, without their zeros
+ * @property {ArrayLike<number>} [driven] the first of them where they are the person's own
  * @property {ArrayLike<number>} x state
  * @property {number} basal_insulin_mU_min
  * @property {number} glucose_mg_dl
@@ -73,7 +73,7 @@ function total(names) {
   return Object.values(names).reduce((a, b) => a + b, 0);
 }
 
-/** Functions of one vector of people, whose arrays are read and written in place. */
+/** A function of one vector of people, whose arrays are read and written in place. */
 export class Stage {
   /**
    * @param {Lab} lab
@@ -81,11 +81,21 @@ export class Stage {
    */
   constructor(lab, name) {
     this.fields = lab.data.functions[name];
+    const { person, held, carry, own, shared, outputs } = this.fields;
+    const sizes = {
+      person: total(person),
+      held,
+      carry: total(carry),
+      own: total(own),
+      shared: total(shared),
+      outputs: total(outputs),
+    };
     this.lanes = lab.kernels.lanes;
-    this.prepared = lab.prepared(name);
+    this.prepared = lab.kernels.prepare(name, sizes, this.lanes);
     this.person = this.prepared.view("person");
     this.carry = this.prepared.view("carry");
     this.own = this.prepared.view("own");
+    this.shared = this.prepared.view("shared");
     this.outputs = this.prepared.view("outputs");
   }
 
@@ -94,6 +104,7 @@ export class Stage {
     this.person = this.prepared.view("person");
     this.carry = this.prepared.view("carry");
     this.own = this.prepared.view("own");
+    this.shared = this.prepared.view("shared");
     this.outputs = this.prepared.view("outputs");
   }
 
@@ -141,8 +152,6 @@ export class Lab {
   constructor(kernels, data) {
     this.kernels = kernels;
     this.data = data;
-    /** @type {Map<string, Prepared>} */
-    this.ready = new Map();
     /** @type {Map<string, Stage>} */
     this.stages = new Map();
     /** Designs and meals that were computed last, by what they were computed from. @type {Map<string, any>} */
@@ -151,34 +160,15 @@ export class Lab {
 
   /**
    * @param {string} name
-   * @param {number} samples
+   * @param {number} [place] among those of the same function, each with arrays of its own
    */
-  prepared(name, samples = 1) {
-    const key = `${name} ${samples}`;
-    let found = this.ready.get(key);
-    if (found === undefined) {
-      const { person, held, carry, own, shared, outputs } = this.data.functions[name];
-      const sizes = {
-        person: total(person),
-        held,
-        carry: total(carry),
-        own: total(own),
-        shared: total(shared),
-        outputs: total(outputs),
-      };
-      found = this.kernels.prepare(name, sizes, this.kernels.lanes, samples);
-      this.ready.set(key, found);
-      for (const stage of this.stages.values()) stage.refresh();
-    }
-    return found;
-  }
-
-  /** @param {string} name */
-  stage(name) {
-    let found = this.stages.get(name);
+  stage(name, place = 0) {
+    const key = `${name} ${place}`;
+    let found = this.stages.get(key);
     if (found === undefined) {
       found = new Stage(this, name);
-      this.stages.set(name, found);
+      for (const stage of this.stages.values()) stage.refresh();
+      this.stages.set(key, found);
     }
     return found;
   }
@@ -247,14 +237,12 @@ export class Lab {
     const { step_min, functions } = this.data;
     const { lanes } = this.kernels;
     const name = `${family.replaceAll("-", "_")}_meal`;
-    const meal = this.prepared(name);
     const stage = this.stage(name);
     stage.give({ t_min, carbs_g, eating_min: 0 });
-    const shared = meal.view("shared");
     const found = new Float64Array(steps * total(functions[name].outputs));
     // Nothing appears before the meal.
     for (let i = Math.floor(t_min / step_min); i < steps; i++) {
-      shared[0] = i * step_min;
+      stage.shared[0] = i * step_min;
       stage.step();
       for (let j = 0; j < MOMENTS; j++) found[i * MOMENTS + j] = stage.outputs[j * lanes];
     }
@@ -263,17 +251,18 @@ export class Lab {
 
   /**
    * @param {Situation} situation that `checked` returned
-   * @param {number} [watch] sample about which the memory of the controller is told
    * @param {Body} [body] another person than the nominal patient
+   * @param {{memory?: boolean, normals?: ArrayLike<number>}} [asked] whether the trace tells what the controller keeps, and
+   *   other noise than that of the seed
    * @returns {Trace}
    */
-  simulate(situation, watch, body = this.data.patients[situation.patient]) {
+  simulate(situation, body = this.data.patients[situation.patient], asked = {}) {
     const { data } = this;
     const every = data.sample_time_min;
     const samples = Math.round(situation.duration_min / every);
     const inside = data.inside_min.length;
     const { lanes } = this.kernels;
-    const array = (/** @type {number} */ length) => new Array(length).fill(0);
+    const array = (/** @type {number} */ length) => new Array(length).fill(0.5);
     /** @type {Trace} */
     const trace = {
       t_min: array(samples),
@@ -285,10 +274,12 @@ export class Lab {
       fine_t_min: array(samples * inside + 1),
       fine_glucose_mg_dl: array(samples * inside + 1),
     };
+    trace.fine_t_min[0] = 0;
     trace.fine_glucose_mg_dl[0] = body.glucose_mg_dl;
     const loop = new LoopOfVector(this, situation);
-    loop.watch = watch;
-    loop.run(new Array(lanes).fill(body), (k, happened) => {
+    /** @type {Float64Array[]} */
+    const memory = [];
+    const tell = (/** @type {number} */ k, /** @type {Happened} */ happened) => {
       trace.t_min[k] = k * every;
       trace.glucose_mg_dl[k] = happened.glucose_mg_dl[0];
       trace.reading_mg_dl[k] = happened.reading_mg_dl[0];
@@ -299,8 +290,12 @@ export class Lab {
         trace.fine_t_min[k * inside + i + 1] = k * every + data.inside_min[i];
         trace.fine_glucose_mg_dl[k * inside + i + 1] = happened.inside_mg_dl[i * lanes];
       }
-    });
-    if (loop.watched !== undefined) trace.watched = loop.watched;
+      if (asked.memory) memory.push(loop.memory());
+    };
+    loop.begin(new Array(lanes).fill(body), asked.normals && new Array(lanes).fill(asked.normals));
+    if (asked.memory) memory.push(loop.memory());
+    loop.run(tell);
+    if (asked.memory) trace.memory = memory;
     return trace;
   }
 }
@@ -314,13 +309,17 @@ export function put(plant, people) {
   const { person } = plant.fields;
   const first = Object.keys(person).find((name) => name !== "matrices") ?? "";
   const [of_patient, of_matrices] = [plant.place(first), plant.place("matrices")];
-  people.forEach(({ numbers, matrices, x }, lane) => {
+  people.forEach(({ numbers, matrices, driven, x }, lane) => {
     plant.set(matrices, lane, of_matrices);
+    if (driven !== undefined) plant.set(driven, lane, of_matrices);
     plant.set(numbers, lane, of_patient);
     for (let i = 0; i < x.length; i++) plant.carry[i * plant.lanes + lane] = x[i];
   });
   plant.prepared.hold();
 }
+
+/** What stands for the draw of an onset that is given. */
+const DRAWN = 0.5;
 
 /** The loop of a situation for one vector of people after another. */
 export class LoopOfVector {
@@ -329,7 +328,8 @@ export class LoopOfVector {
    * @param {Situation} situation that `checked` returned
    */
   constructor(lab, situation) {
-    const { data } = lab;
+    const { data, kernels } = lab;
+    const { lanes } = kernels;
     this.lab = lab;
     this.situation = situation;
     this.patient = data.patients[situation.patient];
@@ -338,177 +338,175 @@ export class LoopOfVector {
     this.moments = lab.moments(situation, this.samples * this.steps);
     const name = situation.controller.replace("-", "_") + (situation.guard ? "_guarded" : "");
     const pump = ofPump(situation, data);
-    const faults = situation.faults.filter((fault) => data.faults[fault.name].part === "sensor");
     this.noise = situation.noise_variance > 0 ? lab.stage("noise") : null;
-    this.faults = faults.map((fault) => {
-      const of = ofFault(fault, data);
-      // Two faults of one kind have states of their own, and share the function's arrays.
-      return { ...of, start: lab.stage(`${of.name}_start`), stage: lab.stage(of.name), state: new Float64Array(0) };
-    });
+    this.faults = situation.faults
+      .filter((fault) => data.faults[fault.name].part === "sensor")
+      .map((fault, place) => {
+        const { name, numbers } = ofFault(fault, data);
+        return { numbers, start: lab.stage(`${name}_start`, place), stage: lab.stage(name, place) };
+      });
     this.start = lab.stage(`${name}_start`);
     this.controller = lab.stage(`${name}_step`);
     this.pumpStart = lab.stage(`${pump.name}_start`);
     this.pump = lab.stage(pump.name);
     this.plant = lab.plant(situation.patient);
-    this.numbers = lab.controllerNumbers(situation);
-    /** Sample about which the memory of the controller is told. @type {number | undefined} */
-    this.watch = undefined;
-    /** @type {{before: number[], after: number[]} | undefined} */
-    this.watched = undefined;
 
     this.noise?.give({ variance: situation.noise_variance, bound_mg_dl: 5 });
+    for (const { numbers, start, stage } of this.faults) for (const of of [start, stage]) of.give(numbers);
     for (const stage of [this.pumpStart, this.pump]) stage.give(pump.numbers);
-    for (const stage of [this.start, this.controller]) stage.give(this.numbers);
+    const numbers = lab.controllerNumbers(situation);
+    for (const stage of [this.start, this.controller]) stage.give(numbers);
+
+    /** Samples by which a reading is late, and the readings on their way. */
+    this.late = Math.round(situation.dead_time_min / data.sample_time_min);
+    this.line = new Float64Array(this.late * lanes);
+    this.glucose = new Float64Array(lanes);
+    this.reading = new Float64Array(lanes);
+    this.valid = new Float64Array(lanes);
+    this.reported = new Float64Array(lanes);
+    /** @type {ArrayLike<number>[]} */
+    this.normals = [];
   }
 
   /** What the controller keeps of the first person. */
   memory() {
     const { carry, lanes } = this.controller;
-    return Array.from({ length: carry.length / lanes }, (_, i) => carry[i * lanes]);
+    return Float64Array.from({ length: carry.length / lanes }, (_, i) => carry[i * lanes]);
   }
 
   /**
-   * Simulate one vector of people.
+   * Read glucose at a sample, through noise, dead time and faults.
+   * @param {number} k
+   * @param {boolean} moves whether the readings on their way move
+   */
+  read(k, moves) {
+    const { noise, faults, glucose, reading, valid, late, line, normals } = this;
+    const lanes = reading.length;
+    if (noise !== null) {
+      for (let lane = 0; lane < lanes; lane++) {
+        noise.own[lane] = glucose[lane];
+        noise.own[lanes + lane] = normals[lane][k];
+      }
+      noise.step();
+    }
+    const newest = noise === null ? glucose : noise.outputs;
+    const place = late > 0 ? (k % late) * lanes : 0;
+    for (let lane = 0; lane < lanes; lane++) {
+      valid[lane] = 1;
+      reading[lane] = late > 0 ? line[place + lane] : newest[lane];
+      if (late > 0 && moves) line[place + lane] = newest[lane];
+    }
+    for (const { stage } of faults) {
+      const { own, outputs } = stage;
+      for (let lane = 0; lane < lanes; lane++) {
+        own[lane] = reading[lane];
+        own[lanes + lane] = valid[lane];
+      }
+      stage.step();
+      for (let lane = 0; lane < lanes; lane++) {
+        reading[lane] = outputs[lane];
+        valid[lane] = outputs[lanes + lane];
+      }
+    }
+  }
+
+  /** Show a controller what was read, in the order of `Observation`. @param {Stage} stage */
+  observe({ own, lanes }) {
+    const { reading, valid, reported, patient } = this;
+    for (let lane = 0; lane < lanes; lane++) {
+      own[lane] = reading[lane];
+      own[lanes + lane] = valid[lane];
+      own[2 * lanes + lane] = patient.setpoint_mg_dl;
+      own[3 * lanes + lane] = reported[lane];
+      own[4 * lanes + lane] = 0;
+    }
+  }
+
+  /** Bring the faults of the sensor to their start. */
+  wake() {
+    const { faults, glucose } = this;
+    const lanes = glucose.length;
+    for (const { start, stage } of faults) {
+      for (let lane = 0; lane < lanes; lane++) {
+        start.own[lane] = glucose[lane];
+        start.own[lanes + lane] = DRAWN;
+      }
+      start.step();
+      stage.carry.set(start.outputs);
+    }
+  }
+
+  /**
+   * Begin with one vector of people.
    * @param {Body[]} people one for each lane
-   * @param {(sample: number, happened: Happened) => void} tell
    * @param {ArrayLike<number>[]} [normals] of each person, for the noise of the readings; those of the seed for all
    */
-  run(people, tell, normals) {
-    const { lab, situation, patient, samples, steps, noise, faults, start, controller, pumpStart, pump, plant } = this;
-    const { data, kernels } = lab;
-    const { lanes } = kernels;
-    const drawn = normals ?? new Array(lanes).fill(data.normals[situation.seed]);
-    const inside = data.inside[patient.family];
-    const each = (/** @type {(lane: number) => void} */ of) => {
-      for (let lane = 0; lane < lanes; lane++) of(lane);
-    };
-
+  begin(people, normals) {
+    const { lab, situation, patient, start, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
+    const { lanes } = lab.kernels;
+    this.normals = normals ?? new Array(lanes).fill(lab.data.normals[situation.seed]);
     put(plant, people);
     if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
       const name = `controller.${situation.guard ? "inner." : ""}basal_mU_min`;
       for (const stage of [start, controller]) {
-        each((lane) => stage.set([people[lane].basal_insulin_mU_min], lane, stage.place(name)));
+        people.forEach((person, lane) => stage.set([person.basal_insulin_mU_min], lane, stage.place(name)));
         stage.prepared.hold();
       }
     }
-
-    const glucose = new Float64Array(lanes);
-    const reading = new Float64Array(lanes);
-    const valid = new Float64Array(lanes);
-    const reported = new Float64Array(lanes);
-    const command = new Float64Array(lanes);
-    const late = Math.round(situation.dead_time_min / data.sample_time_min);
-    const line = new Float64Array(Math.max(1, late) * lanes);
-    each((lane) => {
+    for (let lane = 0; lane < lanes; lane++) {
       glucose[lane] = people[lane].glucose_mg_dl;
       reported[lane] = people[lane].basal_insulin_mU_min;
       for (let i = 0; i < late; i++) line[i * lanes + lane] = glucose[lane];
-    });
-
-    const wake = () => {
-      for (const fault of faults) {
-        fault.start.give(fault.numbers);
-        each((lane) => {
-          fault.start.own[lane] = glucose[lane];
-          fault.start.own[lanes + lane] = 0.5; // the draw of an onset that is given
-        });
-        fault.start.step();
-        fault.state = Float64Array.from(fault.start.outputs);
-      }
-    };
-    const read = (/** @type {number} */ k, /** @type {boolean} */ first) => {
-      if (noise === null) reading.set(glucose);
-      else {
-        each((lane) => {
-          noise.own[lane] = glucose[lane];
-          noise.own[lanes + lane] = drawn[lane][k];
-        });
-        noise.step();
-        each((lane) => (reading[lane] = noise.outputs[lane]));
-      }
-      if (late > 0) {
-        const place = (k % late) * lanes;
-        each((lane) => {
-          const newest = reading[lane];
-          reading[lane] = line[place + lane];
-          if (!first) line[place + lane] = newest;
-        });
-      }
-      valid.fill(1);
-      for (const fault of faults) {
-        const { stage } = fault;
-        stage.give(fault.numbers);
-        stage.carry.set(fault.state);
-        each((lane) => {
-          stage.own[lane] = reading[lane];
-          stage.own[lanes + lane] = valid[lane];
-        });
-        stage.step();
-        fault.state.set(stage.carry);
-        each((lane) => {
-          reading[lane] = stage.outputs[lane];
-          valid[lane] = stage.outputs[lanes + lane];
-        });
-      }
-    };
-    // As `Observation`: glucose, valid, setpoint, delivered rate, announced carbohydrate.
-    const observe = (/** @type {Stage} */ stage) =>
-      each((lane) => {
-        stage.own[lane] = reading[lane];
-        stage.own[lanes + lane] = valid[lane];
-        stage.own[2 * lanes + lane] = patient.setpoint_mg_dl;
-        stage.own[3 * lanes + lane] = reported[lane];
-        stage.own[4 * lanes + lane] = 0;
-      });
-
-    wake();
-    read(0, true);
-    observe(start);
+    }
+    this.wake();
+    this.read(0, false);
+    this.observe(start);
     start.step();
     controller.carry.set(start.outputs);
-    wake();
-    each((lane) => {
-      pumpStart.own[lane] = reported[lane];
-      if (pumpStart.own.length > lanes) pumpStart.own[lanes + lane] = 0.5;
-    });
+    this.wake();
+    pumpStart.own.fill(DRAWN);
+    pumpStart.own.set(reported);
     pumpStart.step();
     pump.carry.set(pumpStart.outputs);
+  }
 
-    const status = pump.outputs.subarray(2 * lanes);
-    const insulin = pump.outputs.subarray(0, lanes);
+  /**
+   * Simulate the vector of people that was begun with.
+   * @param {(sample: number, happened: Happened) => void} tell
+   */
+  run(tell) {
+    const { samples, steps, moments, controller, pump, plant, glucose, reported } = this;
+    const lanes = glucose.length;
+    const inside = this.lab.data.inside[this.patient.family];
     const within = new Float64Array(inside.length * lanes);
     const happened = {
       glucose_mg_dl: glucose,
-      reading_mg_dl: reading,
-      command_mU_min: command,
-      insulin_mU_min: insulin,
-      status,
+      reading_mg_dl: this.reading,
+      command_mU_min: controller.outputs,
+      insulin_mU_min: pump.outputs,
+      status: pump.outputs.subarray(2 * lanes),
       inside_mg_dl: within,
     };
     for (let k = 0; k < samples; k++) {
-      read(k, false);
-      observe(controller);
-      const before = k === this.watch ? this.memory() : undefined;
+      this.read(k, true);
+      this.observe(controller);
       controller.step();
-      if (before !== undefined) this.watched = { before, after: this.memory() };
-      pump.own.set(controller.outputs); // rate and status
-      for (let lane = 0; lane < lanes; lane++) command[lane] = controller.outputs[lane];
+      for (let i = 0; i < 2 * lanes; i++) pump.own[i] = controller.outputs[i]; // rate and status
       pump.step();
       for (let lane = 0; lane < lanes; lane++) {
         reported[lane] = pump.outputs[lanes + lane];
-        plant.own[lane] = insulin[lane];
+        plant.own[lane] = pump.outputs[lane];
       }
       for (let step = 0; step < steps; step++) {
         const at = (k * steps + step) * MOMENTS;
         for (let i = 0; i < MOMENTS; i++) {
-          for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = this.moments[at + i];
+          for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = moments[at + i];
         }
         plant.step();
         for (let i = 0; i < inside.length; i++) {
           if (inside[i][0] !== step) continue;
-          for (let lane = 0; lane < lanes; lane++) {
-            within[i * lanes + lane] = plant.outputs[(1 + inside[i][1]) * lanes + lane];
-          }
+          const from = (1 + inside[i][1]) * lanes;
+          for (let lane = 0; lane < lanes; lane++) within[i * lanes + lane] = plant.outputs[from + lane];
         }
       }
       tell(k, happened);

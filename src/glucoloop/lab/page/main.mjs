@@ -5,6 +5,7 @@ import { load } from "../../native/targets/wasm/kernels.mjs";
 import { fillTexts, say } from "./dom.mjs";
 import { fromLink, link } from "./links.mjs";
 import { Lab } from "./loop.mjs";
+import { Many } from "./many.mjs";
 import { Session } from "./session.mjs";
 import { usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
@@ -17,75 +18,82 @@ import { pictureView } from "./views/picture.mjs";
 import { shareView } from "./views/share.mjs";
 import { whyView } from "./views/why.mjs";
 
-/** Content of a part of the file, which start.js gives. @type {(id: string) => Promise<Uint8Array>} */
-const unpacked = /** @type {any} */ (globalThis).unpacked;
-
-fillTexts();
-const { content: version } = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=glucoloop-version]"));
-const [module, packed] = await Promise.all([unpacked("module"), unpacked("data")]);
-/** @type {import("./situation.mjs").Data} */
-const data = JSON.parse(new TextDecoder().decode(packed));
-const session = new Session(new Lab(await load(module, "float64"), data), data, version);
-const tryOnPeople = crowdView(session, new Lab(await load(module, "float64"), data));
-lessonsView();
-folderView(session);
-/** What follows a control at the next frame, and what may come a moment later. */
-const views = [pictureView(session), whyView(session), numbersView(session)];
-const later = [controlsView(session), shareView(session)];
+/**
+ * What start.js gives: the content of a part of the file, and a worker.
+ * @type {{unpacked: (id: string) => Promise<Uint8Array>, worker: () => Worker}}
+ */
+const { unpacked, worker } = /** @type {any} */ (globalThis);
+/** When the controls and the link follow the picture. */
 const LATER_MS = 60;
-let waiting = 0;
-let resting = 0;
 
-/** Show the run. */
-function show() {
-  for (const view of views) view();
-  clearTimeout(resting);
-  resting = setTimeout(showRest, LATER_MS);
-}
+export async function start() {
+  fillTexts();
+  const { content: version } = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=glucoloop-version]"));
+  const [module, packed] = await Promise.all([unpacked("module"), unpacked("data")]);
+  /** @type {import("./situation.mjs").Data} */
+  const data = JSON.parse(new TextDecoder().decode(packed));
+  const session = new Session(new Lab(await load(module, "float64"), data), data, version);
+  const tryOnPeople = crowdView(session, new Many({ module, data }, worker));
+  lessonsView();
+  folderView(session);
+  /** What follows a control at the next frame, and what may come a moment later. */
+  const views = [pictureView(session), whyView(session), numbersView(session)];
+  const later = [controlsView(session), shareView(session)];
+  let waiting = 0;
+  let resting = 0;
 
-/** Show the rest, and put the situation into the link, which takes a browser longer than everything else. */
-function showRest() {
-  for (const view of later) view();
-  history.replaceState(null, "", link(session.situation, session.units, data, version));
-}
-
-/** Take the situation of the link, or the usual one where the link tells none. */
-async function open() {
-  const { hash } = location;
-  if (hash.length < 2) return say(texts.ready);
-  try {
-    const found = fromLink(hash, data);
-    const lesson = lessonOf(hash);
-    session.change(found.situation);
-    if (!isOwn(hash)) session.show(found.units);
-    if (lesson !== undefined) {
-      putBeside(session, lesson);
-      if (lesson.people !== undefined) await tryOnPeople(lesson.people);
-      return say(lesson.text);
-    }
-    if (isOwn(hash)) return say(texts.ready);
-    const left_out = found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "";
-    if (found.version === null) say(texts.noVersion + left_out);
-    else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
-  } catch (error) {
-    if (!(error instanceof RangeError)) throw error;
-    session.change(usual(data));
-    say(texts.refusedLink(error.message), true);
+  /** Show the run. */
+  function show() {
+    for (const view of views) view();
+    clearTimeout(resting);
+    resting = setTimeout(showRest, LATER_MS);
   }
-}
 
-/** Show at the next frame, once for all changes until then. */
-function showSoon() {
-  cancelAnimationFrame(waiting);
-  waiting = requestAnimationFrame(show);
-}
+  /** Show the rest, and put the situation into the link, which takes a browser longer than everything else. */
+  function showRest() {
+    for (const view of later) view();
+    history.replaceState(null, "", link(session, data, version));
+  }
 
-await open();
-session.before.length = 0;
-show();
-showRest();
-session.onChange(showSoon);
-window.addEventListener("hashchange", open);
-window.addEventListener("resize", showSoon);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showSoon);
-document.documentElement.dataset.ready = "true";
+  /** Take the situation of the link, or the usual one where the link tells none. */
+  async function open() {
+    const { hash } = location;
+    if (hash.length < 2) return say(texts.ready);
+    try {
+      const found = fromLink(hash, data);
+      const lesson = lessonOf(hash);
+      session.person = found.person;
+      session.change(found.situation);
+      if (!isOwn(hash)) session.show(found.units);
+      if (lesson !== undefined) {
+        putBeside(session, lesson);
+        if (lesson.people !== undefined) await tryOnPeople(lesson.people);
+        return say(lesson.text);
+      }
+      if (isOwn(hash)) return say(texts.ready);
+      const left_out = found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "";
+      if (found.version === null) say(texts.noVersion + left_out);
+      else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
+    } catch (error) {
+      if (!(error instanceof RangeError)) throw error;
+      session.change(usual(data));
+      say(texts.refusedLink(error.message), true);
+    }
+  }
+
+  /** Show at the next frame, once for all changes until then. */
+  function showSoon() {
+    cancelAnimationFrame(waiting);
+    waiting = requestAnimationFrame(show);
+  }
+
+  await open();
+  session.before.length = 0;
+  show();
+  showRest();
+  session.onChange(showSoon);
+  window.addEventListener("hashchange", open);
+  window.addEventListener("resize", showSoon);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showSoon);
+  document.documentElement.dataset.ready = "true";
+}

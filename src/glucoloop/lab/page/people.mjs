@@ -1,188 +1,257 @@
 // @ts-check
-/** People of a population: the plant of each, and the state in which each rests, from the numbers that differ between them. */
+/**
+ * People of a population: each is drawn as `glucoloop.patients.population` draws him, has a plant of his own, and rests at the
+ * setpoint under a basal rate of his own.
+ */
 
 import { put } from "./loop.mjs";
 
 /** @typedef {import("./loop.mjs").Body} Body */
 /** @typedef {import("./loop.mjs").Lab} Lab */
 /** @typedef {import("./situation.mjs").Data} Data */
+/** @typedef {import("./situation.mjs").People} People */
 
 const TERMS = 12;
 const FACTORIAL = Array.from({ length: TERMS + 1 }, (_, k) => Array.from({ length: k }, (_, i) => i + 1).reduce((a, b) => a * b, 1));
-const MOST_ROUNDS = 60;
-/** Rounds in which derivatives are made again, and after how many they are later. */
-const FAR_ROUNDS = 3;
-const ROUNDS_OF_ONE = 10;
+const MOST_ROUNDS = 80;
 /** Relative change in a step at which a state rests. */
 const AT_REST = 1e-13;
 /** Relative step of the differences. */
 const STEP = 1e-6;
 const SMALL = 1e-3;
 
-/** Numbers that differ, a row for each person. @param {Data["people"]} of @returns {Float64Array} */
-function table(of) {
-  const bytes = Uint8Array.from(atob(of.table), (letter) => letter.charCodeAt(0));
-  return new Float64Array(bytes.buffer);
+const PARITY = 0x1bd11bda;
+const ROTATIONS = [[13, 15, 26, 6], [17, 29, 16, 24]];
+
+/**
+ * Uniform number between 0 and 1 of a person, by Threefry-2x32 as in `glucoloop.threefry`.
+ * @param {number} seed
+ * @param {number} word of the drawn quantity
+ * @param {number} person
+ */
+export function uniform(seed, word, person) {
+  const keys = [seed, word, seed ^ word ^ PARITY];
+  let [x, y] = [(person + seed) | 0, word | 0];
+  for (let group = 0; group < 5; group++) {
+    for (const rotation of ROTATIONS[group % 2]) {
+      x = (x + y) | 0;
+      y = ((y << rotation) | (y >>> (32 - rotation))) ^ x;
+    }
+    x = (x + keys[(group + 1) % 3]) | 0;
+    y = (y + keys[(group + 2) % 3] + group + 1) | 0;
+  }
+  return ((x >>> 0) * 2 ** 20 + (y >>> 12) + 0.5) * 2 ** -52;
+}
+
+/**
+ * The product of square matrices, row by row.
+ * @param {Float64Array} a
+ * @param {Float64Array} b
+ * @param {number} size
+ * @param {Float64Array} into neither of the two
+ */
+function product(a, b, size, into) {
+  for (let i = 0; i < size; i++)
+    for (let j = 0; j < size; j++) {
+      let sum = 0;
+      for (let k = 0; k < size; k++) sum += a[i * size + k] * b[k * size + j];
+      into[i * size + j] = sum;
+    }
 }
 
 /**
  * Matrices of a step of the driven block, as `glucoloop.simulation.driven_block` sums and doubles them.
  * @param {number[][]} rates A with b beside it, (d, d + 1) or with a row of zeros below
- * @param {Data["people"]} of
- * @returns {number[]} the step's end (d, d + 1), and the path at the nodes (3, d, d + 1)
+ * @param {People} of
+ * @returns {Float64Array} the step's end (d, d + 1), and the path at the nodes (3, d, d + 1)
  */
 export function driven(rates, { step_min, doublings, path }) {
   const size = rates[0].length;
-  const states = size - 1;
-  const X = Array.from({ length: size * size }, (_, i) => (rates[Math.floor(i / size)]?.[i % size] ?? 0) * (step_min / 2 ** doublings));
-  const times = (/** @type {number[]} */ a, /** @type {number[]} */ b) => {
-    const found = new Array(size * size).fill(0);
-    for (let i = 0; i < size; i++)
-      for (let k = 0; k < size; k++) {
-        const factor = a[i * size + k];
-        if (factor !== 0) for (let j = 0; j < size; j++) found[i * size + j] += factor * b[k * size + j];
-      }
-    return found;
-  };
-  const identity = X.map((_, i) => (i % (size + 1) === 0 ? 1 : 0));
-  let power = identity;
+  const all = size * size;
+  const matrix = () => new Float64Array(all);
+  const X = Float64Array.from({ length: all }, (_, i) => (rates[Math.floor(i / size)]?.[i % size] ?? 0) * (step_min / 2 ** doublings));
+  let [power, next] = [matrix(), matrix()];
+  for (let i = 0; i < size; i++) power[i * (size + 1)] = 1;
   /** e^X, and the moments of the path, by Taylor's series. */
-  let sums = [0, 1, 2, 3].map(() => new Array(size * size).fill(0));
+  let [E, m0, m1, m2] = [matrix(), matrix(), matrix(), matrix()];
   for (let k = 0; k <= TERMS; k++) {
-    const factors = [1, 1 / (k + 1), 1 / (k + 2), 1 / (k + 3)].map((factor) => factor / FACTORIAL[k]);
-    sums = sums.map((sum, n) => sum.map((value, i) => value + factors[n] * power[i]));
-    power = times(power, X);
+    const of = 1 / FACTORIAL[k];
+    for (let i = 0; i < all; i++) {
+      const term = of * power[i];
+      E[i] += term;
+      m0[i] += term / (k + 1);
+      m1[i] += term / (k + 2);
+      m2[i] += term / (k + 3);
+    }
+    product(power, X, size, next);
+    [power, next] = [next, power];
   }
+  const sum = matrix();
   for (let doubling = 0; doubling < doublings; doubling++) {
-    const [E, m0, m1, m2] = sums;
-    const next = (/** @type {number[]} */ own, /** @type {number[]} */ moved, /** @type {number} */ by) => {
-      const product = times(E, moved);
-      return own.map((value, i) => (value + product[i]) / by);
-    };
-    sums = [
-      times(E, E),
-      next(m0, m0, 2),
-      next(m1, m0.map((value, i) => value + m1[i]), 4),
-      next(m2, m0.map((value, i) => value + 2 * m1[i] + m2[i]), 8),
-    ];
+    for (let i = 0; i < all; i++) sum[i] = m0[i] + 2 * m1[i] + m2[i];
+    product(E, sum, size, next);
+    for (let i = 0; i < all; i++) m2[i] = (m2[i] + next[i]) / 8;
+    for (let i = 0; i < all; i++) sum[i] = m0[i] + m1[i];
+    product(E, sum, size, next);
+    for (let i = 0; i < all; i++) m1[i] = (m1[i] + next[i]) / 4;
+    product(E, m0, size, next);
+    for (let i = 0; i < all; i++) m0[i] = (m0[i] + next[i]) / 2;
+    product(E, E, size, next);
+    [E, next] = [next, E];
   }
-  const [E, ...moments] = sums.map((sum) => sum.slice(0, states * size));
-  return [...E, ...path.flatMap((row) => E.map((_, i) => row.reduce((sum, factor, n) => sum + factor * moments[n][i], 0)))];
+  const entries = size * (size - 1);
+  const found = new Float64Array(4 * entries);
+  found.set(E.subarray(0, entries));
+  path.forEach(([of0, of1, of2], row) => {
+    for (let i = 0; i < entries; i++) found[(row + 1) * entries + i] = of0 * m0[i] + of1 * m1[i] + of2 * m2[i];
+  });
+  return found;
 }
 
 /**
  * The people of the page at rest; each is made once.
  * @param {Lab} lab
- * @returns {(first: number) => Body[]} those of the vector that begins with a person; the last one fills it
+ * @returns {(first: number) => Body[]} those of the vector that begins with a person
  */
 export function peopleOf(lab) {
   const { data } = lab;
   const of = data.people;
   const nominal = data.patients[of.operating_point];
-  const rows = table(of);
-  const wide = of.places.length + of.entries.length;
   const { lanes } = lab.kernels;
+  const rest = new Rest(lab);
   /** @param {number} person @returns {Body} */
   const begun = (person) => {
-    const row = rows.subarray(person * wide, (person + 1) * wide);
+    const values = of.parameters.map(({ word, lower, width }) => lower + width * uniform(of.seed, word, person));
+    const value = (/** @type {import("./situation.mjs").Varied} */ [, parameter, a, b, c]) => (a + b * values[parameter]) / (1 + c * values[parameter]);
     const numbers = [...nominal.numbers];
-    of.places.forEach((place, i) => (numbers[place] = row[i]));
+    for (const number of of.numbers) numbers[number[0]] = value(number);
     const rates = of.rates.map((line) => [...line]);
-    of.entries.forEach(([i, j], n) => (rates[i][j] = row[of.places.length + n]));
-    const own = driven(rates, of);
-    // The basal rate is the last but one number of a patient, the setpoint the last.
-    return {
-      numbers,
-      matrices: [...own, ...nominal.matrices.slice(own.length)],
-      x: nominal.x,
-      basal_insulin_mU_min: numbers[numbers.length - 2],
-      glucose_mg_dl: nominal.glucose_mg_dl,
-    };
+    const wide = rates[0].length;
+    for (const rate of of.entries) rates[Math.floor(rate[0] / wide)][rate[0] % wide] = value(rate);
+    return { ...nominal, numbers, driven: driven(rates, of) };
   };
-  const rest = new Rest(lab);
   /** @type {Map<number, Body[]>} */
   const made = new Map();
   return (first) => {
-    let found = made.get(first);
-    if (found === undefined) {
-      found = Array.from({ length: lanes }, (_, lane) => begun(Math.min(first + lane, of.count - 1)));
-      rest.bring(found);
-      made.set(first, found);
-    }
+    const found = made.get(first) ?? rest.bring(Array.from({ length: lanes }, (_, lane) => begun(first + lane)));
+    made.set(first, found);
     return found;
   };
 }
 
 /**
- * Brings people to rest under their basal rates: Newton's method on a step of the plant, which leaves a state at rest as it
- * is. Close to rest the derivatives are kept.
+ * Brings people to rest at the setpoint: a step of the plant leaves the state as it is, and glucose is the setpoint. The
+ * unknowns, the state and the basal rate, are found by Broyden's method, which begins with the derivatives of the nominal
+ * patient: C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comput. 19(92), 1965.
  */
 class Rest {
   /** @param {Lab} lab */
   constructor(lab) {
-    this.plant = lab.plant(lab.data.people.operating_point);
+    const { data } = lab;
+    const nominal = data.patients[data.people.operating_point];
+    this.nominal = nominal;
+    this.plant = lab.plant(data.people.operating_point);
     this.lanes = lab.kernels.lanes;
-    /** Inverse derivatives, row by row. @type {Float64Array[][]} */
-    this.inverse = [];
+    this.size = nominal.x.length + 1;
+    /** Unknowns of the nominal patient, which are their units. */
+    this.scale = Float64Array.from([...nominal.x, nominal.basal_insulin_mU_min], (value) => SMALL + Math.abs(value));
+    this.begun = Float64Array.from([...nominal.x, nominal.basal_insulin_mU_min], (value, i) => value / this.scale[i]);
+    put(this.plant, new Array(this.lanes).fill(nominal));
+    const at = (/** @type {Float64Array} */ unknowns) => {
+      const gap = new Float64Array(this.size);
+      this.gaps(new Array(this.lanes).fill(unknowns), new Array(this.lanes).fill(gap));
+      return gap;
+    };
+    const here = at(this.begun);
+    const columns = Array.from(here, (_, j) => {
+      const there = at(this.begun.map((value, i) => (i === j ? value + STEP : value)));
+      return there.map((value, i) => (value - here[i]) / STEP);
+    });
+    this.inverse = inverted(columns);
   }
 
   /**
-   * A step from states of all people.
-   * @param {Float64Array[]} states
-   * @param {Body[]} people
+   * What is missing to rest at the setpoint, of each person.
+   * @param {Float64Array[]} unknowns
+   * @param {Float64Array[]} into
+   * @returns {number} the largest
    */
-  moved(states, people) {
-    const { plant, lanes } = this;
-    const inputs = plant.own.length / lanes;
-    states.forEach((x, lane) => {
-      for (let i = 0; i < x.length; i++) plant.carry[i * lanes + lane] = x[i];
-      plant.own[lane] = people[lane].basal_insulin_mU_min;
-      for (let i = 1; i < inputs; i++) plant.own[i * lanes + lane] = 0;
-    });
+  gaps(unknowns, into) {
+    const { plant, lanes, scale, size, nominal } = this;
+    const { own, carry, outputs } = plant;
+    const states = size - 1;
+    let largest = 0;
+    own.fill(0);
+    for (let lane = 0; lane < lanes; lane++) {
+      for (let i = 0; i < states; i++) carry[i * lanes + lane] = unknowns[lane][i] * scale[i];
+      own[lane] = unknowns[lane][states] * scale[states];
+    }
     plant.step();
-    return states.map((x, lane) => x.map((_, i) => plant.carry[i * lanes + lane]));
-  }
-
-  /** @param {Float64Array[]} states @param {Float64Array[]} after @param {Body[]} people */
-  differentiate(states, after, people) {
-    const columns = people.map(() => /** @type {Float64Array[]} */ ([]));
-    const n = states[0].length;
-    for (let j = 0; j < n; j++) {
-      const by = states.map((x) => STEP * (SMALL + Math.abs(x[j])));
-      const shifted = this.moved(states.map((x, lane) => x.map((value, i) => (i === j ? value + by[lane] : value))), people);
-      shifted.forEach((x, lane) => columns[lane].push(x.map((value, i) => (value - after[lane][i]) / by[lane] - (i === j ? 1 : 0))));
+    for (let lane = 0; lane < lanes; lane++) {
+      const gap = into[lane];
+      for (let i = 0; i < states; i++) gap[i] = carry[i * lanes + lane] / scale[i] - unknowns[lane][i];
+      gap[states] = outputs[lane] / nominal.setpoint_mg_dl - 1;
+      for (let i = 0; i < size; i++) largest = Math.max(largest, Math.abs(gap[i]));
     }
-    this.inverse = columns.map(inverted);
+    return largest;
   }
 
-  /** @param {Body[]} people of one vector; their state and glucose are set */
+  /** @param {Body[]} people of one vector, whose basal rates, states and glucose are set */
   bring(people) {
+    const { size, scale, begun } = this;
     put(this.plant, people);
-    const states = people.map(({ x }) => Float64Array.from(x));
+    const vectors = () => people.map(() => new Float64Array(size));
+    const [unknowns, inverse, gaps, moves, left] = [people.map(() => begun.slice()), people.map(() => this.inverse.slice()), vectors(), vectors(), vectors()];
+    this.gaps(unknowns, gaps);
     for (let round = 0; round < MOST_ROUNDS; round++) {
-      const after = this.moved(states, people);
-      const gap = states.map((x, lane) => x.map((value, i) => after[lane][i] - value));
-      const largest = Math.max(...gap.map((of, lane) => of.reduce((most, value, i) => Math.max(most, Math.abs(value) / (SMALL + Math.abs(states[lane][i]))), 0)));
-      if (largest < AT_REST) break;
-      if (round < FAR_ROUNDS || round % ROUNDS_OF_ONE === 0) this.differentiate(states, after, people);
-      states.forEach((x, lane) => {
-        const rows = this.inverse[lane];
-        for (let i = 0; i < x.length; i++) {
-          let change = 0;
-          for (let j = 0; j < x.length; j++) change += rows[i][j] * gap[lane][j];
-          x[i] -= change;
-        }
-      });
+      for (let lane = 0; lane < people.length; lane++) {
+        times(inverse[lane], gaps[lane], moves[lane]);
+        for (let i = 0; i < size; i++) unknowns[lane][i] -= moves[lane][i];
+      }
+      if (this.gaps(unknowns, gaps) < AT_REST) break;
+      for (let lane = 0; lane < people.length; lane++) {
+        times(inverse[lane], gaps[lane], left[lane]);
+        update(inverse[lane], moves[lane], left[lane]);
+      }
     }
-    this.moved(states, people);
     people.forEach((person, lane) => {
-      person.x = states[lane];
+      person.x = Float64Array.from({ length: size - 1 }, (_, i) => unknowns[lane][i] * scale[i]);
+      person.basal_insulin_mU_min = unknowns[lane][size - 1] * scale[size - 1];
+      // The basal rate is the last but one number of a patient, the setpoint the last.
+      /** @type {number[]} */ (person.numbers)[person.numbers.length - 2] = person.basal_insulin_mU_min;
       person.glucose_mg_dl = this.plant.outputs[lane];
     });
+    return people;
   }
 }
 
-/** Inverse of a matrix that is given by its columns. @param {Float64Array[]} columns @returns {Float64Array[]} rows */
+/** A matrix, row by row, times a vector. @param {Float64Array} matrix @param {Float64Array} vector @param {Float64Array} into */
+function times(matrix, vector, into) {
+  const n = vector.length;
+  for (let i = 0; i < n; i++) {
+    let sum = 0;
+    for (let j = 0; j < n; j++) sum += matrix[i * n + j] * vector[j];
+    into[i] = sum;
+  }
+}
+
+/**
+ * Broyden's update of inverse derivatives H after a move by -m, where t is H times the gap that is left:
+ * `H + t (m' H) / (m' (m - t))`.
+ * @param {Float64Array} H @param {Float64Array} m @param {Float64Array} t
+ */
+function update(H, m, t) {
+  const n = m.length;
+  const row = new Float64Array(n);
+  let length = 0;
+  for (let i = 0; i < n; i++) {
+    length += m[i] * (m[i] - t[i]);
+    for (let j = 0; j < n; j++) row[j] += m[i] * H[i * n + j];
+  }
+  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) H[i * n + j] += (t[i] * row[j]) / length;
+}
+
+/** Inverse of a matrix that is given by its columns. @param {Float64Array[]} columns @returns {Float64Array} row by row */
 function inverted(columns) {
   const n = columns.length;
   const rows = columns.map((_, i) => Float64Array.from({ length: 2 * n }, (_, j) => (j < n ? columns[j][i] : j === n + i ? 1 : 0)));
@@ -197,5 +266,16 @@ function inverted(columns) {
       if (i !== k && factor !== 0) for (let j = k; j < 2 * n; j++) rows[i][j] -= factor * rows[k][j];
     }
   }
-  return rows.map((row) => row.slice(n));
+  return Float64Array.from(rows.flatMap((row) => [...row.subarray(n)]));
+}
+
+/**
+ * One of the people.
+ * @param {Lab} lab
+ * @param {ReturnType<typeof peopleOf>} people
+ * @param {number} person
+ */
+export function personOf(lab, people, person) {
+  const lane = person % lab.kernels.lanes;
+  return people(person - lane)[lane];
 }

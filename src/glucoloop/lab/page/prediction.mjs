@@ -16,15 +16,14 @@
 /**
  * @param {Lab} lab
  * @param {Situation} situation
+ * @param {import("./loop.mjs").Trace} trace of the situation, with the memory of the controller
  * @param {number} sample
  * @returns {Prediction | null} null for a controller that does not predict
  */
-export function predicted(lab, situation, sample) {
+export function predicted(lab, situation, trace, sample) {
   const { controller, guard } = situation;
-  if (controller !== "mpc" && controller !== "mpc-se") return null;
-  const trace = lab.simulate(situation, sample);
-  const { watched } = trace;
-  if (watched === undefined) return null;
+  if (trace.memory === undefined || (controller !== "mpc" && controller !== "mpc-se")) return null;
+  const watched = { before: trace.memory[sample], after: trace.memory[sample + 1] };
   const prefix = guard ? "inner." : "";
   const numbers = lab.controllerNumbers(situation);
   const { carry } = lab.data.functions[`${controller.replace("-", "_")}${guard ? "_guarded" : ""}_step`];

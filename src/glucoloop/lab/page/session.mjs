@@ -1,6 +1,8 @@
 // @ts-check
 /** What the page has at the moment: the situation with its run, runs that are pinned, units, and what undo goes back to. */
 
+import { normalsOf } from "./many.mjs";
+import { peopleOf, personOf } from "./people.mjs";
 import { predicted } from "./prediction.mjs";
 import { checked, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
@@ -28,10 +30,16 @@ export class Session {
     this.version = version;
     this.situation = usual(data);
     /** @type {Run} */
-    this.run = { name: texts.now, situation: this.situation, trace: lab.simulate(this.situation) };
+    this.run = this.simulated(this.situation);
     /** @type {Run[]} */
     this.pinned = [];
     this.units = usualUnits();
+    /** The people of the page. */
+    this.peopleHere = peopleOf(lab);
+    /** Number of the person who is followed. @type {number | null} */
+    this.person = null;
+    /** His run in the present situation. @type {Run | null} */
+    this.following = null;
     /** Percentiles of people that lie behind the runs. @type {import("./configuration.mjs").Percentiles | null} */
     this.people = null;
     /** Sample that is explained. @type {number | null} */
@@ -47,7 +55,7 @@ export class Session {
 
   /** What the controller of the present run expected at the moment that is explained; null if it does not predict. */
   get prediction() {
-    return this.moment === null ? null : predicted(this.lab, this.situation, this.moment);
+    return this.moment === null ? null : predicted(this.lab, this.situation, this.run.trace, this.moment);
   }
 
   /** Where the picture ends: with the longest of what is drawn. */
@@ -57,7 +65,31 @@ export class Session {
   }
 
   get runs() {
-    return [this.run, ...this.pinned];
+    return [this.run, ...(this.following === null ? [] : [this.following]), ...this.pinned];
+  }
+
+  /** The present run of the nominal patient. @param {Situation} situation @returns {Run} */
+  simulated(situation) {
+    return { name: texts.now, situation, trace: this.lab.simulate(situation, undefined, { memory: true }) };
+  }
+
+  /**
+   * The run of the person who is followed, if there is one who lives in the situation.
+   * @param {Situation} situation
+   * @returns {Run | null}
+   */
+  ofPerson(situation) {
+    const { lab, data, person } = this;
+    if (person === null || situation.patient !== data.people.operating_point) return null;
+    const trace = lab.simulate(situation, personOf(lab, this.peopleHere, person), { normals: normalsOf(data, situation, person) });
+    return { name: texts.person(person), situation, trace };
+  }
+
+  /** Follow a person through all that is changed from now on. @param {number | null} person */
+  follow(person) {
+    this.person = person;
+    this.following = this.ofPerson(this.situation);
+    this.changed();
   }
 
   /** Call a function after each change. @param {() => void} listener */
@@ -88,10 +120,11 @@ export class Session {
   /** @param {Situation} situation */
   take(situation) {
     const next = checked(situation, this.data);
-    const trace = this.lab.simulate(next);
+    const [run, following] = [this.simulated(next), this.ofPerson(next)];
     this.situation = next;
-    this.run = { name: texts.now, situation: next, trace };
-    if (this.moment !== null) this.moment = Math.min(this.moment, trace.t_min.length - 1);
+    this.run = run;
+    this.following = following;
+    if (this.moment !== null) this.moment = Math.min(this.moment, run.trace.t_min.length - 1);
   }
 
   undo() {
@@ -112,6 +145,7 @@ export class Session {
 
   /** @param {Run} run */
   unpin(run) {
+    if (run === this.following) return this.follow(null);
     this.pinned = this.pinned.filter((other) => other !== run);
     this.changed();
   }

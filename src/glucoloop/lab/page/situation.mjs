@@ -60,14 +60,19 @@
  */
 
 /**
+ * Place of a number of a person, and a parameter v of the person of which it is `(a + b v) / (1 + c v)`.
+ * @typedef {[number, number, number, number, number]} Varied
+ */
+
+/**
  * @typedef {object} People whom the page can simulate beside the nominal patient
  * @property {string} population
  * @property {number} seed
  * @property {string} operating_point around which they are drawn
- * @property {number} count
- * @property {number[]} places of the numbers of a patient that differ
- * @property {[number, number][]} entries of the rates that differ
- * @property {string} table numbers and rates of each person, in base64
+ * @property {number} count the most that are simulated at once
+ * @property {{word: number, lower: number, width: number}[]} parameters that are drawn uniformly
+ * @property {Varied[]} numbers of a patient that differ
+ * @property {Varied[]} entries of the rates that differ
  * @property {number[][]} rates of the driven block of the nominal patient
  * @property {number} doublings
  * @property {number} step_min

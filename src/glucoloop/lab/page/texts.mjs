@@ -160,6 +160,7 @@ export const texts = {
   peopleElsewhere: (/** @type {string} */ point) => `The people are drawn around ${point}; choose that operating point to try a tuning on them`,
   peopleTold: (/** @type {number} */ count, /** @type {number} */ low, /** @type {number} */ very_low) =>
     `Of ${count} people ${low} come below 70 mg/dl, and ${very_low} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
+  noWorkers: "This browser allows the page no workers, so that the people were simulated one after another.",
   points: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {typeof import("./crowd.mjs").RULE} */ rule) =>
     `${score.points.toFixed(2)} points. The rule: the mean part of the time from 70 to 180 mg/dl, in % (${score.in_range_pct.toFixed(2)}), ` +
     `less ${rule.below_70_pct} times that below 70 (${score.below_70_pct.toFixed(2)}), ` +

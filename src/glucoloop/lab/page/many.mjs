@@ -1,0 +1,143 @@
+// @ts-check
+/** Many people in one situation, simulated a few at a time by workers, or by the page itself where it may have none. */
+
+import { Crowd } from "./crowd.mjs";
+import { LoopOfVector } from "./loop.mjs";
+
+/** @typedef {import("./loop.mjs").Lab} Lab */
+/** @typedef {import("./loop.mjs").Body} Body */
+/** @typedef {import("./situation.mjs").Situation} Situation */
+/** @typedef {import("./situation.mjs").Data} Data */
+
+/** People whom a worker simulates before it tells of them, and those whom the page does between two answers. */
+const AT_A_TIME = 24;
+const FEW = 8;
+const MOST_WORKERS = 8;
+
+/**
+ * Normal numbers of the noise of a person's sensor: the page has those of ten seeds, which people share.
+ * @param {Data} data
+ * @param {Situation} situation
+ * @param {number} person
+ */
+export function normalsOf(data, { seed }, person) {
+  return data.normals[(seed + person) % data.normals.length];
+}
+
+/**
+ * Some people in a situation.
+ * @param {Lab} lab
+ * @param {(first: number) => Body[]} people
+ * @param {Situation} situation
+ * @param {number} first a multiple of the vectors' length
+ * @param {number} count
+ * @returns {Crowd}
+ */
+export function some(lab, people, situation, first, count) {
+  const { data } = lab;
+  const { lanes } = lab.kernels;
+  const inside = data.inside_min.length;
+  const later = new Float64Array(inside);
+  const crowd = new Crowd(count, Math.round(situation.duration_min / data.sample_time_min), data.sample_time_min);
+  const loop = new LoopOfVector(lab, situation);
+  for (let begin = 0; begin < count; begin += lanes) {
+    const vector = people(first + begin);
+    loop.begin(
+      vector,
+      vector.map((_, lane) => normalsOf(data, situation, first + begin + lane)),
+    );
+    loop.run((k, happened) => {
+      for (let lane = 0; lane < lanes && begin + lane < count; lane++) {
+        for (let i = 0; i < inside; i++) later[i] = happened.inside_mg_dl[i * lanes + lane];
+        crowd.add(begin + lane, k, happened.glucose_mg_dl[lane], later, happened.insulin_mU_min[lane]);
+      }
+    });
+  }
+  return crowd;
+}
+
+/** Simulates people; what is asked last is done, and what was asked before is left. */
+export class Many {
+  /**
+   * @param {{module: Uint8Array, data: Data}} given to each worker
+   * @param {() => Worker} worker makes one, or throws
+   */
+  constructor(given, worker) {
+    this.given = given;
+    this.make = worker;
+    /** @type {Worker[] | null} */
+    this.workers = null;
+    this.asked = 0;
+  }
+
+  /** Workers, made at the first need; none if the browser refuses them. */
+  async begun() {
+    if (this.workers !== null) return this.workers;
+    const { given, make } = this;
+    const count = Math.min(MOST_WORKERS, globalThis.navigator?.hardwareConcurrency ?? 2);
+    /** @param {unknown} _ @returns {Promise<Worker>} */
+    const made = (_) =>
+      new Promise((resolve, reject) => {
+        const worker = make();
+        worker.onmessage = () => resolve(worker);
+        worker.onerror = reject;
+        worker.postMessage(given);
+      });
+    try {
+      this.workers = await Promise.all(Array.from({ length: count }, made));
+    } catch {
+      this.workers = [];
+    }
+    return this.workers;
+  }
+
+  /**
+   * @param {Situation} situation
+   * @param {number} count
+   * @param {(done: number) => void} progress
+   * @param {() => {lab: Lab, people: (first: number) => Body[]}} here what the page itself simulates with
+   * @returns {Promise<Crowd | null>} null if others were asked for meanwhile
+   */
+  async simulate(situation, count, progress, here) {
+    const own = ++this.asked;
+    const { sample_time_min } = this.given.data;
+    const crowd = new Crowd(count, Math.round(situation.duration_min / sample_time_min), sample_time_min);
+    let [next, done] = [0, 0];
+    /** @param {number} size @param {(first: number, count: number) => Promise<Crowd>} simulated */
+    const work = async (size, simulated) => {
+      while (next < count && own === this.asked) {
+        const first = next;
+        next += size;
+        const part = await simulated(first, Math.min(size, count - first));
+        if (own !== this.asked) return;
+        crowd.join(part, first);
+        done += part.people;
+        progress(done);
+      }
+    };
+    const workers = await this.begun();
+    if (workers.length) await Promise.all(workers.map((worker) => work(AT_A_TIME, (first, count) => answered(worker, { situation, first, count }))));
+    else {
+      const { lab, people } = here();
+      await work(FEW, async (first, count) => {
+        await new Promise((resolve) => setTimeout(resolve));
+        return some(lab, people, situation, first, count);
+      });
+    }
+    return own === this.asked ? crowd : null;
+  }
+
+  /** Leave what was asked for. */
+  stop() {
+    this.asked += 1;
+  }
+}
+
+/** What a worker answers to a request. @param {Worker} worker @param {unknown} request @returns {Promise<any>} */
+function answered(worker, request) {
+  return new Promise((resolve, reject) => {
+    worker.addEventListener("message", ({ data }) => resolve(data), { once: true });
+    worker.onerror = reject;
+    worker.postMessage(request);
+  });
+}
