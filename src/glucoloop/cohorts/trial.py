@@ -63,8 +63,6 @@ class Trial(Situation):
     traces: Literal["none", "all"] | int = "none"
     """People whose glucose and insulin over time are kept: none, all, or a number of the first ones."""
     shard_people: int = SHARD_PATIENT_DAYS
-    allow_unusual: bool = False
-    """Whether unusual values were confirmed; no result depends on it."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.people <= MOST_PEOPLE:
@@ -135,7 +133,7 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0) -> i
 def plain(trial: Trial) -> dict[str, Any]:
     """Plain values of everything on which the results depend."""
     values = dataclasses.asdict(trial)
-    del values["allow_unusual"]
+    del values["allow_unusual"]  # no result depends on it
     return {**values, "format": FORMAT}
 
 

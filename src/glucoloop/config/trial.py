@@ -104,7 +104,6 @@ def read_trial(
         arithmetic=own.arithmetic,
         design=own.design,
         traces=traces,
-        allow_unusual=situation.allow_unusual,
         shard_people=own.shard_people
         or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0),
     )

@@ -23,6 +23,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
+from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import PREFIX
@@ -132,11 +133,12 @@ def design_of(
     ValueError
         If the controller cannot be designed.
     """
-    patient = situation.nominal if patient is None else patient
     entry = controller_entry(case.controller)
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
     if entry.uses_model and model is None:
-        model = identified_model(situation, case, patient).model
+        identified = nominal_model(situation, case) if patient is None else identified_model(situation, case, patient)
+        model = identified.model
+    patient = situation.nominal if patient is None else patient
     design = SituationDesignCase(
         patient=patient,
         model=model if model is None or model_is_late else model.delayed(known_samples),
@@ -154,6 +156,27 @@ def design_of(
         return with_guard(controller, case.guard, situation.limits)
 
     return designed
+
+
+def nominal_model(situation: Situation, case: Case) -> Identification:
+    """The model of a case, identified from the nominal patient.
+
+    Raises
+    ------
+    ValueError
+        If the experiment is not possible, or if no controller should be designed on the model and that is not allowed.
+    """
+    found = identified_model(situation, case, situation.nominal)
+    doubts = found.doubts()
+    if doubts and not situation.allow_unusual:
+        variance = case.model_noise_variance
+        noise = f"with noise of variance {variance:g}" if variance else "without noise"
+        raise ValueError(
+            f"no controller should be designed on the model that is identified {noise}. {' '.join(doubts)} "
+            "Identify it with less noise (--model-noise, or model_noise_variance in a file), "
+            f"or {CONFIRM_OPTION} to use it all the same"
+        )
+    return found
 
 
 def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:

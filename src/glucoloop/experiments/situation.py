@@ -63,6 +63,8 @@ class Situation:
     """Metrics that are computed beside the usual ones; see `registry.metrics`."""
     sample_time_min: float = 5.0
     seed: int = 0
+    allow_unusual: bool = False
+    """Whether unusual values were confirmed, and models whose gain is in doubt."""
 
     @property
     def miscounts(self) -> bool:

@@ -15,7 +15,7 @@ from glucoloop.config.run import Run
 from glucoloop.control import Controller
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of, identified_model
+from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.experiments.situation import Situation
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.plausible import CONFIRM_OPTION
@@ -102,7 +102,7 @@ def model_for(run: Run, situation: Situation) -> ModelFile | None:
         return None
     if case.model is not None:
         return _given_model(Path(case.model), run.situation, case)
-    identification = identified_model(situation, case.case(), situation.nominal)
+    identification = nominal_model(situation, case.case())
     settings = {key: getattr(case, key) for key in IDENTIFICATION_KEYS}
     variance = settings["model_noise_variance"]
     noise = f"with noise of variance {variance:g}" if variance else "free of noise"

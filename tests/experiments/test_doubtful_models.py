@@ -1,0 +1,23 @@
+"""A controller is not designed on a model whose gain is in doubt, unless that is allowed."""
+
+import dataclasses
+
+import pytest
+
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.designs import controller_of, nominal_model
+from glucoloop.experiments.situation import usual_situation
+
+NOISY = dataclasses.replace(usual_situation(), noise_variance=25.0, noise_bound_mg_dl=30.0, seed=1)
+
+
+def test_a_gain_that_noise_has_made_doubtful_is_refused_with_the_mend():
+    case = usual_case("mpc", NOISY)
+    with pytest.raises(ValueError, match=r"identified with noise of variance 25\. The gain is .*--model-noise"):
+        controller_of(NOISY, case)
+    assert nominal_model(dataclasses.replace(NOISY, allow_unusual=True), case).doubts()
+
+
+def test_without_noise_there_is_no_doubt():
+    quiet = dataclasses.replace(NOISY, noise_variance=0.0)
+    assert not nominal_model(quiet, usual_case("mpc", quiet)).doubts()
