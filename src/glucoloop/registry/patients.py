@@ -168,7 +168,6 @@ _UNDER_THE_SKIN: Final[dict[str, Any]] = {
     "insulin_route": SUBCUTANEOUS,
     # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
     # would hide half of the gain.
-    "pulse_mU_min": 6.5,
     "memory_min": 1440.0,
     "laguerre_pole": 0.98,
     "laguerre_functions": 4,
@@ -212,6 +211,7 @@ PATIENTS: Final = Catalogue(
             populations={
                 "boiroux2017": "sixteen constants that differ as in the virtual people of Boiroux et al. (2017)",
             },
+            pulse_mU_min=6.5,
             **_UNDER_THE_SKIN,
         ),
         PatientEntry(
@@ -222,6 +222,7 @@ PATIENTS: Final = Catalogue(
             populations={
                 "wilinska2010": "ten constants that differ as in the virtual people of Wilinska et al. (2010)",
             },
+            pulse_mU_min=14.5,
             **_UNDER_THE_SKIN,
         ),
     ),
