@@ -61,34 +61,36 @@ def loops_faults():
 
 @pytest.fixture(scope="session")
 def corpus(data):
-    """Generated situations: every controller, fault and patient, with and without a guard, and limits of their own."""
+    """Generated situations: every family, controller and fault, with and without a guard, and limits of their own."""
     import numpy as np
 
     rng, found = np.random.default_rng(17), []
-    for i in range(208):
-        controller = list(data["controllers"])[i % 4]
+    families = list(data["families"])
+    for i in range(216):
+        family = data["families"][families[i // 8 % len(families)]]
+        patients = [name for name, of in data["patients"].items() if data["families"][of["family"]] is family]
+        controller = list(family["controllers"])[i % 4]
         noisy, guard = bool(rng.integers(2)), bool(i // 4 % 2)
-        settings = data["controllers"][controller]["settings"]
+        settings = family["controllers"][controller]["settings"]
         tuning = {}
         for name in rng.permutation(list(settings))[: rng.integers(0, 3)].tolist():
             of = settings[name]
             value = rng.uniform(of["least"], of["most"])
             tuning[name] = round(value) if of["whole"] else round(float(value), 2)
-        moves, seen = tuning.get("move_horizon", 2), tuning.get("prediction_horizon", 24)
-        if moves > seen:
+        if tuning.get("move_horizon", 2) > tuning.get("prediction_horizon", 24):
             tuning["prediction_horizon"] = 24
-        if moves > 2 and tuning.get("move_weight", 1.0) < 0.5:
+        if tuning.get("move_horizon", 2) > 2 and tuning.get("move_weight", 1.0) < 0.5:
             tuning["move_weight"] = 0.5
         if tuning.get("derivative_time_min", 0.0) < 0.0:
             tuning["derivative_time_min"] = -1.0
-        told = rng.permutation(list(data["guard_limits"]))[: rng.integers(0, 4) if guard else 0].tolist()
+        told = rng.permutation(list(family["guard_limits"]))[: rng.integers(0, 4) if guard else 0].tolist()
         found.append(
             {
-                "patient": list(data["patients"])[i % 3],
+                "patient": patients[i // 24 % len(patients)],
                 "controller": controller,
                 "tuning": tuning,
                 "guard": guard,
-                "guard_limits": {name: drawn(data["guard_limits"][name], rng) for name in told},
+                "guard_limits": {name: drawn(family["guard_limits"][name], rng) for name in told},
                 "pump_limits": {"max_insulin_mU_min": 45.0, "max_change_mU_min": 8.0} if i % 10 == 7 else {},
                 "faults": [
                     faulty(name, data["faults"][name], rng, (controller, guard) == NOTICED)

@@ -19,7 +19,7 @@ from glucoloop.lab.pack import DATA, MODULE, PAGE, _as_function, page
 from glucoloop.native.targets.wasm.module import HOST
 
 USUAL = {
-    "patient": "setpoint-81",
+    "patient": "parker-1999/setpoint-81",
     "controller": "mpc",
     "tuning": {},
     "guard": False,
@@ -157,8 +157,12 @@ def test_each_preset_is_a_situation_of_its_own(in_node):
 
 LINKS = {
     "#controller=fuzzy": "the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se",
-    "#operating_point=__proto__": "the patient is '__proto__'; the known ones are: setpoint-81",
-    "#patient=hovorka-2004": "the patient is 'hovorka-2004'; the known ones are: parker-1999",
+    "#operating_point=__proto__": "the operating point of parker-1999 is '__proto__'; the known ones are: setpoint-81",
+    "#patient=constructor": "the patient is 'constructor'; the known ones are: parker-1999, hovorka-2004, wilin",
+    "#patient=hovorka-2004&operating_point=setpoint-81": (
+        "the operating point of hovorka-2004 is 'setpoint-81'; the known ones are: fasting-120"
+    ),
+    "#patient=parker-1999&prediction_horizon=30": "prediction horizon is 30; give a whole number from 1 to 24",
     "#duration_min=12345": "the length is 12345 min; give a multiple of 5 min from 30 to 1440 min",
     "#duration_min=601": "the length is 601 min; give a multiple of 5 min",
     "#meals=50": "a meal is '50'; write it like 50g@60min",

@@ -22,18 +22,17 @@ from glucoloop.experiments.faulty import put_around
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
-from glucoloop.lab.body import FAMILIES, SAMPLE_TIME_MIN, STEP_MIN, STEPS, adjusted, example_person, meal_part
+from glucoloop.lab.body import FAMILIES, SAMPLE_TIME_MIN, STEPS, adjusted, example_person
+from glucoloop.lab.controllers import adjustable
 from glucoloop.lab.numbers import numbers
 from glucoloop.lab.pack import MODULE
 from glucoloop.lab.part import starting
-from glucoloop.lab.parts import LONGEST_HORIZON, adjustable, parts
+from glucoloop.lab.parts import parts
 from glucoloop.metrics import summarise
 from glucoloop.models.state_space import LinearModel
-from glucoloop.models.step_response import StepResponseModel
+from glucoloop.models.step_response import Realisation, StepResponseModel
 from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.llvm.kernel import compile_kernel
-from glucoloop.native.targets.products import STRICT
 from glucoloop.native.targets.wasm.module import linker
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
@@ -43,21 +42,22 @@ from glucoloop.registry.faults import fault, fault_entry
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
+from page_loops import TRACED, Loops, by_jax, numbers_of, side_by_side
 
-FAMILY = FAMILIES[0]
-LINEAR = ("Phi", "Gamma", "C", "insulin_mU_min", "glucose_mg_dl")
+ARRAYS = ("Phi", "Gamma", "C")
 LONG_TEXT = 10_000
 SENTENCE = "the page's module is not made of these definitions; make it anew: python -m glucoloop.lab.build"
 
 
 class Definition:
-    """Loops of one controller as glucoloop defines a sample, lowered in one piece, with the numbers of the page."""
+    """Loops of one family and controller as glucoloop defines a sample, lowered in one piece."""
 
-    def __init__(self, name, guard, data, loops):
-        self.adjustable, self.data, self.loops = adjustable(name, guard=guard), data, loops
+    def __init__(self, family, name, guard, data, loops):
+        self.family, self.adjustable, self.data = family, adjustable(name, family, guard=guard), data
+        self.loops = loops
         self.people = [self.person(*loop) for loop in loops]
-        example = {**self.people[0], **example_person(FAMILY)}
-        x, zero = jnp.zeros(len(data["patients"]["setpoint-81"]["x"])), jnp.zeros(())
+        example = {**self.people[0], **example_person(family)}
+        x, zero = jnp.asarray(self.of(loops[0][0])["x"]), jnp.zeros(())
         key = jax.random.key(0)
 
         def start(person, own, rng):
@@ -80,25 +80,24 @@ class Definition:
         rng = (key, jnp.zeros((), int))
         self.step = lower(step, example, state, moments, (), rng, as_written=True)
 
+    def of(self, situation):
+        return self.data["patients"][situation["patient"]]
+
     def person(self, situation, answer, around):
-        """Numbers of a person as a tree; `left` of a compression is the page's, which another library rounds."""
-        of = self.data["patients"][situation["patient"]]
+        """Numbers of a person as a tree."""
+        of = self.of(situation)
         numbers = {key: np.nan if value is None else value for key, value in answer["numbers"].items()}
-        left = [fault["left"] for fault in answer["faults"] if "left" in fault]
-        sensor = jax.tree_util.tree_map_with_path(
-            lambda path, leaf: left[0] if left and str(path[-1]) == ".left" else leaf, around.sensor
-        )
         return {
             "patient": [jnp.asarray(number) for number in of["numbers"]],
             "matrices": jnp.asarray(of["matrices"]),
             "controller": filled(self.adjustable.numbers, numbers),
-            "sensor": jax.tree.map(jnp.asarray, sensor),
+            "sensor": jax.tree.map(jnp.asarray, around.sensor),
             "pump": jax.tree.map(jnp.asarray, around.pump),
             "setpoint_mg_dl": jnp.asarray(of["setpoint_mg_dl"]),
         }
 
     def loop(self, person):
-        patient, matrices = adjusted(FAMILY, person)
+        patient, matrices = adjusted(self.family, person)
         steps = matrices.dense.shape[1] // STEPS
         dense = matrices.dense.reshape(STEPS, steps, *matrices.dense.shape[2:])
         return Loop(
@@ -114,8 +113,8 @@ class Definition:
 
     def run(self, moments):
         """Traces ``(samples, people)`` by the interpreter of scalar programs."""
-        people = np.array([np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(p)]) for p in self.people]).T
-        of = [self.data["patients"][situation["patient"]] for situation, _, _ in self.loops]
+        people = side_by_side(map(numbers_of, self.people))
+        of = [self.of(situation) for situation, _, _ in self.loops]
         normals = np.array([self.data["normals"][situation["seed"]] for situation, _, _ in self.loops])
         rest = np.array([[patient["basal_insulin_mU_min"], *patient["x"]] for patient in of]).T
         drawings = [self.start.drawing(random_key(situation["seed"])) for situation, _, _ in self.loops]
@@ -127,7 +126,7 @@ class Definition:
         _, carry = interpret(self.start, person=people, own=np.concatenate([rest, drawn]))
         traces = []
         for k in range(moments.shape[0]):
-            own = np.concatenate([moments[k], normals[:, k][None]])
+            own = np.concatenate([moments[k].reshape(-1, len(self.loops)), normals[:, k][None]])
             carry, outputs = interpret(self.step, person=people, carry=carry, own=own)
             traces.append(outputs)
         return np.array(traces)
@@ -145,23 +144,6 @@ def filled(tree, numbers):
     return jax.tree_util.tree_map_with_path(of, tree)
 
 
-def moments_of(part, situations, steps):
-    """Moments of the meals of each situation, ``(steps, numbers, situations)``."""
-    meals = [(column, meal) for column, situation in enumerate(situations) for meal in situation["meals"]]
-    kernel = compile_kernel(part.lowered, products=STRICT)
-    columns, sizes = kernel.padded(len(meals)), kernel.sizes
-    person = np.zeros((sizes["person"], columns))
-    for row, name in enumerate(part.names["person"]):
-        person[row, : len(meals)] = [{**meal, "eating_min": 0.0}[name] for _, meal in meals]
-    shared = STEP_MIN * np.arange(steps)[:, None]
-    outputs = np.zeros((steps, sizes["outputs"], columns))
-    kernel.run(person, np.zeros((0, columns)), np.zeros((steps, 0, columns)), shared, outputs)
-    total = np.zeros((steps, sizes["outputs"], len(situations)))
-    for i, (column, _) in enumerate(meals):
-        total[:, :, column] += outputs[:, :, i]
-    return total
-
-
 @pytest.fixture(scope="session")
 def answers(corpus, in_node):
     found = in_node(corpus)
@@ -171,38 +153,80 @@ def answers(corpus, in_node):
     return found
 
 
-def groups(corpus):
-    """Numbers of the situations of each controller, guarded or not."""
-    found = {}
-    for i, situation in enumerate(corpus):
-        found.setdefault((situation["controller"], situation["guard"]), []).append(i)
-    return found
-
-
 @pytest.fixture(scope="session")
 def of_page():
     """The functions of the page, lowered now."""
     return parts()
 
 
-@pytest.mark.long
-def test_the_page_has_the_bits_of_portable_arithmetic(corpus, answers, data, runs, loops_faults):
-    meal = meal_part(FAMILY)
-    for (name, guard), here in groups(corpus).items():
+@pytest.fixture(scope="session")
+def groups(corpus, data):
+    """Numbers of the situations of each family and controller, guarded or not."""
+    found = {}
+    for i, situation in enumerate(corpus):
+        family = data["patients"][situation["patient"]]["family"]
+        found.setdefault((family, situation["controller"], situation["guard"]), []).append(i)
+    assert len(found) == 8 * len(FAMILIES)
+    return found
+
+
+@pytest.fixture(scope="session")
+def arounds(runs, answers, loops_faults):
+    """Sensor and pump of each run; `left` of a compression is the page's, which another library rounds."""
+    found = []
+    for run, answer in zip(runs, answers, strict=True):
+        around = surroundings(run, *loops_faults[run.case.controller, run.case.guard])
+        left = [fault["left"] for fault in answer["faults"] if "left" in fault]
+        own = jax.tree_util.tree_map_with_path(
+            lambda path, leaf, left=left: left[0] if left and str(path[-1]) == ".left" else leaf, around.sensor
+        )
+        found.append(dataclasses.replace(around, sensor=own))
+    return found
+
+
+@pytest.fixture(scope="session")
+def loops(groups, answers, arounds, data, of_page, loops_faults):
+    """Loops of each group, of the functions of the page."""
+    found = {}
+    for which, here in groups.items():
+        _, controller, guard = which
+        names, noticed = loops_faults[controller, guard]
+        faults = [fault(name, idle(name, noticed)) for name in names]
         asked = [answers[i] for i in here]
         situations = [answer["situation"] for answer in asked]
-        around = [surroundings(runs[i], *loops_faults[name, guard]) for i in here]
-        loops = Definition(name, guard, data, list(zip(situations, asked, around, strict=True)))
-        samples = round(situations[0]["duration_min"] / SAMPLE_TIME_MIN)
-        moments = moments_of(meal, situations, samples * STEPS).reshape(samples, -1, len(here))
-        found = loops.run(moments)
-        keys = ("glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status")
-        for row, key in enumerate(keys):
-            expected = np.array([answer["trace"][key] for answer in asked], float).T
-            np.testing.assert_array_equal(found[:, row], expected, err_msg=f"{name}, guard {guard}, {key}: {SENTENCE}")
-        inside = found[:, len(keys) :].transpose(0, 1, 2).reshape(-1, len(here))
-        expected = np.array([answer["trace"]["fine_glucose_mg_dl"][1:] for answer in asked]).T
-        np.testing.assert_array_equal(inside, expected)
+        found[which] = Loops(of_page, data, situations, asked, [arounds[i] for i in here], faults)
+    return found
+
+
+@pytest.fixture(scope="session")
+def traces(loops):
+    """Traces of each group with portable arithmetic."""
+    return {which: of.run() for which, of in loops.items()}
+
+
+@pytest.mark.long
+def test_the_page_has_the_bits_of_portable_arithmetic(groups, answers, traces):
+    for which, here in groups.items():
+        for key in TRACED:
+            expected = np.array([answers[i]["trace"][key] for i in here], float).T
+            np.testing.assert_array_equal(traces[which][key], expected, err_msg=f"{which}, {key}: {SENTENCE}")
+        inside = traces[which]["inside_mg_dl"].reshape(-1, len(here))
+        expected = np.array([answers[i]["trace"]["fine_glucose_mg_dl"][1:] for i in here]).T
+        np.testing.assert_array_equal(inside, expected, err_msg=f"{which}: {SENTENCE}")
+
+
+IN_ONE_PIECE = (("parker-1999", "mpc", True), ("hovorka-2004", "mpc-se", True))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("which", IN_ONE_PIECE, ids=lambda which: "-".join(map(str, which)))
+def test_the_bits_do_not_depend_on_how_a_sample_is_divided(which, groups, answers, arounds, data, loops, traces):
+    here, (family, controller, guard) = groups[which], which
+    asked = [(answers[i]["situation"], answers[i], arounds[i]) for i in here]
+    found = Definition(family, controller, guard, data, asked).run(loops[which].moments)
+    for row, key in enumerate(TRACED):
+        np.testing.assert_array_equal(found[:, row], traces[which][key], err_msg=key)
+    np.testing.assert_array_equal(found[:, len(TRACED) :], traces[which]["inside_mg_dl"])
 
 
 @pytest.mark.long
@@ -246,7 +270,8 @@ def runs(corpus, answers):
     for run, situation in zip(found, corpus, strict=True):
         asked = run.situation
         assert (run.case.controller, run.case.guard) == (situation["controller"], situation["guard"])
-        assert (asked.operating_point, asked.seed) == (situation["patient"], situation["seed"])
+        assert f"{asked.patient}/{asked.operating_point}" == situation["patient"]
+        assert asked.seed == situation["seed"]
         assert (asked.noise_variance, asked.dead_time_min) == (situation["noise_variance"], situation["dead_time_min"])
         assert sorted((meal.t_min, meal.carbs_g) for meal in asked.eaten()) == sorted(
             (meal["t_min"], meal["carbs_g"]) for meal in situation["meals"]
@@ -274,17 +299,27 @@ class OnModelsOfThePage:
 
     @property
     def identified(self):
-        return StepResponseModel(step_response=jnp.asarray(self.data["step_response"]), sample_time_min=5.0)
+        response = {name: np.asarray(numbers) for name, numbers in self.data["response"].items()}
+        S, after = response.pop("step_response"), None
+        if response:
+            transition, start, output = (response[f"realisation.{name}"] for name in ("transition", "start", "output"))
+            after = Realisation(transition.reshape(start.size, -1), start, output, after=S.size)
+        return StepResponseModel(step_response=jnp.asarray(S), sample_time_min=5.0, realisation=after)
 
     def linearised(self):
-        linear = {name: jnp.asarray(value) for name, value in self.data["linear"].items() if name in LINEAR}
-        return LinearModel(**linear, state=jnp.asarray(self.data["x"]), sample_time_min=5.0)
+        n = len(self.data["x"])  # without the state of a disturbance
+        linear = {name: np.asarray(value)[:n] for name, value in self.data["linear"].items() if name in ARRAYS}
+        linear["Phi"] = linear["Phi"][:, :n]
+        point = {name: self.data["linear"][name] for name in ("insulin_mU_min", "glucose_mg_dl")}
+        given = jax.tree.map(jnp.asarray, {**linear, **point, "state": np.asarray(self.data["x"])})
+        return LinearModel(**given, sample_time_min=5.0)
 
     def first_order(self, step_mU_min, delay_min=None):
         return FirstOrderModel(**self.data["first_order"][self.controller], residual_rms_mg_dl=jnp.zeros(()))
 
     def process_noise(self, *variances):
-        return np.array(variances)[self.data["linear"]["noise_kinds"]]
+        n, of = len(self.data["x"]), self.data["linear"]
+        return np.array(variances)[of["noise_kinds"][:n]] * np.array(of["noise_factors"][:n])
 
 
 @pytest.fixture(scope="session")
@@ -294,7 +329,8 @@ def designed(runs, data):
     for run in runs:
         entry = controller_entry(run.case.controller)
         limits = run.situation.situation().limits
-        case = OnModelsOfThePage(data["patients"][run.situation.operating_point], run.case.controller, limits)
+        of = data["patients"][f"{run.situation.patient}/{run.situation.operating_point}"]
+        case = OnModelsOfThePage(of, run.case.controller, limits)
         bare = entry.designer()(case, entry.values(run.case.tuning))
         found.append(with_guard(bare, run.case.case().guard, limits))
     return found
@@ -318,11 +354,9 @@ def test_the_page_designs_the_controllers_of_glucoloop(answers, designed):
             )
 
 
-def padded(controller):
-    """The same controller with room for the horizons of all, so that one compiled loop serves them."""
-    if isinstance(controller, Guard):
-        return dataclasses.replace(controller, inner=padded(controller.inner))
-    return controller.padded(8, LONGEST_HORIZON) if hasattr(controller, "padded") else controller
+def idle(name, noticed):
+    """Settings with which a fault does nothing."""
+    return {**fault_entry(name).idle, **({"noticed": True} if noticed and name == "occlusion" else {})}
 
 
 def surroundings(run, faults, noticed):
@@ -336,8 +370,7 @@ def surroundings(run, faults, noticed):
     pump = LimitedPump(limits=around.limits)
     for name in faults:
         entry = fault_entry(name)
-        settings = {**entry.idle, **({"noticed": True} if noticed and name == "occlusion" else {})}
-        own = told.get(name) or fault(name, settings)
+        own = told.get(name) or fault(name, idle(name, noticed))
         inner = sensor if entry.part == "sensor" else pump
         wrapped = put_around(inner, own, SAMPLE_TIME_MIN, around.limits)
         if name not in told and entry.timed:
@@ -350,38 +383,57 @@ def surroundings(run, faults, noticed):
     return Surroundings(sensor=sensor, pump=pump)
 
 
-def by_glucoloop(run, controller, around, moved_mg_dl=0.0):
-    """A run on this processor with JAX; the patient may begin a little off the setpoint."""
-    asked = run.situation.situation()
-    begins = asked.target_mg_dl + moved_mg_dl if moved_mg_dl else None
-    scenario = dataclasses.replace(run.situation.scenario(), initial_glucose_mg_dl=begins)
-    return close_loop(asked, padded(controller), scenario, around=around)
+CLOSE_MG_DL = 0.02
+STARTS = (1e-14, -1e-14, 3e-14, -3e-14)
+RUN = (("parker-1999", "pid", True), ("hovorka-2004", "mpc", False), ("wilinska-2010", "mpc-se", True))
 
 
 @pytest.mark.long
-def test_the_page_is_glucoloop_within_two_hundredths_of_a_mg_dl(answers, runs, designed, loops_faults):
+def test_the_page_is_within_two_hundredths_of_a_mg_dl_with_the_arithmetic_of_a_run(groups, answers, runs, loops):
     """But for a few loops in which rounding decides.
 
     A guard believes no reading that stays the same to its last digit. Without noise, a person at rest has such readings
-    or not by the last digit, and glucoloop's own run changes as much when it begins 1e-12 mg/dl off the setpoint.
+    or not by the last digit, and the same arithmetic changes as much when the person begins a part in 1e14 off the
+    setpoint.
     """
     decided_by_rounding = 0
-    for answer, run, controller in zip(answers, runs, designed, strict=True):
-        around = surroundings(run, *loops_faults[run.case.controller, run.case.guard])
-        trace = by_glucoloop(run, controller, around)
-        expected = np.asarray(trace.fine_glucose_mg_dl)
-        found = np.asarray(answer["trace"]["fine_glucose_mg_dl"], float)
-        difference = np.abs(found - expected).max()
-        if difference > 0.02:
-            print(f"{difference:.3g} mg/dl: {answer['command']}")
-            assert run.case.guard, answer["command"]
-            assert run.situation.noise_variance == 0.0, answer["command"]
-            moved = [by_glucoloop(run, controller, around, by) for by in (1e-12, -1e-12, 3e-12, -3e-12)]
-            own = max(np.abs(np.asarray(other.fine_glucose_mg_dl) - expected).max() for other in moved)
-            assert difference <= 2.0 * own, answer["command"]
-            decided_by_rounding += 1
+    for which, here in groups.items():
+        usual = loops[which].run(by_jax)["inside_mg_dl"].reshape(-1, len(here))
+        found = np.array([answers[i]["trace"]["fine_glucose_mg_dl"][1:] for i in here]).T
+        difference = np.abs(found - usual).max(axis=0)
+        far = np.flatnonzero(difference > CLOSE_MG_DL)
+        if far.size == 0:
             continue
-        metrics = summarise(trace)
-        for name, value in answer["summary"].items():
-            np.testing.assert_allclose(value, float(getattr(metrics, name)), rtol=2e-3, atol=0.35, err_msg=name)
+        moved = [loops[which].run(by_jax, by)["inside_mg_dl"].reshape(-1, len(here)) for by in STARTS]
+        own = np.max([np.abs(other - usual).max(axis=0) for other in moved], axis=0)
+        for place in far:
+            run, command = runs[here[place]], answers[here[place]]["command"]
+            print(f"{difference[place]:.3g} mg/dl, itself {own[place]:.3g}: {command}")
+            assert run.case.guard, command
+            assert run.situation.noise_variance == 0.0, command
+            assert difference[place] <= 2.0 * own[place], command
+        decided_by_rounding += far.size
     assert decided_by_rounding <= len(answers) // 50
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("which", RUN, ids=lambda which: "-".join(map(str, which)))
+def test_a_run_is_within_two_hundredths_of_a_mg_dl(which, groups, answers, runs, designed, arounds):
+    noisy = [i for i in groups[which] if runs[i].situation.noise_variance > 0.0]
+    assert len(noisy) > 2
+    for i in noisy:
+        trace = close_loop(
+            runs[i].situation.situation(), padded(designed[i]), runs[i].situation.scenario(), around=arounds[i]
+        )
+        found = np.asarray(answers[i]["trace"]["fine_glucose_mg_dl"])
+        np.testing.assert_allclose(found, trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
+        metrics = summarise(trace)
+        for name, value in answers[i]["summary"].items():
+            np.testing.assert_allclose(value, float(getattr(metrics, name)), rtol=2e-3, atol=0.35, err_msg=name)
+
+
+def padded(controller):
+    """The same controller with room for the horizons of all, so that one compiled loop serves them."""
+    if isinstance(controller, Guard):
+        return dataclasses.replace(controller, inner=padded(controller.inner))
+    return controller.padded(8, 48) if hasattr(controller, "padded") else controller

@@ -7,13 +7,21 @@ SAMPLES = [0, 12, 15, 20, 30, 60]
 
 
 @pytest.mark.parametrize("guard", ["", "&guard=true"])
-@pytest.mark.parametrize("controller", ["mpc&move_weight=4&dead_time_min=10", "mpc-se&noise_variance=1.45"])
+@pytest.mark.parametrize(
+    "controller",
+    [
+        "mpc&move_weight=4&dead_time_min=10",
+        "mpc-se&noise_variance=1.45",
+        "mpc&patient=hovorka-2004",
+        "mpc-se&patient=wilinska-2010&noise_variance=1.45",
+    ],
+)
 def test_the_expected_glucose_gives_the_dose(in_node, data, controller, guard):
     [answer] = in_node([{"link": f"#controller={controller}{guard}&meals=20g%4050min", "samples": SAMPLES}])
     trace, inner = answer["trace"], "inner." if guard else ""
     numbers = {name: np.asarray(value, float) for name, value in answer["numbers"].items() if value is not None}
     gain = numbers[f"controller.{inner}plan.gain"]
-    setpoint = data["patients"]["setpoint-81"]["setpoint_mg_dl"]
+    setpoint = data["patients"][answer["situation"]["patient"]]["setpoint_mg_dl"]
     checked = 0
     for sample, expected in zip(SAMPLES, answer["predictions"], strict=True):
         free = np.asarray(expected["free_mg_dl"])[1:]

@@ -102,10 +102,10 @@ def test_a_page_of_results_opens_the_laboratory_with_its_configuration(in_node, 
 
 def test_what_the_page_leaves_out_of_a_configuration_is_told(in_node):
     text = 'controller = "pid"\nintegrator = "adaptive"\nmeals = [\n    "30g@20min",\n]\nannounce_meals = true\n'
-    told, other, unread = in_node([{"toml": text}, {"toml": 'patient = "hovorka-2004"\n'}, {"toml": "meals = 3 g\n"}])
+    told, other, unread = in_node([{"toml": text}, {"toml": 'patient = "sorensen"\n'}, {"toml": "meals = 3 g\n"}])
     assert told["unlike"] == ['integrator = "adaptive"', "announce_meals = true"]
     assert told["situation"]["meals"] == [{"carbs_g": 30, "t_min": 20}]
-    assert "the patient is 'hovorka-2004'" in other["refused"]
+    assert "the patient is 'sorensen'; the known ones are: parker-1999, hovorka" in other["refused"]
     assert unread["refused"] == "the configuration has the line 'meals = 3 g', which this page cannot read"
 
 

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.experiments.situation import Situation, usual_situation
-from glucoloop.lab.part import Part, part
+from glucoloop.lab.part import Part, part, starting
 from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten
+from glucoloop.native.interpreter import interpret
 from glucoloop.patients import SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
@@ -32,8 +33,8 @@ Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
 POPULATION: Final = "parker2000"
 """Population whose people the page simulates beside the usual patient."""
-FAMILIES: Final = ("parker-1999",)
-"""Patients of the page, the usual one first."""
+FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010")
+"""Families of patients of the page, the usual one first."""
 SAMPLE_TIME_MIN: Final = 5.0
 GRID: Final = SampleGrid(sample_time_min=SAMPLE_TIME_MIN, samples=1)
 INTEGRATOR: Final = Exponential()
@@ -50,6 +51,11 @@ def entry_of(family: str) -> PatientEntry:
 def situation(family: str, operating_point: str) -> Situation:
     """Situation of a patient of the page, with noise-free readings and the usual pump."""
     return dataclasses.replace(usual_situation(family), operating_point=operating_point)
+
+
+def patient_id(family: str, operating_point: str) -> str:
+    """Name by which the page knows a patient."""
+    return f"{family}/{operating_point}"
 
 
 @functools.cache
@@ -156,6 +162,21 @@ def example_person(family: str) -> dict[str, Any]:
         "patient": chosen(nominal, patients_vary(family)),
         "matrices": jnp.asarray(numbers["matrices"]),
     }
+
+
+def portable_glucose_mg_dl(family: str, operating_point: str, x: jax.Array) -> float:
+    """Glucose of a patient in a state, rounded as the functions of the page round."""
+
+    def read(person: Any, own: Any, rng: Any) -> Any:
+        del rng
+        patient, _ = adjusted(family, person)
+        return patient.glucose_mg_dl(own)
+
+    lowered = starting(read, example_person(family), x).lowered
+    numbers = plant_numbers(family, operating_point)
+    person = np.array([*numbers["matrices"], *numbers["numbers"]])[:, None]
+    _, [[glucose]] = interpret(lowered, person=person, own=np.asarray(x)[:, None])
+    return float(glucose)
 
 
 def plant_part(family: str) -> Part:

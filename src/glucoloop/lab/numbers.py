@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from glucoloop.config.run import read_run
 from glucoloop.control.protocol import Status
-from glucoloop.experiments.case import usual_case
-from glucoloop.experiments.designs import identified_model
 from glucoloop.lab.body import (
     FAMILIES,
     GRID,
@@ -17,19 +16,28 @@ from glucoloop.lab.body import (
     STEP_MIN,
     entry_of,
     inside,
+    patient_id,
     patients,
     plant_numbers,
-    situation,
+    portable_glucose_mg_dl,
+)
+from glucoloop.lab.controllers import (
+    CONTROLLERS,
+    FREE_LIMITS,
+    LONGEST_HORIZON,
+    usual_mpc,
+    usual_mpc_se,
+    usual_tuning,
 )
 from glucoloop.lab.devices import normals, offered
-from glucoloop.lab.parts import CONTROLLERS, FREE_LIMITS, LONGEST_HORIZON
 from glucoloop.lab.people import people_numbers
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.registry.controllers import complete, controller_entry
+from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import GUARD, PREFIX, usual_limit
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry
-from glucoloop.simulation import fit_step, linear_model
+from glucoloop.registry.patients import SUBCUTANEOUS, PatientEntry
+from glucoloop.registry.settings import Value
+from glucoloop.simulation import fit_step
 
 SEEDS: Final = 10
 LONGEST_MIN: Final = 1440.0
@@ -44,13 +52,13 @@ OFFERED: Final[dict[str, dict[str, tuple[float, float, float]]]] = {
     "imc": {"filter_min": (0.5, 60.0, 0.5)},
     "mpc": {
         "move_horizon": (1, 8, 1),
-        "prediction_horizon": (1, LONGEST_HORIZON, 1),
+        "prediction_horizon": (1, 24, 1),
         "output_weight": (0.1, 10.0, 0.1),
         "move_weight": (0.0, 10.0, 0.1),
     },
     "mpc-se": {
         "move_horizon": (1, 8, 1),
-        "prediction_horizon": (1, LONGEST_HORIZON, 1),
+        "prediction_horizon": (1, 24, 1),
         "output_weight": (0.1, 10.0, 0.1),
         "move_weight": (0.0, 10.0, 0.1),
         "reference_filter": (0.0, 0.95, 0.01),
@@ -59,6 +67,11 @@ OFFERED: Final[dict[str, dict[str, tuple[float, float, float]]]] = {
     },
 }
 """Settings of each controller on the page, with least and largest value and step of their sliders."""
+OFFERED_UNDER_THE_SKIN: Final[dict[str, dict[str, tuple[float, float, float]]]] = {
+    "pid": {"closed_loop_min": (5.0, 600.0, 5.0), "integral_time_min": (0.0, 1200.0, 5.0)},
+    "imc": {"filter_min": (5.0, 600.0, 5.0)},
+}
+"""Those of the settings that have other bounds where insulin is given under the skin, beside the longer horizons."""
 OFFERED_LIMITS: Final = {
     "max_change_mU_min": ("Largest change of the rate from one sample to the next.", (1.0, 100.0, 0.1)),
     "min_insulin_mU_min": ("Least rate of the pump.", (0.0, 20.0, 0.1)),
@@ -109,55 +122,63 @@ OFFERED_FAULTS: Final[dict[str, tuple[float, float, float]]] = {
 def numbers() -> dict[str, Any]:
     """All numbers of the page, as plain data."""
     return {
-        "patient": USUAL_PATIENT.name,
         "sample_time_min": SAMPLE_TIME_MIN,
         "step_min": STEP_MIN,
         "inside_min": GRID.inside_min.tolist(),
-        "inside": {family: [list(place) for place in inside(family)] for family in FAMILIES},
         "longest_min": LONGEST_MIN,
-        "limits": {
-            "max_change_mU_min": USUAL_PATIENT.max_change_mU_min,
-            "min_mU_min": USUAL_PATIENT.min_insulin_mU_min,
-            "max_mU_min": USUAL_PATIENT.max_insulin_mU_min,
-        },
+        "families": {family: _family(entry_of(family)) for family in FAMILIES},
         "patients": {
-            point.name: _patient(entry_of(family), point.name, patients(family)[point.name])
+            patient_id(family, point): _patient(entry_of(family), point, patient)
             for family in FAMILIES
-            for point in entry_of(family).operating_points
+            for point, patient in patients(family).items()
         },
-        "summaries": {point.name: point.summary for point in USUAL_PATIENT.operating_points},
-        "guard_limits": _guard_limits(),
-        "pump_limits": _pump_limits(),
         "faults": _faults(),
-        "controllers": {name: _controller(name) for name in CONTROLLERS},
         "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
-        "configuration": _configuration(),
         "people": people_numbers(),
     }
 
 
-def _configuration() -> dict[str, Any]:
+def _family(entry: PatientEntry) -> dict[str, Any]:
+    """What all patients of a family have: ways of insulin, controllers, limits and usual values."""
+    return {
+        "summary": entry.summary,
+        "points": {point.name: point.summary for point in entry.operating_points},
+        "route": entry.insulin_route,
+        "inside": [list(place) for place in inside(entry.name)],
+        "limits": {
+            "max_change_mU_min": entry.max_change_mU_min,
+            "min_mU_min": entry.min_insulin_mU_min,
+            "max_mU_min": entry.max_insulin_mU_min,
+        },
+        "guard_limits": _guard_limits(entry),
+        "pump_limits": _pump_limits(entry),
+        "controllers": {name: _controller(name, entry) for name in CONTROLLERS},
+        "configuration": _configuration(entry),
+    }
+
+
+def _configuration(entry: PatientEntry) -> dict[str, Any]:
     """Keys of a run without options, and of the guard: with what the page compares a file that it loads."""
-    return read_run({"guard": True}).keys()
+    return read_run({"patient": entry.name, "guard": True}).keys()
 
 
-def _guard_limits() -> dict[str, Any]:
+def _guard_limits(entry: PatientEntry) -> dict[str, Any]:
     """Limits of the guard by the keys of a configuration, with their bounds on the page."""
     return {
         f"{PREFIX}{name}": {
             **_offered(GUARD[f"{PREFIX}{name}"].summary, False, OFFERED_GUARD[name]),
-            "usual": usual_limit(f"{PREFIX}{name}", USUAL_PATIENT),
+            "usual": usual_limit(f"{PREFIX}{name}", entry),
         }
         for name in FREE_LIMITS
     }
 
 
-def _pump_limits() -> dict[str, Any]:
+def _pump_limits(entry: PatientEntry) -> dict[str, Any]:
     """Limits of the pump by the keys of a configuration, with their bounds on the page."""
     return {
-        name: {**_offered(summary, False, bounds), "usual": getattr(USUAL_PATIENT, name)}
+        name: {**_offered(summary, False, bounds), "usual": getattr(entry, name)}
         for name, (summary, bounds) in OFFERED_LIMITS.items()
     }
 
@@ -186,54 +207,79 @@ def _offered(summary: str, whole: bool, bounds: tuple[float, float, float]) -> d
     return {"summary": summary, "whole": whole, **dict(zip(("least", "most", "step"), bounds, strict=True))}
 
 
-def _patient(entry: PatientEntry, operating_point: str, patient: SemilinearPatient) -> dict[str, Any]:
+def _patient(entry: PatientEntry, point: str, patient: SemilinearPatient) -> dict[str, Any]:
     """A patient at rest, and the models on which controllers are designed."""
-    x, around = patient.steady_state(patient.basal_insulin_mU_min), situation(entry.name, operating_point)
-    linear = linear_model(patient, sample_time_min=SAMPLE_TIME_MIN)
-    Phi, Gamma = np.asarray(linear.Phi), np.asarray(linear.Gamma)
-    model = identified_model(around, usual_case("mpc", around), patient).model
-    if model.realisation is not None:
-        raise ValueError(
-            f"the model of {operating_point} outlasts its memory, which the controller of the page does not know"
-        )
-    delay_min = float(complete("imc", {}, entry, operating_point, noisy=False)["delay_min"])
+    x = patient.steady_state(patient.basal_insulin_mU_min)
     return {
         "family": entry.name,
-        "operating_point": operating_point,
-        **plant_numbers(entry.name, operating_point),
+        "operating_point": point,
+        **plant_numbers(entry.name, point),
         "x": np.asarray(x).tolist(),
         "basal_insulin_mU_min": float(patient.basal_insulin_mU_min),
         "setpoint_mg_dl": float(patient.setpoint_mg_dl),
-        "glucose_mg_dl": float(patient.glucose_mg_dl(x)),
-        "first_order": {"pid": _first_order(patient, None), "imc": _first_order(patient, delay_min)},
-        "step_response": np.asarray(model.step_response).tolist(),
-        "linear": {
-            "Phi": Phi.tolist(),
-            "Gamma": Gamma.tolist(),
-            "C": np.asarray(linear.C).tolist(),
-            "rest": np.linalg.solve(np.eye(Gamma.size) - Phi, Gamma).tolist(),
-            "insulin_mU_min": float(linear.insulin_mU_min),
-            "glucose_mg_dl": float(linear.glucose_mg_dl),
-            "noise_kinds": np.argmax(np.stack([process_noise(patient, *unit) for unit in np.eye(3)]), axis=0).tolist(),
-        },
+        "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
+        "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
+        "response": _response(entry.name, point),
+        "linear": _linear(entry.name, point, patient),
     }
 
 
-def _first_order(patient: SemilinearPatient, delay_min: float | None) -> dict[str, float]:
-    fitted = fit_step(patient, step_mU_min=None, delay_min=delay_min, sample_time_min=SAMPLE_TIME_MIN)
+def _response(family: str, point: str) -> dict[str, list[float]]:
+    """The identified response as linear MPC keeps it: coefficients, and a realisation of what comes after them."""
+    mpc = usual_mpc(family, point)
+    found = {"step_response": np.asarray(mpc.step_response).tolist()}
+    if mpc.realisation is not None:
+        for name in ("transition", "start", "output"):
+            found[f"realisation.{name}"] = np.ravel(np.asarray(getattr(mpc.realisation, name))).tolist()
+    return found
+
+
+def _linear(family: str, point: str, patient: SemilinearPatient) -> dict[str, Any]:
+    """The linearised patient as MPC/SE keeps it, with the state of a disturbance of the output if it has one."""
+    mpc_se, offset_free = usual_mpc_se(family, point), usual_tuning("mpc-se", family, point)["offset_free"]
+    unit = np.stack([process_noise(patient, *unit) for unit in np.eye(3)])
+    kinds, factors = np.argmax(unit, axis=0).tolist(), unit.max(axis=0).tolist()
+    if offset_free == "output-disturbance":
+        kinds, factors = [*kinds, unit.shape[0]], [*factors, 1.0]
+    elif offset_free != "held-innovation":
+        raise ValueError(f"MPC/SE of {family} has the prediction {offset_free!r}, which the page cannot design")
+    return {
+        "Phi": np.asarray(mpc_se.Phi).tolist(),
+        **{name: np.asarray(getattr(mpc_se, name)).tolist() for name in ("Gamma", "C", "rest")},
+        "insulin_mU_min": float(mpc_se.basal_mU_min),
+        "glucose_mg_dl": float(mpc_se.basal_glucose_mg_dl),
+        "noise_kinds": kinds,
+        "noise_factors": factors,
+        "held": offset_free == "held-innovation",
+    }
+
+
+def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dict[str, float]:
+    step_mU_min, delay_min = float(tuning["step_mU_min"]), tuning.get("delay_min")
+    fitted = fit_step(
+        patient,
+        step_mU_min=step_mU_min or None,  # 0: the usual one
+        delay_min=None if delay_min is None else float(delay_min),
+        sample_time_min=SAMPLE_TIME_MIN,
+    )
     return {name: float(getattr(fitted, name)) for name in ("gain", "tau_min", "delay_min")}
 
 
-def _controller(name: str) -> dict[str, Any]:
+def _controller(name: str, of_patient: PatientEntry) -> dict[str, Any]:
     """A controller's settings on the page, and the usual values of all of its settings."""
     entry = controller_entry(name)
+    bounds = dict(OFFERED[name])
+    if of_patient.insulin_route == SUBCUTANEOUS:
+        bounds |= OFFERED_UNDER_THE_SKIN.get(name, {})
+    if "prediction_horizon" in bounds:
+        bounds["prediction_horizon"] = (1, LONGEST_HORIZON[of_patient.insulin_route], 1)
     offered = {
-        setting.name: _offered(setting.summary, setting.type is int, OFFERED[name][setting.name])
+        setting.name: _offered(setting.summary, setting.type is int, bounds[setting.name])
         for setting in entry.settings
-        if setting.name in OFFERED[name]
+        if setting.name in bounds
     }
     usual: dict[str, Any] = {}
-    for point in (point.name for point in USUAL_PATIENT.operating_points):
-        of_point = [complete(name, {}, USUAL_PATIENT, point, noisy=noisy) for noisy in (False, True)]
-        usual[point] = dict(zip(("noise_free", "noisy"), of_point, strict=True))
+    for point in of_patient.operating_points:
+        of_point = [usual_tuning(name, of_patient.name, point.name, noisy=noisy) for noisy in (False, True)]
+        usual[point.name] = dict(zip(("noise_free", "noisy"), of_point, strict=True))
     return {"summary": entry.summary, "settings": offered, "usual": usual}

@@ -15,6 +15,8 @@ from glucoloop.native.lower import Lowered, lower
 class Part:
     """A lowered function with the names of its inputs and outputs."""
 
+    step: Callable[..., Any]
+    """The function, in JAX."""
     lowered: Lowered
     names: Mapping[str, Mapping[str, int]]
     """Name -> number of numbers, in their order, of each group; see `glucoloop.native.lower.Layout`."""
@@ -29,7 +31,7 @@ def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: An
     drawn = lowered.layout.sizes["own"] - sum(names["own"].values())
     if drawn:
         names["own"]["drawn"] = drawn
-    return Part(lowered=lowered, names=names)
+    return Part(step=step, lowered=lowered, names=names)
 
 
 def starting(init: Callable[..., Any], person: Any, own: Any) -> Part:

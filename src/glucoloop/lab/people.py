@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.lab.body import POPULATION, STEP_MIN, patients, patients_vary, plants
+from glucoloop.lab.body import POPULATION, STEP_MIN, patient_id, patients, patients_vary, plants
 from glucoloop.patients import population, virtual_people
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation import driven_block
@@ -50,7 +50,7 @@ def people_numbers() -> dict[str, Any]:
     return {
         "population": POPULATION,
         "seed": SEED,
-        "operating_point": POINT,
+        "patient": patient_id(family, POINT),
         "count": PEOPLE,
         "parameters": [
             {"word": name_word(f"parameter {name}"), "lower": of.lower, "width": of.upper - of.lower}

@@ -1,7 +1,7 @@
 // @ts-check
 /** Files that `glucoloop` writes, read into a situation of the page and runs beside it. */
 
-import { checked, fromHash, tuningOf, usual, VERSION } from "./situation.mjs";
+import { checked, familyOf, fromHash, tuningOf, usual, VERSION } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
@@ -70,19 +70,20 @@ export function situationOf(keys, data) {
   /** @type {Situation} */
   const situation = { ...usual(data), ...fromHash(`#${hash}`, data).situation };
   const standard = tuningOf(situation, data);
-  const { settings } = data.controllers[situation.controller];
+  const { controllers, guard_limits, pump_limits, configuration } = familyOf(situation, data);
+  const { settings } = controllers[situation.controller];
   const unlike = [];
   for (const [name, value] of Object.entries(told)) {
     if (TAKEN.includes(name) || name === VERSION || OF_NO_EFFECT.has(name) || OF_A_TRIAL.has(name)) continue;
     if (Object.hasOwn(settings, name)) {
       if (value !== standard[name]) situation.tuning = { ...situation.tuning, [name]: value };
-    } else if (Object.hasOwn(data.guard_limits, name)) {
-      if (value !== data.guard_limits[name].usual) situation.guard_limits = { ...situation.guard_limits, [name]: value };
-    } else if (Object.hasOwn(data.pump_limits, name)) {
-      if (value !== data.pump_limits[name].usual) situation.pump_limits = { ...situation.pump_limits, [name]: value };
+    } else if (Object.hasOwn(guard_limits, name)) {
+      if (value !== guard_limits[name].usual) situation.guard_limits = { ...situation.guard_limits, [name]: value };
+    } else if (Object.hasOwn(pump_limits, name)) {
+      if (value !== pump_limits[name].usual) situation.pump_limits = { ...situation.pump_limits, [name]: value };
     } else if (name === "model" || name === "model_noise_variance") {
       if (value !== 0) unlike.push(`${name} = ${JSON.stringify(value)}`);
-    } else if (JSON.stringify(value) !== JSON.stringify(standard[name] ?? data.configuration[name] ?? USUAL_OF_A_TRIAL[name])) {
+    } else if (JSON.stringify(value) !== JSON.stringify(standard[name] ?? configuration[name] ?? USUAL_OF_A_TRIAL[name])) {
       unlike.push(`${name} = ${JSON.stringify(value)}`);
     }
   }

@@ -23,7 +23,9 @@ import { exponential, power } from "./exact.mjs";
  * @property {number[]} rest
  * @property {number} insulin_mU_min
  * @property {number} glucose_mg_dl
- * @property {number[]} noise_kinds of each state: 0 glucose, 1 insulin and slow effects, 2 glucagon
+ * @property {number[]} noise_kinds of each state: 0 glucose, 1 insulin and slow effects, 2 glucagon, 3 a disturbance of glucose
+ * @property {number[]} noise_factors of each state, by which the variance of its kind is multiplied
+ * @property {boolean} held whether the innovation is held over the horizon
  */
 
 /**
@@ -113,12 +115,15 @@ export function closedFormGain(response, tuning) {
 /**
  * Linear MPC.
  * @param {Tuning} tuning
- * @param {number[]} step_response
+ * @param {Numbers & {step_response: number[]}} response with a realisation of what comes after it, if it outlasts its memory
  * @returns {Numbers}
  */
-export function mpc(tuning, step_response) {
-  return { step_response, "plan.gain": closedFormGain(step_response, tuning) };
+export function mpc(tuning, response) {
+  return { ...response, "plan.gain": closedFormGain(response.step_response, tuning) };
 }
+
+/** Variance of the disturbance that MPC/SE estimates, (mg/dl)² per sample. */
+const DISTURBANCE_VARIANCE = 1;
 
 /** Rows by which outputs follow from the state and the inputs, `C Phi^i` and their sums; no tuning changes them. */
 const predictions = new WeakMap();
@@ -158,14 +163,15 @@ function predicted(linear, p) {
 export function mpcSe(tuning, linear, kept) {
   const { Phi, Gamma, C } = linear;
   const p = tuning.prediction_horizon;
-  const variances = [tuning.glucose_process_noise, tuning.other_process_noise, tuning.glucagon_process_noise];
+  const { glucose_process_noise, other_process_noise, glucagon_process_noise } = tuning;
+  const variances = [glucose_process_noise, other_process_noise, glucagon_process_noise, DISTURBANCE_VARIANCE];
   const R = tuning.measurement_variance;
   const kalman_gain = kept([...variances, R], () =>
-    steadyKalmanGain(Phi, C, linear.noise_kinds.map((kind) => variances[kind]), R),
+    steadyKalmanGain(Phi, C, linear.noise_kinds.map((kind, i) => variances[kind] * linear.noise_factors[i]), R),
   );
   const { rows, free_state, free_input } = predicted(linear, p);
   let ofInnovation = 0;
-  const free_innovation = rows.slice(0, p).map((row) => (ofInnovation += dot(row, kalman_gain)));
+  const free_innovation = rows.slice(0, p).map((row) => (linear.held ? (ofInnovation += dot(row, kalman_gain)) : 0));
   return {
     Phi: Phi.flat(),
     Gamma,
@@ -198,7 +204,7 @@ export function design(name, tuning, patient, sample_time_min, kept) {
     case "imc":
       return imc(tuning, patient.first_order.imc, sample_time_min);
     case "mpc":
-      return mpc(tuning, patient.step_response);
+      return mpc(tuning, patient.response);
     default:
       return mpcSe(tuning, patient.linear, kept);
   }

@@ -1,7 +1,7 @@
 // @ts-check
 /** Numbers of the functions of the module, by the names of their fields, from the settings of a situation. */
 
-import { limitsOf } from "./situation.mjs";
+import { familyOf, limitsOf } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
@@ -30,7 +30,7 @@ export function ofController(designed, situation, data) {
   }
   if (!situation.guard) return numbers;
   numbers["controller.basal_mU_min"] = NaN; // a guard that is told no basal rate takes the one at the start
-  for (const [key, { usual }] of Object.entries(data.guard_limits)) {
+  for (const [key, { usual }] of Object.entries(familyOf(situation, data).guard_limits)) {
     numbers[`guard.${key.slice(GUARD.length)}`] = situation.guard_limits[key] ?? usual;
   }
   return numbers;

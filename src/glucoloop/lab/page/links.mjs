@@ -2,8 +2,8 @@
 /** The part of the page's address after the #: the situation with its version, and the units in which it is shown. */
 
 import { fromToml, situationOf } from "./configuration.mjs";
-import { fromHash, hash, VERSION } from "./situation.mjs";
-import { unitOf, usualUnits, UNITS } from "./units.mjs";
+import { familyOf, fromHash, hash, VERSION } from "./situation.mjs";
+import { unitOf, usualUnits } from "./units.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
@@ -24,8 +24,9 @@ const PERSON = "follow";
  */
 export function link({ situation, units, person }, data, version) {
   const told = new URLSearchParams(hash(situation, data, version).slice(1));
+  const usual = usualUnits(familyOf(situation, data).route);
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
-    if (units[quantity] !== UNITS[quantity][0]) told.set(KEYS[quantity], units[quantity].name);
+    if (units[quantity] !== usual[quantity]) told.set(KEYS[quantity], units[quantity].name);
   }
   if (person !== null) told.set(PERSON, `${person}`);
   return `#${told}`;
@@ -41,18 +42,24 @@ export function link({ situation, units, person }, data, version) {
  */
 export function fromLink(text, data) {
   const told = new URLSearchParams(text.replace(/^#/, ""));
-  const units = usualUnits();
+  /** @type {Partial<Units>} */
+  const shown = {};
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
     const name = told.get(KEYS[quantity]);
-    if (name !== null) units[quantity] = unitOf(quantity, name);
+    if (name !== null) shown[quantity] = unitOf(quantity, name);
     told.delete(KEYS[quantity]);
   }
   const person = followed(told.get(PERSON), data);
   told.delete(PERSON);
+  const unitsOf = (/** @type {Situation} */ situation) => ({ ...usualUnits(familyOf(situation, data).route), ...shown });
   const configuration = told.get(CONFIGURATION);
-  if (configuration === null) return { ...fromHash(`#${told}`, data), units, person, unlike: [] };
+  if (configuration === null) {
+    const found = fromHash(`#${told}`, data);
+    return { ...found, units: unitsOf(found.situation), person, unlike: [] };
+  }
   const keys = fromToml(configuration);
-  return { ...situationOf(keys, data), version: keys[VERSION] ?? null, units, person };
+  const found = situationOf(keys, data);
+  return { ...found, version: keys[VERSION] ?? null, units: unitsOf(found.situation), person };
 }
 
 /** Number of the person whom a link follows. @param {string | null} text @param {Data} data */

@@ -3,7 +3,7 @@
 
 import { design } from "./design.mjs";
 import { ofController, ofFault, ofPump } from "./fields.mjs";
-import { tuningOf } from "./situation.mjs";
+import { familyOf, tuningOf } from "./situation.mjs";
 
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Kernels} Kernels */
 /** @typedef {import("./situation.mjs").Situation} Situation */
@@ -66,6 +66,12 @@ export function inOrder(fields, given) {
     at += fields[name];
   }
   return numbers;
+}
+
+/** Name of the functions of a controller, without what they do. @param {Situation} situation @param {Data} data */
+export function controllerName(situation, data) {
+  const { route } = familyOf(situation, data);
+  return `${route}_${situation.controller.replace("-", "_")}${situation.guard ? "_guarded" : ""}`;
 }
 
 /** @param {Record<string, number>} names */
@@ -307,8 +313,10 @@ export class Lab {
  */
 export function put(plant, people) {
   const { person } = plant.fields;
-  const first = Object.keys(person).find((name) => name !== "matrices") ?? "";
-  const [of_patient, of_matrices] = [plant.place(first), plant.place("matrices")];
+  const first = Object.keys(person).find((name) => name !== "matrices");
+  // Where all patients of a family are alike, their numbers are part of the function.
+  const of_patient = first === undefined ? 0 : plant.place(first);
+  const of_matrices = plant.place("matrices");
   people.forEach(({ numbers, matrices, driven, x }, lane) => {
     plant.set(matrices, lane, of_matrices);
     if (driven !== undefined) plant.set(driven, lane, of_matrices);
@@ -336,7 +344,7 @@ export class LoopOfVector {
     this.samples = Math.round(situation.duration_min / data.sample_time_min);
     this.steps = Math.round(data.sample_time_min / data.step_min);
     this.moments = lab.moments(situation, this.samples * this.steps);
-    const name = situation.controller.replace("-", "_") + (situation.guard ? "_guarded" : "");
+    const name = controllerName(situation, data);
     const pump = ofPump(situation, data);
     this.noise = situation.noise_variance > 0 ? lab.stage("noise") : null;
     this.faults = situation.faults
@@ -477,7 +485,7 @@ export class LoopOfVector {
   run(tell) {
     const { samples, steps, moments, controller, pump, plant, glucose, reported } = this;
     const lanes = glucose.length;
-    const inside = this.lab.data.inside[this.patient.family];
+    const { inside } = familyOf(this.situation, this.lab.data);
     const within = new Float64Array(inside.length * lanes);
     const happened = {
       glucose_mg_dl: glucose,

@@ -116,7 +116,7 @@ export function driven(rates, { step_min, doublings, path }) {
 export function peopleOf(lab) {
   const { data } = lab;
   const of = data.people;
-  const nominal = data.patients[of.operating_point];
+  const nominal = data.patients[of.patient];
   const { lanes } = lab.kernels;
   const rest = new Rest(lab);
   /** @param {number} person @returns {Body} */
@@ -148,9 +148,9 @@ class Rest {
   /** @param {Lab} lab */
   constructor(lab) {
     const { data } = lab;
-    const nominal = data.patients[data.people.operating_point];
+    const nominal = data.patients[data.people.patient];
     this.nominal = nominal;
-    this.plant = lab.plant(data.people.operating_point);
+    this.plant = lab.plant(data.people.patient);
     this.lanes = lab.kernels.lanes;
     this.size = nominal.x.length + 1;
     /** Unknowns of the nominal patient, which are their units. */

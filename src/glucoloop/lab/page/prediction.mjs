@@ -1,6 +1,8 @@
 // @ts-check
 /** What a predictive controller expects at a sample, from its own memory: with the earlier rate, and with its dose. */
 
+import { controllerName } from "./loop.mjs";
+
 /** @typedef {import("./loop.mjs").Lab} Lab */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 
@@ -26,7 +28,7 @@ export function predicted(lab, situation, trace, sample) {
   const watched = { before: trace.memory[sample], after: trace.memory[sample + 1] };
   const prefix = guard ? "inner." : "";
   const numbers = lab.controllerNumbers(situation);
-  const { carry } = lab.data.functions[`${controller.replace("-", "_")}${guard ? "_guarded" : ""}_step`];
+  const { carry } = lab.data.functions[`${controllerName(situation, lab.data)}_step`];
   const memory = (/** @type {string} */ name, /** @type {ArrayLike<number>} */ of) => named(carry, of, `${prefix}${name}`);
   const number = (/** @type {string} */ name) => listOf(numbers[`controller.${prefix}${name}`]);
   const [rate_before] = memory("insulin_mU_min", watched.after);

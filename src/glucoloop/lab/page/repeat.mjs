@@ -1,7 +1,7 @@
 // @ts-check
 /** A situation as other parts of glucoloop take it: a command, a configuration file, a program in Python. */
 
-import { keys, VERSION } from "./situation.mjs";
+import { familyOf, keys, VERSION } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
@@ -76,7 +76,7 @@ print(outcome.metrics)
  */
 function values(situation, data) {
   const whole = new Set(["seed"]);
-  for (const [name, setting] of Object.entries(data.controllers[situation.controller].settings)) {
+  for (const [name, setting] of Object.entries(familyOf(situation, data).controllers[situation.controller].settings)) {
     if (setting.whole) whole.add(name);
   }
   const text = (/** @type {string} */ name, /** @type {unknown} */ value) =>

@@ -80,7 +80,7 @@ export class Session {
    */
   ofPerson(situation) {
     const { lab, data, person } = this;
-    if (person === null || situation.patient !== data.people.operating_point) return null;
+    if (person === null || situation.patient !== data.people.patient) return null;
     const trace = lab.simulate(situation, personOf(lab, this.peopleHere, person), { normals: normalsOf(data, situation, person) });
     return { name: texts.person(person), situation, trace };
   }

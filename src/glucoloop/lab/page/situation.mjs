@@ -13,7 +13,7 @@
 
 /**
  * @typedef {object} Situation
- * @property {string} patient operating point of the patient
+ * @property {string} patient family and operating point, as `Data.patients` names them
  * @property {string} controller
  * @property {Record<string, number>} tuning settings that are not the usual ones
  * @property {boolean} guard
@@ -55,8 +55,25 @@
  * @property {number} setpoint_mg_dl
  * @property {number} glucose_mg_dl
  * @property {{pid: import("./design.mjs").FirstOrder, imc: import("./design.mjs").FirstOrder}} first_order
- * @property {number[]} step_response
+ * @property {import("./design.mjs").Numbers & {step_response: number[]}} response as linear MPC keeps it: coefficients, and a
+ *   realisation of what comes after them
  * @property {import("./design.mjs").Linear} linear
+ */
+
+/**
+ * @typedef {object} Family what all patients of a model have
+ * @property {string} summary
+ * @property {Record<string, string>} points summaries of the operating points, the usual one first
+ * @property {string} route of insulin, by which the functions of the controllers are named
+ * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
+ *   readings
+ * @property {import("./design.mjs").Limits} limits of the usual pump
+ * @property {Record<string, {summary: string, settings: Record<string, Setting>,
+ *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers with the usual values
+ *   by operating point
+ * @property {Record<string, Setting & {usual: number}>} guard_limits
+ * @property {Record<string, Setting & {usual: number}>} pump_limits
+ * @property {Record<string, any>} configuration of a run without options, with a guard
  */
 
 /**
@@ -68,7 +85,7 @@
  * @typedef {object} People whom the page can simulate beside the nominal patient
  * @property {string} population
  * @property {number} seed
- * @property {string} operating_point around which they are drawn
+ * @property {string} patient around whom they are drawn
  * @property {number} count the most that are simulated at once
  * @property {{word: number, lower: number, width: number}[]} parameters that are drawn uniformly
  * @property {Varied[]} numbers of a patient that differ
@@ -81,27 +98,18 @@
 
 /**
  * @typedef {object} Data as `glucoloop.lab.build` writes it
- * @property {string} patient
  * @property {number} sample_time_min
  * @property {number} step_min of the integrator
  * @property {number[]} inside_min
- * @property {Record<string, [number, number][]>} inside for each moment inside a sample, the integrator's step and the
- *   place among its readings, by family
  * @property {number} longest_min
- * @property {import("./design.mjs").Limits} limits of the usual pump
  * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>> & {held: number}>} functions
- * @property {Record<string, Patient>} patients
- * @property {Record<string, string>} summaries
- * @property {Record<string, {summary: string, settings: Record<string, Setting>,
- *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers
- * @property {Record<string, Setting & {usual: number}>} guard_limits
- * @property {Record<string, Setting & {usual: number}>} pump_limits
+ * @property {Record<string, Family>} families the usual one first
+ * @property {Record<string, Patient>} patients by `patientId`
  * @property {Record<string, FaultEntry>} faults those that this page has
  * @property {People} people
  * @property {number[][]} normals
  * @property {Record<string, string>} statuses
  * @property {Record<string, string>} status_names as tables tell them
- * @property {Record<string, any>} configuration of a run without options, with a guard
  */
 
 const MOST_MEALS = 12;
@@ -135,6 +143,33 @@ export function usual(data) {
   };
 }
 
+/** Name of a patient in the data. @param {string} family @param {string} operating_point */
+export function patientId(family, operating_point) {
+  return `${family}/${operating_point}`;
+}
+
+/** What the patient's family has. @param {{patient: string}} situation @param {Data} data @returns {Family} */
+export function familyOf({ patient }, data) {
+  return data.families[data.patients[patient].family];
+}
+
+/**
+ * The situation with another patient. Tuning and limits that were set for a patient of another family do not stay: those
+ * that are usual in the new family take their place.
+ * @param {Situation} situation
+ * @param {string} family
+ * @param {string | undefined} operating_point the usual one, if none is given
+ * @param {Data} data
+ * @returns {{situation: Situation, reset: ("tuning" | "guard_limits" | "pump_limits")[]}} with what did not stay
+ */
+export function withPatient(situation, family, operating_point, data) {
+  const patient = patientId(family, operating_point ?? Object.keys(data.families[family].points)[0]);
+  if (family === data.patients[situation.patient].family) return { situation: { ...situation, patient }, reset: [] };
+  const parts = /** @type {const} */ (["tuning", "guard_limits", "pump_limits"]);
+  const reset = parts.filter((part) => Object.keys(situation[part]).length > 0);
+  return { situation: { ...situation, patient, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
+}
+
 /**
  * All settings of the controller: the given ones, and the usual ones for readings with or without noise.
  * @param {Situation} situation
@@ -142,7 +177,8 @@ export function usual(data) {
  * @returns {Record<string, any>}
  */
 export function tuningOf(situation, data) {
-  const usual = data.controllers[situation.controller].usual[situation.patient];
+  const { operating_point } = data.patients[situation.patient];
+  const usual = familyOf(situation, data).controllers[situation.controller].usual[operating_point];
   return { ...(situation.noise_variance > 0 ? usual.noisy : usual.noise_free), ...situation.tuning };
 }
 
@@ -154,10 +190,11 @@ export function tuningOf(situation, data) {
  */
 export function limitsOf(situation, data) {
   const { max_change_mU_min, min_insulin_mU_min, max_insulin_mU_min } = situation.pump_limits;
+  const { limits } = familyOf(situation, data);
   return {
-    max_change_mU_min: max_change_mU_min ?? data.limits.max_change_mU_min,
-    min_mU_min: min_insulin_mU_min ?? data.limits.min_mU_min,
-    max_mU_min: max_insulin_mU_min ?? data.limits.max_mU_min,
+    max_change_mU_min: max_change_mU_min ?? limits.max_change_mU_min,
+    min_mU_min: min_insulin_mU_min ?? limits.min_mU_min,
+    max_mU_min: max_insulin_mU_min ?? limits.max_mU_min,
   };
 }
 
@@ -221,7 +258,8 @@ function checkedFault(fault, duration_min, data) {
  */
 export function checked(given, data) {
   among("the patient", given.patient, Object.keys(data.patients));
-  among("the controller", given.controller, Object.keys(data.controllers));
+  const { controllers, guard_limits, pump_limits } = familyOf(given, data);
+  among("the controller", given.controller, Object.keys(controllers));
   within("the length", given.duration_min, SHORTEST_MIN, data.longest_min, " min", data.sample_time_min);
   within("the variance of the noise", given.noise_variance, 0, LARGEST_VARIANCE, " (mg/dl)²");
   within("the dead time", given.dead_time_min, 0, LONGEST_DEAD_TIME_MIN, " min", data.sample_time_min);
@@ -233,9 +271,9 @@ export function checked(given, data) {
     within("a meal", meal.carbs_g, 1, LARGEST_MEAL_G, " g");
     within("the time of a meal", meal.t_min, 0, given.duration_min - 1, " min");
   }
-  allowed(given.tuning, data.controllers[given.controller].settings, "a setting");
-  allowed(given.guard_limits, data.guard_limits, "a limit of the guard");
-  allowed(given.pump_limits, data.pump_limits, "a limit of the pump");
+  allowed(given.tuning, controllers[given.controller].settings, "a setting");
+  allowed(given.guard_limits, guard_limits, "a limit of the guard");
+  allowed(given.pump_limits, pump_limits, "a limit of the pump");
   if (given.faults.length > MOST_FAULTS) {
     throw new RangeError(`${given.faults.length} faults are too many; give at most ${MOST_FAULTS}`);
   }
@@ -254,9 +292,10 @@ export function checked(given, data) {
  * @returns {[string, string | number | boolean | string[]][]}
  */
 export function keys(situation, data) {
+  const { family, operating_point } = data.patients[situation.patient];
   return [
-    ["patient", data.patient],
-    ["operating_point", situation.patient],
+    ["patient", family],
+    ["operating_point", operating_point],
     ["controller", situation.controller],
     ...Object.entries(situation.tuning),
     // The model of linear MPC on the page is identified from a record without noise.
@@ -346,20 +385,21 @@ export function fromHash(text, data) {
   const told = new URLSearchParams(text.replace(/^#/, ""));
   const begun = usual(data);
   const version = told.get(VERSION);
+  const family = told.get("patient") ?? data.patients[begun.patient].family;
+  among("the patient", family, Object.keys(data.families));
+  const { points, controllers, guard_limits, pump_limits } = data.families[family];
+  const point = told.get("operating_point") ?? Object.keys(points)[0];
+  among(`the operating point of ${family}`, point, Object.keys(points));
   const controller = told.get("controller") ?? begun.controller;
-  among("the controller", controller, Object.keys(data.controllers));
+  among("the controller", controller, Object.keys(controllers));
   /** @type {Situation} */
-  const situation = { ...begun, controller };
+  const situation = { ...begun, patient: patientId(family, point), controller };
   for (const [name, value] of told) {
     switch (name) {
       case VERSION:
       case "controller":
-        break;
       case "patient":
-        among("the patient", value, [data.patient]);
-        break;
       case "operating_point":
-        situation.patient = value;
         break;
       case "guard":
         among("guard", value, ["true", "false"]);
@@ -390,12 +430,12 @@ export function fromHash(text, data) {
       default: {
         /** @type {[Record<string, unknown>, "guard_limits" | "pump_limits" | "tuning"][]} */
         const parts = [
-          [data.guard_limits, "guard_limits"],
-          [data.pump_limits, "pump_limits"],
-          [data.controllers[controller].settings, "tuning"],
+          [guard_limits, "guard_limits"],
+          [pump_limits, "pump_limits"],
+          [controllers[controller].settings, "tuning"],
         ];
         const [, part] = parts.find(([known]) => Object.hasOwn(known, name)) ?? [];
-        if (part === undefined) among("a part of the link", name, Object.keys(data.controllers[controller].settings));
+        if (part === undefined) among("a part of the link", name, Object.keys(controllers[controller].settings));
         else situation[part] = { ...situation[part], [name]: numberOf(name, value) };
       }
     }

@@ -36,7 +36,8 @@ export const texts = {
     lessons: "Lessons",
     presets: "Situations to begin with",
     patient: "Patient",
-    point: "Operating point of parker-1999",
+    family: "Model of the patient",
+    point: "Operating point",
     meals: "Meals",
     addMeal: "Add a meal",
     duration: "Length of the run",
@@ -64,6 +65,15 @@ export const texts = {
   otherVersion: (/** @type {string} */ there, /** @type {string} */ here) =>
     `The link was made by glucoloop ${there}, and this page is ${here}; numbers may differ.`,
   noVersion: "The link does not say which version made it; numbers may differ.",
+  familyChosen: (/** @type {string} */ family, /** @type {string} */ unit, /** @type {string[]} */ reset) =>
+    `The patient is ${family} now, for whom the controller was designed anew; insulin is shown in ${unit}.` +
+    (reset.length > 0 ? ` What was set for another patient is usual again: ${reset.join(", ")}.` : ""),
+  resets: {
+    tuning: "the settings of the controller",
+    guard_limits: "the limits of the guard",
+    pump_limits: "the limits of the pump",
+  },
+  peopleGone: (/** @type {string} */ patient) => `The people are taken away, since they are drawn around ${patient.replace("/", " at ")}.`,
   refusedLink: (/** @type {string} */ why) => `The link was not used: ${why}. This is the usual situation.`,
   refused: (/** @type {string} */ why) => `${why}. The picture is still that of the last possible situation.`,
   link: "link",
@@ -112,6 +122,7 @@ export const texts = {
     { title: "50 g of glucose, as in the paper", hash: "#controller=mpc" },
     { title: "The same with a noisy sensor", hash: "#controller=mpc&noise_variance=1.45" },
     { title: "A day with three meals", hash: "#controller=mpc-se&noise_variance=1.45&duration_min=1440&meals=45g%40420min+70g%40720min+60g%401080min" },
+    { title: "A day with insulin under the skin, under a guard", hash: "#patient=hovorka-2004&controller=mpc&guard=true&noise_variance=1.45&duration_min=1440&meals=45g%40420min+70g%40720min+60g%401080min" },
     { title: "A night without a meal", hash: "#controller=imc&noise_variance=1.45&duration_min=720&meals=" },
     { title: "A large dinner under a guard", hash: "#controller=mpc-se&noise_variance=1.45&guard=true&meals=120g%4060min" },
     { title: "A tuning for readings without noise, with noise", hash: "#controller=mpc&noise_variance=1.45&prediction_horizon=8&output_weight=1&move_weight=0" },
@@ -157,7 +168,7 @@ export const texts = {
   median: (/** @type {string} */ name) => `Median of people, ${name}`,
   peopleOf: (/** @type {number} */ count) => `${count} people`,
   person: (/** @type {number} */ number) => `Person ${number}`,
-  peopleElsewhere: (/** @type {string} */ point) => `The people are drawn around ${point}; choose that operating point to try a tuning on them`,
+  peopleElsewhere: (/** @type {string} */ patient) => `The people are drawn around ${patient.replace("/", " at ")}; choose that patient to try a tuning on them`,
   peopleTold: (/** @type {number} */ count, /** @type {number} */ low, /** @type {number} */ very_low) =>
     `Of ${count} people ${low} come below 70 mg/dl, and ${very_low} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
   noWorkers: "This browser allows the page no workers, so that the people were simulated one after another.",

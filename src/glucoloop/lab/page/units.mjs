@@ -25,9 +25,9 @@ export const UNITS = {
   ],
 };
 
-/** @returns {Units} */
-export function usualUnits() {
-  return { glucose: UNITS.glucose[0], insulin: UNITS.insulin[0] };
+/** Units for insulin by a route, as pumps show them. @param {string} [route] of a family @returns {Units} */
+export function usualUnits(route) {
+  return { glucose: UNITS.glucose[0], insulin: UNITS.insulin[route === "subcutaneous" ? 1 : 0] };
 }
 
 /**

@@ -28,8 +28,8 @@ export function crowdView(session, many) {
   /** @param {number} count */
   async function tryOn(count) {
     const { situation } = session;
-    const { operating_point } = session.data.people;
-    if (situation.patient !== operating_point) return say(texts.refused(texts.peopleElsewhere(operating_point)), true);
+    const { patient } = session.data.people;
+    if (situation.patient !== patient) return say(texts.refused(texts.peopleElsewhere(patient)), true);
     bar.hidden = false;
     bar.max = count;
     bar.value = 0;

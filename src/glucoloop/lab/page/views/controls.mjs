@@ -2,9 +2,9 @@
 /** The controls of the situation and of the units. */
 
 import { button, byId, choices, element, input, say, select, setSlider, slider } from "../dom.mjs";
-import { tuningOf, usual } from "../situation.mjs";
+import { familyOf, patientId, tuningOf, usual, withPatient } from "../situation.mjs";
 import { texts } from "../texts.mjs";
-import { unitOf, UNITS } from "../units.mjs";
+import { unitOf, UNITS, usualUnits } from "../units.mjs";
 import { faultRows, faultsOffered } from "./faults.mjs";
 
 /** @typedef {import("../session.mjs").Session} Session */
@@ -18,8 +18,7 @@ export function controlsView(session) {
   const { data } = session;
   const names = (/** @type {Record<string, unknown>} */ of) =>
     Object.keys(of).map((name) => /** @type {[string, string]} */ ([name, name]));
-  choices(select("patient"), names(data.patients));
-  choices(select("controller"), names(data.controllers));
+  choices(select("family"), names(data.families));
   choices(select("seed"), data.normals.map((_, seed) => [`${seed}`, `${seed}`]));
 
   /** @param {Partial<Situation>} change @param {string} [by] */
@@ -34,7 +33,21 @@ export function controlsView(session) {
   };
   /** @param {string} id @param {(value: string) => Partial<Situation>} changed */
   const chosen = (id, changed) => select(id).addEventListener("change", () => change(changed(select(id).value)));
-  chosen("patient", (patient) => ({ patient }));
+  chosen("point", (point) => ({ patient: patientId(data.patients[session.situation.patient].family, point) }));
+  select("family").addEventListener("change", () => {
+    const family = select("family").value;
+    const { situation, reset } = withPatient(session.situation, family, undefined, data);
+    change(situation);
+    const { insulin } = usualUnits(data.families[family].route);
+    const told = [texts.familyChosen(family, insulin.name, reset.map((part) => texts.resets[part]))];
+    if (situation.patient !== data.people.patient && (session.people !== null || session.person !== null)) {
+      session.people = null;
+      session.follow(null);
+      told.push(texts.peopleGone(data.people.patient));
+    }
+    session.show({ insulin });
+    say(told.join(" "));
+  });
   chosen("controller", (controller) => ({ controller, tuning: {} }));
   chosen("seed", (seed) => ({ seed: Number(seed) }));
   chosen("duration", (value) => {
@@ -44,14 +57,15 @@ export function controlsView(session) {
   input("guard").addEventListener("change", () => change({ guard: input("guard").checked }));
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
   button("usual").addEventListener("click", () => change({ tuning: {} }));
-  button("reset").addEventListener("click", () => change(usual(data)));
+  button("reset").addEventListener("click", () => {
+    change(usual(data));
+    session.show({ insulin: usualUnits(familyOf(session.situation, data).route).insulin });
+  });
   button("add-meal").addEventListener("click", () => {
     const { meals, duration_min } = session.situation;
     change({ meals: [...meals, { t_min: Math.min((meals.at(-1)?.t_min ?? 0) + 120, duration_min - 5), carbs_g: 40 }] });
   });
   faultsOffered(session, change);
-  limits(session, "guard_limits", change);
-  limits(session, "pump_limits", change);
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
     const list = select(`${quantity}-unit`);
     choices(list, UNITS[quantity].map(({ name }) => [name, name]));
@@ -66,16 +80,27 @@ export function controlsView(session) {
       change({ dead_time_min }, "dead time"),
     ),
   );
-  /** The controller whose sliders are there. */
-  let tuned = "";
+  /** The family and the controller whose choices and sliders are there. */
+  let [shown, tuned] = ["", ""];
   return () => {
     const now = session.situation;
     const tuning = tuningOf(now, data);
-    const { settings } = data.controllers[now.controller];
-    select("patient").value = now.patient;
-    byId("patient-hint").textContent = data.summaries[now.patient];
+    const { family, operating_point } = data.patients[now.patient];
+    const of_family = familyOf(now, data);
+    const { settings, summary } = of_family.controllers[now.controller];
+    if (shown !== family) {
+      [shown, tuned] = [family, ""];
+      choices(select("point"), names(of_family.points));
+      choices(select("controller"), names(of_family.controllers));
+      limits(session, "guard_limits", change);
+      limits(session, "pump_limits", change);
+    }
+    select("family").value = family;
+    byId("family-hint").textContent = of_family.summary;
+    select("point").value = operating_point;
+    byId("point-hint").textContent = of_family.points[operating_point];
     select("controller").value = now.controller;
-    byId("controller-hint").textContent = data.controllers[now.controller].summary;
+    byId("controller-hint").textContent = summary;
     select("seed").value = `${now.seed}`;
     input("guard").checked = now.guard;
     choices(
@@ -100,9 +125,9 @@ export function controlsView(session) {
     setSlider(byId("sensor").children[1], now.dead_time_min);
     for (const of of /** @type {const} */ (["guard_limits", "pump_limits"])) {
       const boxes = byId(of.replace("_", "-")).children;
-      Object.entries(data[of]).forEach(([name, { usual }], i) => setSlider(boxes[i], now[of][name] ?? usual));
+      Object.entries(of_family[of]).forEach(([name, { usual }], i) => setSlider(boxes[i], now[of][name] ?? usual));
     }
-    byId("guard-box").hidden = !now.guard || Object.keys(data.guard_limits).length === 0;
+    byId("guard-box").hidden = !now.guard || Object.keys(of_family.guard_limits).length === 0;
     mealRows(session, change);
     faultRows(session, change);
   };
@@ -118,7 +143,7 @@ export function controlsView(session) {
  */
 function limits(session, of, change) {
   byId(of.replace("_", "-")).replaceChildren(
-    ...Object.entries(session.data[of]).map(([name, setting]) =>
+    ...Object.entries(familyOf(session.situation, session.data)[of]).map(([name, setting]) =>
       slider(`limit-${name}`, setting.summary, setting, setting.usual, (value) => {
         const { [name]: _, ...others } = session.situation[of];
         change({ [of]: value === setting.usual ? others : { ...others, [name]: value } }, name);

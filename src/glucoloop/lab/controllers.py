@@ -1,0 +1,144 @@
+"""Controllers of the page as functions whose numbers are inputs, and the models on which the page designs them.
+
+What of a controller is part of its program is usual for the patient and cannot be changed on the page: the dead time of
+IMC, the states of MPC/SE, what linear MPC keeps of a long response, and two limits of the guard. Patients with insulin
+by one route have the same of each, so that there is one program of each controller for each route.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from dataclasses import dataclass
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop.control import Controller, LinearMPC
+from glucoloop.control.guard import Guard, guarded
+from glucoloop.control.imc import design_imc
+from glucoloop.control.mpc_se import MPCSE
+from glucoloop.control.pid import PIDTuning, design_pid
+from glucoloop.control.protocol import Observation
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.designs import controller_of
+from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
+from glucoloop.lab.part import Part, part, starting
+from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.registry.controllers import complete
+from glucoloop.registry.guard import PREFIX, GuardSettings, usual_limit
+from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.registry.settings import Value
+
+CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
+LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
+"""Samples that a predictive controller of the page can look ahead, by the route of insulin; shorter horizons are padded
+without weight.
+"""
+FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min")
+"""Limits of the guard from which it computes tables when it is made, so that they are part of its program."""
+FREE_LIMITS: Final = tuple(field.name for field in dataclasses.fields(GuardSettings) if field.name not in FIXED_LIMITS)
+
+
+def usual_tuning(name: str, family: str, operating_point: str, *, noisy: bool = False) -> dict[str, Value]:
+    """All settings of a controller that are usual for a patient of the page."""
+    return complete(name, {}, entry_of(family), operating_point, noisy=noisy)
+
+
+@functools.cache
+def usual_mpc(family: str, operating_point: str) -> LinearMPC:
+    """Linear MPC of a patient, on the model that is identified without noise, with room for the longest horizon."""
+    found: LinearMPC = _with_room("mpc", family, operating_point)
+    return found
+
+
+@functools.cache
+def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
+    """MPC/SE of a patient, with room for the longest horizon."""
+    found: MPCSE = _with_room("mpc-se", family, operating_point)
+    return found
+
+
+def _with_room(name: str, family: str, operating_point: str) -> Any:
+    around = situation(family, operating_point)
+    controller: Any = controller_of(around, usual_case(name, around))
+    moves, _ = controller.horizons
+    return controller.padded(moves, LONGEST_HORIZON[entry_of(family).insulin_route])
+
+
+def example_controller(name: str, family: str) -> Controller:
+    """A controller of a kind for the patients of a family."""
+    point = next(iter(patients(family)))
+    if name == "pid":
+        return design_pid(PIDTuning(1.0, 60.0, 1.0), PARKER_1999_LIMITS)
+    if name == "imc":
+        delay_min = float(usual_tuning("imc", family, point)["delay_min"])
+        return design_imc(-3.0, 80.0, delay_min, PARKER_1999_LIMITS, sample_time_min=SAMPLE_TIME_MIN)
+    return usual_mpc(family, point) if name == "mpc" else usual_mpc_se(family, point)
+
+
+class _FreeLimits:
+    """Limits of a guard that are inputs of the program, beside those that are not; stands for `GuardSettings`."""
+
+    def __init__(self, free: dict[str, Any], fixed: GuardSettings) -> None:
+        for name in FIXED_LIMITS:
+            setattr(self, name, getattr(fixed, name))
+        for name, value in free.items():
+            setattr(self, name, value)
+
+
+@dataclass(frozen=True)
+class Adjustable:
+    """A controller whose numbers are inputs of a program, the limits of a guard among them."""
+
+    example: Controller
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Example of the numbers."""
+        limits = dict.fromkeys(FREE_LIMITS, jnp.zeros(())) if isinstance(self.example, Guard) else {}
+        return {"controller": jax.tree.map(jnp.asarray, self.example), "guard": limits}
+
+    def of(self, numbers: dict[str, Any]) -> Any:
+        """The controller with other numbers; the guard's limits are no part of its tree."""
+        controller = numbers["controller"]
+        if not isinstance(controller, Guard):
+            return controller
+        limits: Any = _FreeLimits(numbers["guard"], controller.settings)
+        return dataclasses.replace(controller, settings=limits)
+
+
+def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
+    """A controller of the page for the patients of a family, in a guard with their usual limits or not."""
+    bare = example_controller(name, family)
+    if not guard:
+        return Adjustable(bare)
+    fields = dataclasses.fields(GuardSettings)
+    limits = {field.name: usual_limit(f"{PREFIX}{field.name}", entry_of(family)) for field in fields}
+    return Adjustable(guarded(bare, GuardSettings(**limits), PARKER_1999_LIMITS))
+
+
+def controller_parts(adjusted: Adjustable) -> dict[str, Part]:
+    """The two functions of a controller: its state at the start, and its step."""
+    zero = jnp.zeros(())
+    observation = Observation(
+        glucose_mg_dl=zero,
+        valid=jnp.asarray(True),
+        setpoint_mg_dl=zero,
+        delivered_mU_min=zero,
+        announced_carbs_g=zero,
+    )
+
+    def init(person: Any, own: Any, rng: Any) -> Any:
+        del rng
+        return adjusted.of(person).init(own)
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared, rng
+        state, decision = adjusted.of(person).step(carry, own)
+        return state, {"insulin_mU_min": decision.insulin_mU_min, "status": decision.status}
+
+    person = adjusted.numbers
+    state = jax.eval_shape(lambda: adjusted.of(person).init(observation))
+    return {"start": starting(init, person, observation), "step": part(step, person, state, observation)}

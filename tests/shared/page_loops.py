@@ -1,0 +1,196 @@
+"""Situations of the laboratory, simulated in Python by the functions of the page."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.control.protocol import Observation
+from glucoloop.lab.body import SAMPLE_TIME_MIN, STEP_MIN, STEPS
+from glucoloop.lab.devices import _Passed, part_name
+from glucoloop.lab.parts import GUARDED
+from glucoloop.native.interpreter import interpret
+
+OBSERVED = [field.name for field in dataclasses.fields(Observation)][:5]
+NO_DRAW = 0.5
+"""What stands for the draw of an onset that is given."""
+TRACED = ("glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status")
+
+
+def portable(part):
+    """A function with portable arithmetic, by the interpreter of scalar programs."""
+
+    def of(person, carry, own, shared=None):
+        groups = {"person": person, "carry": carry, "own": own, "shared": shared}
+        return interpret(
+            part.lowered, **{name: rows for name, rows in groups.items() if rows is not None and len(rows)}
+        )
+
+    return of
+
+
+def by_jax(part):
+    """A function with the arithmetic of JAX, which is that of a run."""
+    shapes = part.lowered.shapes
+
+    def tree(shape, numbers):
+        leaves, structure = jax.tree.flatten(shape)
+        ends = np.cumsum([leaf.size for leaf in leaves])
+        own = zip(jnp.split(numbers, ends[:-1]) if leaves else [], leaves, strict=True)
+        parts = [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in own]
+        return jax.tree.unflatten(structure, parts)
+
+    def flat(tree):
+        leaves = [jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)]
+        return jnp.concatenate(leaves) if leaves else jnp.zeros(0)
+
+    def of_one(person, carry, own):
+        given = tree(shapes.person, person), tree(shapes.carry, carry), tree(shapes.own, own), ()
+        return tuple(map(flat, part.step(*given, jax.random.key(0))))
+
+    compiled = jax.jit(jax.vmap(of_one, in_axes=-1, out_axes=-1))
+    return lambda *groups: tuple(map(np.asarray, compiled(*groups)))
+
+
+def rows_of(fields, given):
+    """Numbers by name in the order in which a function takes them; zero where none are given."""
+    rows = []
+    for name, count in fields.items():
+        own = np.zeros(count)
+        told = np.ravel(np.asarray(given.get(name, 0.0), float))[:count]
+        own[: told.size] = told
+        rows.append(own)
+    return np.concatenate(rows) if rows else np.zeros(0)
+
+
+def numbers_of(tree):
+    """Numbers of a tree, leaf by leaf."""
+    leaves = [np.ravel(np.asarray(leaf)).astype(float) for leaf in jax.tree.leaves(tree)]
+    return np.concatenate(leaves) if leaves else np.zeros(0)
+
+
+def side_by_side(each):
+    """Arrays of people with the people trailing."""
+    return np.stack(list(each), axis=-1)
+
+
+def meal_moments(part, situations, samples):
+    """Moments of the meals of each situation, ``(samples, steps of the integrator, 3, situations)``."""
+    starts = STEP_MIN * np.arange(samples * STEPS)
+    total = np.zeros((starts.size, 3, len(situations)))
+    for i, situation in enumerate(situations):
+        for meal in situation["meals"]:
+            person = rows_of(part.names["person"], {**meal, "eating_min": 0.0})
+            people = np.repeat(person[:, None], starts.size, axis=1)
+            total[:, :, i] += interpret(part.lowered, person=people, shared=starts[None])[1].T
+    return total.reshape(samples, STEPS, 3, len(situations))
+
+
+class Loops:
+    """Situations of one family and one controller, guarded or not.
+
+    Parameters
+    ----------
+    parts : mapping
+        Functions of the page.
+    data : mapping
+        Data of the page.
+    situations, answers : sequence
+        Situations, and what the page answered to each.
+    around : sequence of Surroundings
+        Sensor and pump of each, all with the same faults around them.
+    faults : sequence of Fault
+        One example of each fault, the first innermost.
+    """
+
+    def __init__(self, parts, data, situations, answers, around, faults):
+        self.parts, self.situations = parts, situations
+        patients = [data["patients"][situation["patient"]] for situation in situations]
+        family, first = patients[0]["family"], situations[0]
+        name = first["controller"].replace("-", "_") + (GUARDED if first["guard"] else "")
+        self.controller = f"{data['families'][family]['route']}_{name}"
+        self.family = family.replace("-", "_")
+        self.samples = round(first["duration_min"] / SAMPLE_TIME_MIN)
+        self.late = round(first["dead_time_min"] / SAMPLE_TIME_MIN)
+        takes = parts[f"{self.controller}_step"].names["person"]
+        numbers = [{k: np.nan if v is None else v for k, v in answer["numbers"].items()} for answer in answers]
+        self.of_controller = side_by_side(rows_of(takes, of) for of in numbers)
+        self.of_plant = side_by_side(numbers_of([*of["matrices"], *of["numbers"]]) for of in patients)
+        takes = parts["noise"].names["person"]
+        noise = ({"variance": of["noise_variance"], "bound_mg_dl": 5.0} for of in situations)
+        self.of_noise = side_by_side(rows_of(takes, of) for of in noise)
+        self.normals = side_by_side(data["normals"][of["seed"]] for of in situations)
+        self.moments = meal_moments(parts[f"{self.family}_meal"], situations, self.samples)
+        sensors = [of.sensor for of in around]
+        self.faults = []
+        for fault in reversed([fault for fault in faults if fault.entry.part == "sensor"]):
+            alone = [dataclasses.replace(of, inner=_Passed(valid=jnp.asarray(True))) for of in sensors]
+            self.faults.insert(0, (part_name(fault), side_by_side(map(numbers_of, alone))))
+            sensors = [of.inner for of in sensors]
+        of_pump = [fault for fault in faults if fault.entry.part == "pump"]
+        self.pump = part_name(of_pump[0]) if of_pump else "pump"
+        self.of_pump = side_by_side(numbers_of(of.pump) for of in around)
+        self.x = side_by_side(of["x"] for of in patients)
+        self.glucose = np.array([of["glucose_mg_dl"] for of in patients])
+        self.basal = np.array([of["basal_insulin_mU_min"] for of in patients])
+        self.setpoint = np.array([of["setpoint_mg_dl"] for of in patients])
+
+    def run(self, made=portable, moved=0.0):
+        """Trace by name ``(samples, situations)``, and ``inside_mg_dl`` between.
+
+        Parameters
+        ----------
+        made : callable
+            Arithmetic of the patient and the controller: `portable` or `by_jax`.
+        moved : float
+            Relative change of the state with which the patient begins.
+        """
+        parts, none = self.parts, np.zeros((0, self.basal.size))
+        wake, decide = (made(parts[f"{self.controller}_{what}"]) for what in ("start", "step"))
+        plant, pump = made(parts[f"{self.family}_plant"]), portable(parts[self.pump])
+        draw = np.full(self.basal.size, NO_DRAW)
+        x, glucose, reported = self.x * (1.0 + moved), self.glucose * (1.0 + moved), self.basal
+
+        def awake():
+            found = []
+            for name, numbers in self.faults:
+                drawn = [draw] if "drawn" in parts[f"{name}_start"].names["own"] else []
+                found.append(portable(parts[f"{name}_start"])(numbers, None, np.array([glucose, *drawn]))[1])
+            return found
+
+        def read(k, states, line):
+            own = np.array([glucose, self.normals[k]])
+            reading = portable(parts["noise"])(self.of_noise, None, own)[1][0]
+            line, (reading, valid) = [*line, reading], (line[0] if line else reading, np.ones_like(glucose))
+            after = []
+            for (name, numbers), state in zip(self.faults, states, strict=True):
+                state, (reading, valid) = portable(parts[name])(numbers, state, np.array([reading, valid]))
+                after.append(state)
+            return after, line[1:], reading, valid
+
+        def observed(reading, valid):
+            told = dict(zip(OBSERVED, (reading, valid, self.setpoint, reported, np.zeros_like(reading)), strict=True))
+            return np.array([told[name] for name in parts[f"{self.controller}_step"].names["own"]])
+
+        line = [glucose] * self.late
+        _, _, *first = read(0, awake(), line)
+        _, memory = wake(self.of_controller, none, observed(*first))
+        states = awake()
+        start = parts[f"{self.pump}_start"]
+        own = np.array([reported, *([draw] if "drawn" in start.names["own"] else [])])
+        _, in_pump = portable(start)(self.of_pump, None, own)
+        trace = {name: [] for name in (*TRACED, "inside_mg_dl")}
+        for k in range(self.samples):
+            states, line, reading, valid = read(k, states, line)
+            memory, decision = decide(self.of_controller, memory, observed(reading, valid))
+            in_pump, (insulin, reported, status) = pump(self.of_pump, in_pump, decision)
+            happened = [glucose, reading, decision[0], insulin, status]
+            inside = []
+            for moments in self.moments[k]:
+                x, outputs = plant(self.of_plant, x, np.concatenate([insulin[None], moments]))
+                inside.append(outputs[1:])
+            glucose = outputs[0]
+            for name, value in zip(trace, [*happened, np.concatenate(inside)], strict=True):
+                trace[name].append(value)
+        return {name: np.array(values) for name, values in trace.items()}
