@@ -22,6 +22,7 @@ from pathlib import Path
 
 import jax
 
+from glucoloop.cli.compiled import keep_compiled
 from glucoloop.cli.exported import made_of
 from glucoloop.config.export import read_export
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
@@ -37,7 +38,7 @@ RESULTS, FIGURES = FOLDER / "chip_results.json", FOLDER / "guide" / "chip_figure
 HERE = "computer"
 RUN, MOST_RUNS = 100, 50
 """Samples of a run, and the largest number of runs in one program."""
-IN_NUMPY, IN_NUMPY_SLOW = 10, 2
+IN_NUMPY, IN_NUMPY_SLOW = 10, 1
 """Samples of each run that are computed operation by operation."""
 LEVELS = (RUN, 1000)
 """Numbers of samples that every slow cell reaches before any goes on."""
@@ -206,6 +207,7 @@ def main():
     given.add_argument("--proofs", action="store_true", help="Check MISRA C:2012 and prove the bounds instead.")
     given.add_argument("--tables", action="store_true", help="Write the tables alone.")
     asked = given.parse_args()
+    keep_compiled()
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # a step of a patient is too short for another thread
     chosen = [case for case in cases(asked.controller or CONTROLLERS) if asked.precision in (None, case.precision)]
     if asked.tables:

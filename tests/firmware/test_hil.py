@@ -213,6 +213,38 @@ def test_an_answer_that_comes_twice_asks_for_nothing(on_chip):
     assert line.asked < 100  # a few greetings more; once, each repeated answer asked for another
 
 
+class _Damaging(_Twice):
+    """A chip of which every other answer is damaged."""
+
+    damaged, received = False, 0
+
+    def receive(self, wait_s):
+        self.received += 1
+        assert self.received < 1000, "nobody asks again"
+        told = super().receive(wait_s)
+        self.damaged ^= bool(told)
+        return b"GL\x01" + bytes(17) if told and self.damaged else told
+
+
+def test_a_damaged_answer_is_asked_for_again_at_once(on_chip):
+    line = _Damaging(on_chip.exported, on_chip.payloads)
+    exchange = Exchange(line, on_chip.exported.source.design, on_chip.payloads.sizes, clock=lambda: 0.0)
+    exchange.begin()
+    assert all(exchange.decide(sample, b"") is not None for sample in range(10))
+
+
+def test_a_damaged_frame_is_answered_by_a_greeting(on_chip, tmp_path):
+    link = on_chip.link(tmp_path)
+    try:
+        decoder, greetings = Decoder(), 0
+        link.send(Frame(Type.ASK, sample=7).encoded()[:-1] + b"!")
+        while greetings < 2 and (received := link.receive(10.0)):  # the first one is that of its start
+            greetings += sum(frame.type == Type.HELLO for frame in decoder.feed(received))
+        assert greetings == 2
+    finally:
+        link.close()
+
+
 def test_a_frame_is_sent_again_after_the_usual_time_of_an_answer():
     patience = Patience()
     assert patience.wait_s == 0.02

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,14 +46,17 @@ class Made:
     situation: Situation
     model: ModelFile | None
 
+    @functools.cached_property
+    def computing(self) -> tuple[Init, Step]:
+        """Init and step in C on this computer, compiled once, or in NumPy where it has no compiler."""
+        if compiler() is None:
+            return arithmetic(self.exported)
+        library = Library(self.exported.source, self.exported.precision)
+        return library.init, library.step
+
     def recorded(self, samples: int, seed: int) -> SampleRecord:
-        """Samples with the decisions of C on this computer, or of NumPy where it has no compiler."""
-        init: Init
-        step: Step
-        init, step = arithmetic(self.exported)
-        if compiler() is not None:
-            library = Library(self.exported.source, self.exported.precision)
-            init, step = library.init, library.step
+        """Samples of a closed loop, with the decisions of the controller's C on this computer."""
+        init, step = self.computing
         return record(self.exported, self.controller, self.situation, init, step, samples=samples, seed=seed)
 
 

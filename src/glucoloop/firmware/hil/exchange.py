@@ -164,9 +164,14 @@ class Exchange:
         return self.answers[sample] if self._until(ask, took, within_s) else None
 
     def _until(self, ask: Callable[[], None], took: Callable[[Frame], bool], within_s: float = ANSWER_WITHIN_S) -> bool:
-        """Ask until a frame is the one that is waited for; False if none was in time."""
+        """Ask until a frame is the one that is waited for; False if none was in time.
+
+        A damaged frame is perhaps the answer: the question is sent again at once, and later ones wait their time, so
+        that a line that damages everything is not flooded.
+        """
         end = self._clock() + within_s
         self._decoder.forget()
+        refused, at_once = self.refused, True
         ask()
         again = self._clock() + self._patience.wait_s
         while (now := self._clock()) < end:
@@ -175,8 +180,11 @@ class Exchange:
                 if took(frame):
                     return True
                 again = self._clock() + self._patience.wait_s
-            if self._clock() >= again:
-                self._patience.repeated()
+            late = self._clock() >= again
+            if late or (at_once and self.refused > refused):
+                refused, at_once = self.refused, late
+                if late:
+                    self._patience.repeated()
                 ask()
                 self._sent_s = None
                 self.repeated += 1

@@ -116,6 +116,7 @@ static void handle(void)
 int main(void)
 {
   uint8_t fresh[64];
+  uint32_t refused = 0U;
   board_begin(HIL_WATCHDOG_MS);
   (void)memset(&decoder, 0, sizeof(decoder));
   (void)hil_load(&memory);
@@ -130,6 +131,11 @@ int main(void)
       {
         handle();
       }
+    }
+    if (decoder.refused != refused)
+    {
+      refused = decoder.refused;
+      send_hello(0U); /* a damaged frame: the other side need not wait to learn of it */
     }
     board_feed();
   }
