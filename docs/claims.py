@@ -26,6 +26,7 @@ def number(value, digits):
 
 def claims(told):
     titles = {situation["name"]: situation["title"] for situation in told["situations"]}
+    titles |= {row["group"]: row["title"] for row in told["mismatches"]}
     controllers = list(told["claims"][0]["controllers"])
     lines = [
         f"| Situation | Claim | Unit | Bound | | {' | '.join(controllers)} | Of |",
@@ -67,6 +68,23 @@ def numbers(told):
     return lines
 
 
+def mismatches(told):
+    """Undershoot where the model is wrong, and the distance of the meal-aware controller to the bound."""
+    lines = []
+    for row in told["mismatches"]:
+        if not lines:
+            names = list(row["controllers"])
+            lines.append(f"| Situation | Of | {' | '.join(names)} | Bound | Distance, {names[-1]} |")
+            lines.append(f"| :--- | :--- |{' ---: |' * (len(names) + 2)}")
+        one = row["runs"] == "one run"
+        cells = [cell(found["undershoot_mg_dl"], 1, one) for found in row["controllers"].values()]
+        from_bound = row["distance_to_bound_mg_dl"].get(names[-1])
+        cells += ["" if from_bound is None else number(row["bound_mg_dl"], 2)]
+        cells += ["" if from_bound is None else cell(from_bound, 1, one)]
+        lines.append(f"| {row['name']} | {row['runs']} | {' | '.join(cells)} |")
+    return lines
+
+
 def main(path):
     told = json.loads(Path(path).read_text(encoding="utf-8"))
     held = sum(claim["holds"] for claim in told["claims"])
@@ -81,6 +99,10 @@ def main(path):
             "Median, and 5 to 95 % of the runs:",
             "",
             *numbers(told),
+            "",
+            "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:",
+            "",
+            *mismatches(told),
             "",
             f"Made with glucoloop {told['version']}: {config['seeds']} sensor seeds from {config['seed']} on, "
             f"{config['people']} people of seed {config['seed']}. The tuning was chosen on sensor seeds {first} to "

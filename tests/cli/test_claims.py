@@ -4,16 +4,12 @@ import json
 
 import pytest
 
-from glucoloop.papers.meal_aware.situations import SITUATIONS
-
-SMALL = ("--seeds", 2, "--seed", 3)
-LATE = tuple(one for one in SITUATIONS if one.name == "dead-time-10")
+SMALL = ("--seeds", 2, "--seed", 3, "--only", "dead-time-10", "--only", "correlated", "--no-bounds")
 
 
 @pytest.fixture
 def _small(monkeypatch):
-    """One situation and one quick controller, of which the claims are then made."""
-    monkeypatch.setattr("glucoloop.papers.meal_aware.reproduce.SITUATIONS", LATE)
+    """One quick controller, of which the claims are then made."""
     monkeypatch.setattr("glucoloop.papers.meal_aware.reproduce.CONTROLLERS", ("mpc",))
     monkeypatch.setattr("glucoloop.papers.meal_aware.reproduce.OURS", "mpc")
 
@@ -26,7 +22,9 @@ def test_folder_holds_page_and_numbers_and_repeats_itself(glucoloop, tmp_path):
     for part in ("undershoot, median", "≤ 12.00", "does not hold", "None of them is here", "Wrote claims.csv"):
         assert part in first.out
     told = json.loads((tmp_path / "a/claims.json").read_text())
-    assert told["config"] == {"seed": 3, "seeds": 2, "people": 1000}
+    asked = {"seed": 3, "seeds": 2, "people": 1000, "only": ["dead-time-10", "correlated"], "bounds": False}
+    assert told["config"] == asked
+    assert {claim["situation"] for claim in told["claims"]} == {"dead-time-10", "correlated"}
     verdict = told["claims"][0]
     assert verdict["holds"] is False  # linear MPC undershoots by some 22 mg/dl
     assert f"{verdict['found']:.2f}" in first.out
@@ -52,6 +50,7 @@ def test_folder_holds_page_and_numbers_and_repeats_itself(glucoloop, tmp_path):
         (("--seeds", 0), "--seeds is 0; give"),
         (("--seeds", "x"), "--seeds is 'x'; give a whole number"),
         (("--people", -1), "--people is -1"),
+        (("--only", "stomach"), "--only is 'stomach', which is no situation; the known ones are: noise-free, noise"),
         (("--overwrite",), "name one with --out"),
         (("--out", ""), "--out is empty"),
         (("--config", "none.toml"), "none.toml"),

@@ -11,6 +11,7 @@ from glucoloop.cli.request import Output, file_keys, split_off_output
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import tell_results
 from glucoloop.papers.meal_aware.options import EXTENT_PANEL, QUICK, ClaimsKeys
+from glucoloop.papers.meal_aware.situations import CHOICES
 
 if TYPE_CHECKING:
     from glucoloop.papers.meal_aware.comparison import Verdict
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
 HELP: Final = (
     "Say of each claim about the meal-aware controller whether it holds, with the number, its bound and the seeds.\n\n"
     "It and the paper's four controllers meet the same situations with the same noise: without and with noise, dead "
-    "times of 10 and 15 min, an announced meal, and people whose metabolism varies. --out keeps a page, a figure for "
-    "each situation, and all numbers.\n\n"
+    "times of 10 and 15 min, an announced meal, people whose metabolism varies, and situations in which the model, or "
+    "what a controller is told, is wrong. --out keeps a page, figures, and all numbers.\n\n"
+    f"Situations, for --only: {', '.join(CHOICES)}.\n\n"
     "  glucoloop claims --out claims\n\n"
+    "  glucoloop claims --only stomachs --only fasting\n\n"
     "  glucoloop claims --quick --out glimpse\n\n"
     "  glucoloop claims --config claims/claims.toml --out again"
 )

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from glucoloop.papers.meal_aware.experiments import ComparisonRuns, ControllerRuns
-from glucoloop.papers.meal_aware.measures import MEASURES, numbers_of
+from glucoloop.papers.meal_aware.measures import MEASURES, numbers_at_samples, numbers_of
+from glucoloop.papers.meal_aware.mismatched_loops import MismatchRuns
+from glucoloop.papers.meal_aware.mismatches import MISMATCHES
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, SITUATIONS, read_asked
 
 SETPOINT = 81.1
@@ -41,7 +43,7 @@ def written(undershoots, *, late=None, variation=100.0, quiet=None):
 def study_of():
     """Make a study of a few situations; each controller's loops are those of the meal-aware one unless given."""
 
-    def make(situations, others=None, **keys):
+    def make(situations, others=None, rows=None, **keys):
         loops = {
             name: {one: ((others or {}).get(one) or own) for one in CONTROLLERS} for name, own in situations.items()
         }
@@ -52,7 +54,22 @@ def study_of():
             situations=tuple(one for one in SITUATIONS if one.name in situations),
             bounds={},
             step_ms={"meal-mpc": 0.5},
+            rows=tuple(row for row in MISMATCHES if row.name in (rows or {})),
+            of_rows={name: dict.fromkeys(CONTROLLERS, own) for name, own in (rows or {}).items()},
         )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def at_samples():
+    """Make runs in which the model is wrong: glucose is at 81 mg/dl, and lower by so many mg/dl at some samples."""
+
+    def make(undershoots, *, samples=1):
+        glucose = np.full((121, len(undershoots)), 81.0)
+        glucose[20 : 20 + samples] -= undershoots
+        numbers = numbers_at_samples(glucose, np.full((120, len(undershoots)), 25.6), 81.0, 5.0)
+        return MismatchRuns(run=np.arange(len(undershoots)), numbers=numbers, infeasible=0)
 
     return make
 

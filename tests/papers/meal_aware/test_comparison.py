@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from glucoloop.bounds import OptimalDoses, distance_to_bound
-from glucoloop.papers.meal_aware.comparison import CLAIMS, distances, runs_told, spread, verdicts
-from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS
+from glucoloop.papers.meal_aware.claims import CLAIMS
+from glucoloop.papers.meal_aware.comparison import distances, runs_told, spread, verdicts
+from glucoloop.papers.meal_aware.mismatches import GROUPS, MISMATCHES
+from glucoloop.papers.meal_aware.situations import CHOICES, CONTROLLERS, OURS
 from glucoloop.tuning.oscillation import Oscillation
 
 
@@ -18,8 +20,12 @@ def _quiet(crossings, turns):
 
 
 def test_every_claim_is_about_a_situation_that_is_run():
-    assert {claim.situation for claim in CLAIMS} == {situation.name for situation in SITUATIONS}
+    assert {claim.situation for claim in CLAIMS} == set(CHOICES)
     assert len({claim.id for claim in CLAIMS}) == len(CLAIMS)
+    rows = {row.name: row.group for row in MISMATCHES}
+    for claim in CLAIMS:
+        assert bool(claim.rows) == (claim.situation in GROUPS)
+        assert {rows[name] for name in claim.rows} <= {claim.situation}
 
 
 def test_medians_and_percentiles_decide(study_of, written):
@@ -85,6 +91,32 @@ def test_what_is_not_a_number_holds_nothing(study_of, written):
     assert not _by_id(study_of({"dead-time-10": written([1.0])}))["dead-time-10.turns"].holds  # never tried
 
 
+def test_the_worst_of_several_situations_decides(study_of, at_samples):
+    names = [row.name for row in MISMATCHES if row.group == "stomachs"]
+    study = study_of({}, rows={name: at_samples([3.0, 4.0]) for name in names[:-1]} | {names[-1]: at_samples([9.1])})
+    verdict = _by_id(study)["stomachs.undershoot-95"]
+    assert verdict.ours == pytest.approx(9.1)
+    assert not verdict.holds
+    assert verdict.runs == "3 runs of seed 1; 10 situations"
+
+
+def test_a_fault_is_compared_with_the_same_people_without_it(study_of, at_samples):
+    """Glucose is below 60 mg/dl at some of 121 samples."""
+    faulty = {row.name: at_samples([0.0, 0.0, 30.0], samples=3) for row in MISMATCHES if row.group == "guarded"}
+    same = _by_id(study_of({}, rows=faulty))["guarded.worse"]
+    assert same.ours == 0.0
+    assert same.holds
+    less = faulty | {"guarded, no fault": at_samples([0.0, 0.0, 30.0], samples=1)}
+    worse = _by_id(study_of({}, rows=less))["guarded.worse"]
+    assert worse.ours == pytest.approx(100.0 * 2 / 121)
+    assert not worse.holds
+
+
+def test_a_situation_that_was_not_run_has_no_verdict(study_of, at_samples):
+    found = _by_id(study_of({}, rows={"fasting, white": at_samples([2.0, 2.2, 2.4])}))
+    assert set(found) == {"fasting.noise", "fasting.noise-95", "fasting.variation"}
+
+
 def test_runs_are_told(study_of, written):
     study = study_of({"noise-free": written([1.0]), "noise": written([1.0]), "people": written([1.0])}, seed=7)
     assert runs_told(study, "noise-free") == "one run"
@@ -117,7 +149,7 @@ def test_distance_is_that_to_the_bound_of_each_run(study_of, written):
     )
     study = type(study)(**{**vars(study), "bounds": {"noise": bound}})
     each = [distance_to_bound(run, bound).distance_mg_dl for run in loops.glucose_mg_dl.T]
-    found = distances(study, study.situations[0])
+    found = distances(study, "noise")
     assert set(found) == set(CONTROLLERS)
     assert found[OURS]["median"] == pytest.approx(np.median(each))
     assert found[OURS]["p95"] == pytest.approx(np.percentile(each, 95.0))

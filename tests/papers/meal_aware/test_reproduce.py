@@ -16,8 +16,9 @@ from glucoloop.papers.meal_aware.situations import CONTROLLERS
 
 
 @pytest.fixture(scope="module")
-def study(study_of, written):
-    return study_of({"noise-free": written([1.5]), "noise": written([5.0, 6.5, 7.0])}, seed=899_999)
+def study(study_of, written, at_samples):
+    rows = {"fasting, white": at_samples([2.0, 2.2, 2.4])}
+    return study_of({"noise-free": written([1.5]), "noise": written([5.0, 6.5, 7.0])}, rows=rows, seed=899_999)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,12 @@ def test_the_page_is_whole_and_needs_nothing_else(files):
     assert page.open == []
     assert page.sources == ["data:image/svg+xml;base64,"] * 2
     assert page.links == {"claims.csv", "numbers.csv", "runs.csv", "claims.json"} <= set(files)
-    for part in ("5 of 6 claims hold.", "seeds 899999 to 900001", "chosen on sensor seeds 900000 to 900199"):
+    for part in (
+        "8 of 9 claims hold.",
+        "fasting, white 3 runs of seed 899999",
+        "seeds 899999 to 900001",
+        "chosen on sensor seeds 900000 to 900199",
+    ):
         assert part in page.text
     assert "seeds 900000 to 900001 of the sensor are here too: they are no independent test" in page.text
     assert page.text.count("does not hold") == 1
@@ -78,7 +84,10 @@ def test_all_files_tell_the_same(files):
     row = numbers.filter(situation="noise", controller="imc", measure="undershoot_mg_dl").row(0, named=True)
     assert (row["runs"], row["median"]) == (3, pytest.approx(6.5))
     runs = pl.read_csv(io.BytesIO(files["runs.csv"]))
-    assert runs.height == len(CONTROLLERS) * (1 + 3)
+    assert runs.height == len(CONTROLLERS) * (1 + 3 + 3)
+    assert told["fasting.noise"]["found"] == pytest.approx(2.2)
+    fasting = runs.filter(situation="fasting, white", controller="imc")["undershoot_mg_dl"]
+    assert fasting.to_list() == pytest.approx([2.0, 2.2, 2.4])
     assert "0.5" in files["timing.json"]
     assert "step_ms" not in files["claims.json"]  # nothing there that another run would change
 

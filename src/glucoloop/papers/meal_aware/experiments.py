@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import jax
@@ -26,7 +26,10 @@ from glucoloop.experiments.surroundings import Surroundings, pump_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.papers.meal_aware.claims import Runs
 from glucoloop.papers.meal_aware.measures import Floats, numbers_of
+from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, MismatchRuns, bounds_of_mismatches, designer
+from glucoloop.papers.meal_aware.mismatches import Mismatch
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, NamedSituation
 from glucoloop.registry.controllers import controller_entry
@@ -79,14 +82,27 @@ class ComparisonRuns:
     """Median time of one sample of one patient, by controller, as measured on this machine."""
     ours: str = OURS
     """The controller that the claims are about."""
+    rows: tuple[Mismatch, ...] = ()
+    """Situations in which the controller's model is wrong."""
+    of_rows: Mapping[str, Mapping[str, MismatchRuns]] = field(default_factory=dict)
+    """Runs by name of such a situation, and by controller."""
+
+    @property
+    def runs(self) -> Mapping[str, Mapping[str, Runs]]:
+        """Runs of all situations by name, and by controller."""
+        return {**self.loops, **self.of_rows}
 
 
 def loops_to_close(
-    asked: ClaimsKeys, situations: Sequence[NamedSituation], controllers: Sequence[str] = CONTROLLERS
+    asked: ClaimsKeys,
+    situations: Sequence[NamedSituation],
+    controllers: Sequence[str] = CONTROLLERS,
+    rows: Sequence[Mismatch] = (),
 ) -> int:
     """Number of loops in a study."""
     of_each = {"one": 1, "seeds": asked.seeds, "people": asked.people}
-    return len(controllers) * sum(of_each[situation.runs] for situation in situations)
+    alone = sum(of_each[situation.runs] for situation in situations)
+    return len(controllers) * (alone + sum(row.runs_of(asked) for row in rows))
 
 
 def study(
@@ -96,6 +112,7 @@ def study(
     progress: Progress,
     controllers: Sequence[str] = CONTROLLERS,
     ours: str = OURS,
+    rows: Sequence[Mismatch] = (),
     timed: bool = True,
 ) -> ComparisonRuns:
     """Simulate every loop of the comparison.
@@ -103,13 +120,15 @@ def study(
     Parameters
     ----------
     asked : ClaimsKeys
-    situations : sequence of Situation
+    situations : sequence of NamedSituation
     progress : callable
         Called with the number of loops that have just been simulated.
     controllers : sequence of str
         Names of controllers, each with its defaults for the situation.
     ours : str
         The controller among them that the claims are about.
+    rows : sequence of Mismatch
+        Situations in which the controller's model is wrong.
     timed : bool
         Whether one sample of one patient is timed.
     """
@@ -124,14 +143,35 @@ def study(
                 seeds = asked.sensor_seeds if situation.runs == "seeds" else asked.sensor_seeds[:1]
                 of_case = _loops_of_seeds(situation, name, seeds, models, together, progress)
             loops[situation.name][name] = of_case
+    of_rows = _mismatched(asked, rows, controllers, progress)
+    bounds = _bounds([situation for situation in situations if situation.bounded])
+    if asked.bounds:
+        bounds |= bounds_of_mismatches(rows)
     return ComparisonRuns(
         asked=asked,
         loops=loops,
         situations=tuple(situations),
-        bounds=_bounds([situation for situation in situations if situation.bounded]),
+        bounds=bounds,
         step_ms={name: _time_of_step_ms(name, asked.seed, models) for name in controllers} if timed else {},
         ours=ours,
+        rows=tuple(rows),
+        of_rows=of_rows,
     )
+
+
+def _mismatched(
+    asked: ClaimsKeys, rows: Sequence[Mismatch], controllers: Sequence[str], progress: Progress
+) -> dict[str, dict[str, MismatchRuns]]:
+    """Runs of the situations in which the model is wrong, by name and controller."""
+    found: dict[str, dict[str, MismatchRuns]] = {row.name: {} for row in rows}
+    for guarded in (False, True):
+        part = [row for row in rows if row.guarded is guarded]
+        if part:
+            loops = MismatchedLoops(part, [row.runs_of(asked) for row in part], asked.seed)
+            for controller in controllers:
+                for name, runs in loops.run(designer(controller), progress=progress).items():
+                    found[name][controller] = runs
+    return found
 
 
 class _Models:

@@ -11,7 +11,7 @@ from glucoloop.limits import LARGEST_SEED
 
 MOST_SEEDS: Final = 10_000
 MOST_PEOPLE: Final = 100_000
-QUICK: Final[dict[str, int]] = {"seeds": 16, "people": 64}
+QUICK: Final[dict[str, int | bool]] = {"seeds": 16, "people": 64, "bounds": False}
 
 TUNING_SEEDS: Final = range(900_000, 900_200)
 """Seeds of the sensor on which the tuning of the meal-aware controller was chosen."""
@@ -25,7 +25,12 @@ _extent = functools.partial(Key, panel=EXTENT_PANEL)
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimsKeys:
-    """Number of runs, and the first seed."""
+    """Situations, number of runs, and the first seed."""
+
+    only: Annotated[
+        tuple[str, ...],
+        _extent("A situation, or a group of them, to try in place of all; repeat it for more.", metavar="NAME"),
+    ] = ()
 
     seeds: Annotated[
         int,
@@ -43,6 +48,15 @@ class ClaimsKeys:
         ),
     ] = 1
 
+    bounds: Annotated[
+        bool,
+        _extent(
+            "Whether the best possible doses are found where a model is wrong, for the distance to them.",
+            flag="--bounds/--no-bounds",
+            told="yes; quick: no",
+        ),
+    ] = True
+
     @property
     def sensor_seeds(self) -> range:
         """Seeds of the sensor, as those of ``glucoloop run --seed``."""
@@ -57,4 +71,6 @@ class ClaimsKeys:
             found.append(f"seeds {both.start} to {both.stop - 1} of the sensor")
         if self.seed == TUNING_PEOPLE_SEED:
             found.append(f"the people of seed {self.seed}")
+        if self.seed == MISMATCH_TUNING_SEED:
+            found.append(f"the people and the noise of seed {self.seed}")
         return tuple(found)

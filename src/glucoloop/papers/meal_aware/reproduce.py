@@ -12,10 +12,9 @@ from glucoloop.config.toml import toml_text
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, spread, verdicts
 from glucoloop.papers.meal_aware.experiments import ComparisonRuns, Progress, loops_to_close, study
 from glucoloop.papers.meal_aware.figures import draw
-from glucoloop.papers.meal_aware.measures import MEASURES
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.pages import REPEAT, page, report
-from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS
+from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, mismatches_of, situations_of
 from glucoloop.report.print_figure import KINDS, figure_bytes
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import csv
@@ -25,7 +24,7 @@ WriteFile = Callable[[str, bytes | str], None]
 
 def loops_of(asked: ClaimsKeys) -> int:
     """Number of loops that are simulated."""
-    return loops_to_close(asked, SITUATIONS, CONTROLLERS)
+    return loops_to_close(asked, situations_of(asked), CONTROLLERS, mismatches_of(asked))
 
 
 def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[ComparisonRuns, list[Verdict]]:
@@ -37,7 +36,15 @@ def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[ComparisonRuns,
     progress : callable
         Called with the number of loops that have just been simulated.
     """
-    done = study(asked, SITUATIONS, controllers=CONTROLLERS, ours=OURS, progress=progress)
+    done = study(
+        asked,
+        situations_of(asked),
+        controllers=CONTROLLERS,
+        ours=OURS,
+        rows=mismatches_of(asked),
+        progress=progress,
+        timed=not asked.only,
+    )
     return done, verdicts(done)
 
 
@@ -98,18 +105,18 @@ def claims_table(judged: Sequence[Verdict]) -> pl.DataFrame:
 def numbers_table(done: ComparisonRuns) -> pl.DataFrame:
     """Table with one row per situation, controller and measure: median and 5 to 95 % of the runs."""
     rows = []
-    for situation in done.situations:
+    for situation, controllers in done.runs.items():
         from_bound = distances(done, situation)
-        for name, loops in done.loops[situation.name].items():
-            found = spread(loops)
+        for name, runs in controllers.items():
+            found = spread(runs)
             if name in from_bound:
                 found["distance_to_bound_mg_dl"] = from_bound[name]
             rows += [
                 {
-                    "situation": situation.name,
+                    "situation": situation,
                     "controller": name,
                     "measure": measure,
-                    "runs": int(loops.run.size),
+                    "runs": int(runs.run.size),
                     **{share: shares[share] for share in SHARES},
                 }
                 for measure, shares in found.items()
@@ -120,10 +127,10 @@ def numbers_table(done: ComparisonRuns) -> pl.DataFrame:
 def runs_table(done: ComparisonRuns) -> pl.DataFrame:
     """Table with one row per run: its seed or person, and every measure."""
     tables = [
-        pl.DataFrame({"run": loops.run, **{measure.name: loops.numbers[measure.name] for measure in MEASURES}}).select(
-            pl.lit(situation.name).alias("situation"), pl.lit(name).alias("controller"), pl.all()
+        pl.DataFrame({"run": runs.run, **runs.numbers}).select(
+            pl.lit(situation).alias("situation"), pl.lit(name).alias("controller"), pl.all()
         )
-        for situation in done.situations
-        for name, loops in done.loops[situation.name].items()
+        for situation, controllers in done.runs.items()
+        for name, runs in controllers.items()
     ]
-    return pl.concat(tables)
+    return pl.concat(tables, how="diagonal")

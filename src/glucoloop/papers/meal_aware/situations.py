@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from glucoloop.config.checked import checked
 from glucoloop.config.key import declared
+from glucoloop.papers.meal_aware.mismatches import GROUPS, MISMATCHES, Mismatch
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.registry.settings import refuse_unknown_keys
 
@@ -77,6 +77,10 @@ SITUATIONS: Final = (
 )
 
 
+CHOICES: Final = (*(situation.name for situation in SITUATIONS), *GROUPS)
+"""Names of situations and of groups of them."""
+
+
 def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> ClaimsKeys:
     """Read the extent of a comparison from flat keys.
 
@@ -89,7 +93,24 @@ def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     Raises
     ------
     ValueError
-        For an unknown key, or a value of the wrong type or out of bounds.
+        For an unknown key, a value of the wrong type or out of bounds, or an unknown situation.
     """
+    from glucoloop.config.checked import checked  # late, so that help is shown at once
+
     refuse_unknown_keys(keys, declared(ClaimsKeys))
-    return checked(ClaimsKeys, dict(keys), names)
+    asked = checked(ClaimsKeys, dict(keys), names)
+    for name in asked.only:
+        if name not in CHOICES:
+            called = (names or {}).get("only", "only")
+            raise ValueError(f"{called} is {name!r}, which is no situation; the known ones are: {', '.join(CHOICES)}")
+    return asked
+
+
+def situations_of(asked: ClaimsKeys) -> tuple[NamedSituation, ...]:
+    """The situations that are asked for."""
+    return tuple(situation for situation in SITUATIONS if not asked.only or situation.name in asked.only)
+
+
+def mismatches_of(asked: ClaimsKeys) -> tuple[Mismatch, ...]:
+    """The situations asked for in which the controller's model is wrong."""
+    return tuple(row for row in MISMATCHES if not asked.only or row.group in asked.only)
