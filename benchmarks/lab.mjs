@@ -1,41 +1,152 @@
-// Measure how long the page's simulator takes for one move of a slider, in node:
+// Measure the laboratory's page, in node and in Chromium, and compare with what it should take:
 //
-//     node benchmarks/lab.mjs [MOVES]
+//     glucoloop lab --out lab.html
+//     node benchmarks/lab.mjs [lab.html]
 //
-// 10 h with one meal, 5-min samples, noise. At each move the controller is designed anew, with other variances of the
-// Kalman filter; or the meal is another one. Times are by the clock, so measure on a machine that does nothing else.
-import { readFileSync } from "node:fs";
+// Without the page only node is measured. A browser needs the packages of tests/browser (npm ci --prefix tests/browser),
+// and Chromium, at /usr/bin/chromium or where CHROMIUM says. Times are by the clock: measure on a machine that does
+// nothing else.
+import { existsSync, readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { cpus, loadavg } from "node:os";
+import { pathToFileURL } from "node:url";
 import { load } from "../src/glucoloop/native/targets/wasm/kernels.mjs";
 import { Lab, summary } from "../src/glucoloop/lab/page/loop.mjs";
+import { some } from "../src/glucoloop/lab/page/many.mjs";
+import { peopleOf } from "../src/glucoloop/lab/page/people.mjs";
 import { checked, usual } from "../src/glucoloop/lab/page/situation.mjs";
 
-const moves = Number(process.argv[2] ?? 200);
+const MOVES = 200;
+const PEOPLE = 400;
+const DAY = { duration_min: 1440, noise_variance: 1.45, meals: [{ t_min: 420, carbs_g: 45 }, { t_min: 720, carbs_g: 70 }] };
 const page = new URL("../src/glucoloop/lab/page/", import.meta.url);
 const data = JSON.parse(readFileSync(new URL("lab.json", page), "utf8"));
-const begun = performance.now();
-const lab = new Lab(await load(readFileSync(new URL("lab.wasm", page)), "float64"), data);
-console.log(`module ready after ${(performance.now() - begun).toFixed(1)} ms`);
 
-function report(name, move) {
-  const times = [];
-  for (let i = 0; i < moves; i++) {
-    const situation = checked(move(i), data);
+/** Times of a part of the benchmark, in ms. */
+const quantile = (times, part) => [...times].sort((a, b) => a - b)[Math.floor(part * (times.length - 1))];
+
+console.log(`${cpus().length} x ${cpus()[0].model}, load ${loadavg()[0].toFixed(1)}\n`);
+console.log(`${"".padEnd(58)}${["best", "median", "95 %", "target", "95 %/target"].map((name) => name.padStart(11)).join("")}`);
+function tell(name, times, target) {
+  const [median, most] = [quantile(times, 0.5), quantile(times, 0.95)];
+  const numbers = [Math.min(...times).toFixed(2), median.toFixed(2), most.toFixed(2), target ?? "", target ? (most / target).toFixed(2) : ""];
+  console.log(name.padEnd(58) + numbers.map((value) => `${value}`.padStart(11)).join(""));
+}
+
+async function inNode() {
+  const lab = new Lab(await load(readFileSync(new URL("lab.wasm", page)), "float64"), data);
+  const MOVED = { pid: "closed_loop_min", imc: "filter_min", mpc: "move_weight", "mpc-se": "measurement_variance" };
+  for (const [controller, setting] of Object.entries(MOVED))
+    for (const guard of [false, true]) {
+      const times = [];
+      for (let i = 0; i < MOVES; i++) {
+        const tuning = { [setting]: 5 + i / 1e3 };
+        const situation = checked({ ...usual(data), controller, guard, noise_variance: 1.45, tuning }, data);
+        const start = performance.now();
+        summary(lab.simulate(situation));
+        times.push(performance.now() - start);
+      }
+      tell(`node: ${controller}${guard ? ", guarded" : ""}: ${setting}, 10 h, ms`, times.slice(20));
+    }
+  const people = peopleOf(lab);
+  const day = (controller) => checked({ ...usual(data), ...DAY, controller }, data);
+  some(lab, people, day("mpc"), 0, 40);
+  for (const [controller, drawn] of [["mpc", ", drawn too"], ["mpc", ""], ["pid", ""], ["mpc-se", ""]]) {
     const start = performance.now();
-    summary(lab.simulate(situation));
-    times.push(performance.now() - start);
+    some(lab, people, day(controller), 40, PEOPLE);
+    tell(`node: ${controller}, one person for a day${drawn}, ms`, [(performance.now() - start) / PEOPLE]);
   }
-  const first = times[0].toFixed(2).padStart(8);
-  times.sort((a, b) => a - b);
-  const at = (part) => times[Math.floor(part * (moves - 1))].toFixed(2).padStart(8);
-  console.log(`${name.padEnd(28)}${first}${at(0)}${at(0.5)}${at(0.95)}`);
 }
 
-const MOVED = { pid: "closed_loop_min", imc: "filter_min", mpc: "move_weight", "mpc-se": "measurement_variance" };
-console.log("move                           first    best  median    95 %, ms");
-for (const [controller, setting] of Object.entries(MOVED)) {
-  for (const guard of [false, true]) {
-    const now = { ...usual(data), controller, guard, noise_variance: 1.45 };
-    report(`${controller}${guard ? ", guarded" : ""}: ${setting}`, (i) => ({ ...now, tuning: { [setting]: 5 + i / 1e3 } }));
+/** Open the page some times, with a processor that is slower by a factor; times until the first picture. */
+async function opened(browser, address, slower) {
+  const times = [];
+  for (let i = 0; i < 7; i++) {
+    const tab = await browser.newPage({ viewport: { width: 1280, height: 900 } });
+    const session = await tab.context().newCDPSession(tab);
+    await session.send("Emulation.setCPUThrottlingRate", { rate: slower });
+    await tab.goto(address);
+    await tab.waitForFunction(() => performance.getEntriesByName("first picture").length);
+    times.push(await tab.evaluate(() => performance.getEntriesByName("first picture")[0].startTime));
+    await tab.close();
   }
+  return times.slice(1);
 }
-report("mpc: a meal", (i) => ({ ...usual(data), meals: [{ t_min: 50 + i / 1e3, carbs_g: 50 }] }));
+
+/** Move a slider, each time by a step; times of its listener and of what is drawn at the next frame. */
+async function moved(browser, address, slider) {
+  const tab = await browser.newPage({ viewport: { width: 1280, height: 900 } });
+  await tab.addInitScript(() => {
+    const own = requestAnimationFrame;
+    globalThis.spent = 0;
+    globalThis.requestAnimationFrame = (listener) => own((now) => {
+      const start = performance.now();
+      listener(now);
+      globalThis.spent += performance.now() - start;
+    });
+  });
+  await tab.goto(address);
+  await tab.waitForFunction(() => document.documentElement.dataset.ready);
+  const times = await tab.evaluate(async ({ slider, moves }) => {
+    const input = document.getElementById(slider);
+    const [least, most] = [Number(input.min), Number(input.max)];
+    const found = [];
+    for (let i = 0; i < moves; i++) {
+      await new Promise((resolve) => setTimeout(resolve, 24));
+      input.value = `${least + ((most - least) * (i + 1)) / (moves + 1)}`;
+      const start = performance.now();
+      input.dispatchEvent(new Event("input"));
+      globalThis.spent = performance.now() - start;
+      await new Promise((resolve) => setTimeout(resolve, 40));
+      found.push(globalThis.spent);
+    }
+    return found;
+  }, { slider, moves: MOVES });
+  await tab.close();
+  return times.slice(20);
+}
+
+/** Try a tuning on people; the first time makes the workers and the people. */
+async function tried(browser, address, count) {
+  const tab = await browser.newPage();
+  await tab.goto(address);
+  await tab.waitForFunction(() => document.documentElement.dataset.ready);
+  const times = [];
+  for (let i = 0; i < 4; i++) {
+    times.push(await tab.evaluate(async (count) => {
+      document.getElementById("people-count").value = `${count}`;
+      const said = document.getElementById("said");
+      said.textContent = "";
+      const told = new Promise((resolve) => new MutationObserver(() => said.textContent && resolve()).observe(said, { childList: true }));
+      const start = performance.now();
+      document.getElementById("people-try").click();
+      await told;
+      return performance.now() - start;
+    }, count));
+  }
+  await tab.close();
+  return times;
+}
+
+async function inBrowser(file) {
+  const require = createRequire(new URL("../tests/browser/", import.meta.url));
+  const { chromium } = require("playwright-core");
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
+  const address = pathToFileURL(file).href;
+  tell("Chromium: first picture, ms", await opened(browser, address, 1), 400);
+  tell("Chromium: first picture, six times slower, ms", await opened(browser, address, 6), 2000);
+  for (const [hash, slider] of [["controller=pid", "tuning-closed_loop_min"], ["controller=mpc&noise_variance=1.45&guard=true", "tuning-move_weight"], ["controller=mpc-se&noise_variance=1.45", "tuning-measurement_variance"]]) {
+    tell(`Chromium: ${slider.slice(7)} moved and drawn, ms`, await moved(browser, `${address}#${hash}`, slider), 2);
+  }
+  const day = "#controller=mpc&noise_variance=1.45&duration_min=1440&meals=45g%40420min+70g%40720min";
+  for (const [count, target] of [[1000, 500], [10_000, 4000]]) {
+    const [first, ...others] = await tried(browser, address + day, count);
+    tell(`Chromium: ${count} people for a day, at first, ms`, [first], target);
+    tell(`Chromium: ${count} people for a day, later, ms`, others, target);
+  }
+  await browser.close();
+}
+
+await inNode();
+const [, , file] = process.argv;
+if (file !== undefined && existsSync(file)) await inBrowser(file);

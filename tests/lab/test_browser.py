@@ -108,7 +108,8 @@ def test_a_tuning_is_tried_on_people_and_one_of_them_is_followed(shown):
     assert re.match(r"Of 100 people \d+ come below 70 mg/dl", told)
     assert re.match(r"-?\d+\.\d\d points\. The rule: ", points)
     assert harmed == 10
-    assert re.search(r"Person \d+", rows)
+    [person] = re.findall(r"Person (\d+)", rows)
+    assert shown["used"]["followed"].endswith(f"&follow={person}")
     assert shown["used"]["peopleViolations"] == []
 
 

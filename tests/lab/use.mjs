@@ -32,7 +32,9 @@ const hash = (page) => page.evaluate(() => new URLSearchParams(location.hash.sli
 const views = [];
 for (const width of [1280, 390])
   for (const colorScheme of ["light", "dark"]) {
-    const { page, seen } = await open("#controller=mpc&guard=true&noise_variance=1.45", { viewport: { width, height: 844 }, colorScheme });
+    const lesson = "#controller=mpc&guard=true&faults=occlusion%2C+start_min%3D30%2C+duration_min%3D120";
+    const hash = colorScheme === "dark" ? lesson : "#controller=mpc&guard=true&noise_variance=1.45";
+    const { page, seen } = await open(hash, { viewport: { width, height: 844 }, colorScheme });
     for (const details of await page.locator("details:visible > summary").all()) await details.click();
     await page.locator("#pin").click();
     await page.locator("#moment").press("ArrowRight");
@@ -97,6 +99,7 @@ await page.locator("#people-try").click();
 await page.waitForFunction(() => !document.querySelector("#people-box").hidden, null, { timeout: 120_000 });
 await page.locator("#people-harmed button").first().click();
 await drawn(page);
+used.followed = await page.evaluate(() => location.hash);
 used.people = [await of(page, "#said"), await of(page, "#people-points"), await page.locator("#people-harmed button").count(), await of(page, "#numbers")];
 await page.evaluate(axe);
 used.peopleViolations = (await page.evaluate(() => axe.run())).violations.map(({ id }) => id);

@@ -1,6 +1,8 @@
 // @ts-check
 /** The picture on the screen: axes by uPlot, and everything else drawn on its canvas. */
 
+import { texts } from "./texts.mjs";
+
 /** @typedef {import("./scene.mjs").Scene} Scene */
 /** @typedef {import("./scene.mjs").Panel} Panel */
 /** @typedef {import("./scene.mjs").Line} Line */
@@ -78,10 +80,11 @@ class Chart {
           x: { time: false, range: () => [0, this.shown?.end] },
           y: { auto: true, range: () => this.shown?.panel.range },
         },
+        padding: [6, 12, 0, 0],
         legend: { show: false },
         cursor: { show: false },
         axes: [
-          { ...axis, size: 30, incrs: [5, 10, 15, 30, 60, 120, 180, 240] },
+          { ...axis, size: 30, incrs: [5, 10, 15, 30, 60, 120, 180, 240], values: (/** @type {any} */ _, /** @type {number[]} */ times) => times.map((t) => (t === 0 ? texts.minutes(t) : `${t}`)) },
           { ...axis, size: 44 },
         ],
         series: [{}, { points: { show: false } }],
@@ -127,9 +130,14 @@ class Chart {
       ctx.fillStyle = style("--band");
       ctx.fillRect(left, y(high), width, y(low) - y(high));
     }
-    for (const { from, to, kind } of panel.spans) {
+    ctx.font = `${12 * pixel}px system-ui, sans-serif`;
+    ctx.textBaseline = "bottom";
+    for (const { from, to, kind, text } of panel.spans) {
       ctx.fillStyle = style(kind === "guard" ? "--guard" : "--fault");
       ctx.fillRect(x(from), top, x(to) - x(from), kind === "guard" ? GUARD_PX * pixel : height);
+      if (kind === "guard") continue;
+      ctx.fillStyle = style("--ink");
+      ctx.fillText(text, x(from) + 4 * pixel, top + height - 2 * pixel);
     }
     for (const area of panel.areas) {
       ctx.beginPath();

@@ -41,12 +41,13 @@ export function say(text, refused = false) {
 /**
  * A slider with a field for its number.
  * @param {string} id
- * @param {string} label
+ * @param {string} summary what is set, as a sentence
  * @param {{least: number, most: number, step: number}} range
  * @param {number} value
  * @param {(value: number) => void} changed
  */
-export function slider(id, label, { least, most, step }, value, changed) {
+export function slider(id, summary, { least, most, step }, value, changed) {
+  const label = summary.replace(/\.$/, "");
   const bounds = { min: `${least}`, max: `${most}`, value: `${value}` };
   const range = element("input", { ...bounds, type: "range", id, step: `${step}` });
   const number = element("input", { ...bounds, type: "number", step: "any", "aria-label": texts.numberOf(label) });

@@ -13,7 +13,7 @@ import { shown } from "./units.mjs";
 /**
  * @typedef {object} Panel
  * @property {string} title
- * @property {string} unit
+ * @property {string} legend
  * @property {[number, number]} range
  * @property {[number, number] | null} band
  * @property {number[]} rules levels of thin lines
@@ -149,12 +149,18 @@ export function scene(session, dark) {
         kind: "fault",
         text: texts.faultSpan(name),
       }));
+  const acts = guardActs(trace, every);
+  const legend = (/** @type {[boolean, string][]} */ parts) => parts.flatMap(([there, text]) => (there ? [text] : [])).join("; ");
   return {
     end,
     moment: session.moment === null ? null : session.moment * every,
     glucose: {
-      title: texts.glucoseIn(units.glucose.name, level(LOW), level(HIGH)),
-      unit: units.glucose.name,
+      title: texts.glucoseTitle(units.glucose.name),
+      legend: legend([
+        [true, texts.inBand(level(LOW), level(HIGH))],
+        [own.length > 0, texts.dots],
+        [faulty("sensor").length > 0, texts.shaded],
+      ]),
       range: [glucose(Math.max(0, least < SHOWN[0] ? least - MARGIN : least)), glucose(most + MARGIN)],
       band: [glucose(LOW), glucose(HIGH)],
       rules: [],
@@ -175,8 +181,13 @@ export function scene(session, dark) {
       spans: faulty("sensor"),
     },
     insulin: {
-      title: texts.insulinIn(units.insulin.name, shown(max_mU_min, units.insulin)),
-      unit: units.insulin.name,
+      title: texts.insulinTitle(units.insulin.name),
+      legend: legend([
+        [true, texts.mostOf(shown(max_mU_min, units.insulin))],
+        [differs, texts.dashes],
+        [acts.length > 0, texts.marks],
+        [faulty("pump").length > 0, texts.shaded],
+      ]),
       range: [0, insulin(max_mU_min * 1.05)],
       band: null,
       rules: [insulin(max_mU_min)],
@@ -188,7 +199,7 @@ export function scene(session, dark) {
       areas: [],
       spans: [
         ...faulty("pump"),
-        ...guardActs(trace, every).map(({ from, to, status }) => ({ from, to, kind: /** @type {const} */ ("guard"), text: data.statuses[status] })),
+        ...acts.map(({ from, to, status }) => ({ from, to, kind: /** @type {const} */ ("guard"), text: data.statuses[status] })),
       ],
     },
   };

@@ -46,7 +46,7 @@ function drawn(panel, end, top, height) {
   const y = (/** @type {number} */ value) => top + height - ((value - low) / (high - low)) * height;
   const every = STEPS_MIN.find((step) => end / step <= MOST_TICKS) ?? STEPS_MIN[STEPS_MIN.length - 1];
   const points = (/** @type {[number, number][]} */ of) => of.map(([t, value]) => `${short(x(t))},${short(y(value))}`).join(" ");
-  const parts = [`<text x="${LEFT}" y="${top - 8}" fill="${SOFT}">${escaped(panel.title)}</text>`];
+  const parts = [`<text x="${LEFT}" y="${top - 8}" fill="${SOFT}">${escaped(`${panel.title}; ${panel.legend}`)}</text>`];
   if (panel.band !== null) {
     const [from, to] = panel.band.map((value) => Math.min(Math.max(value, low), high));
     parts.push(`<rect x="${LEFT}" y="${short(y(to))}" width="${right - LEFT}" height="${short(y(from) - y(to))}" fill="#dff0ea"/>`);

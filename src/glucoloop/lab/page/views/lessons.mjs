@@ -11,23 +11,38 @@ import { texts } from "../texts.mjs";
 const link = (/** @type {{title: string, hash: string}} */ { title, hash }) => element("a", { href: hash }, title);
 
 export function lessonsView() {
-  byId("lessons").replaceChildren(...texts.lessons.map((lesson) => element("li", {}, link(lesson), `. ${lesson.text}`)));
-  byId("presets").replaceChildren(...texts.presets.map((preset) => element("li", {}, link(preset))));
+  for (const of of /** @type {const} */ (["lessons", "presets"])) byId(of).replaceChildren(...texts[of].map((one) => element("li", {}, link(one))));
+  byId("close-lesson").addEventListener("click", () => tellLesson(undefined));
 }
 
-/** The lesson of a link, if it is one. @param {string} hash @returns {Lesson | undefined} */
+/** The lesson or the situation to begin with of a link, if it is one. @param {string} hash @returns {Lesson | undefined} */
 export function lessonOf(hash) {
-  return texts.lessons.find((lesson) => lesson.hash === hash);
+  return [...texts.lessons, ...texts.presets].find((lesson) => lesson.hash === hash);
 }
 
-/** Whether a link is one of those that the page offers, which need no version. @param {string} hash */
-export function isOwn(hash) {
-  return [...texts.lessons, ...texts.presets].some((own) => own.hash === hash);
+/** Show what to look at above the picture, until another lesson is begun. @param {Lesson | undefined} lesson */
+export function tellLesson(lesson) {
+  byId("lesson").hidden = lesson === undefined;
+  for (const own of document.querySelectorAll("#lessons a, #presets a")) {
+    if (own.getAttribute("href") === lesson?.hash) own.setAttribute("aria-current", "true");
+    else own.removeAttribute("aria-current");
+  }
+  if (lesson === undefined) return;
+  byId("lesson-title").textContent = lesson.title;
+  byId("lesson-text").textContent = lesson.text;
+  const place = texts.lessons.findIndex(({ hash }) => hash === lesson.hash);
+  const next = place < 0 ? undefined : texts.lessons[place + 1];
+  const after = byId("next-lesson");
+  after.hidden = next === undefined;
+  if (next === undefined) return;
+  after.setAttribute("href", next.hash);
+  after.textContent = texts.nextLesson(next.title);
 }
 
 /** Pin the run that a lesson sets beside its own, in place of all others. @param {Session} session @param {Lesson} lesson */
 export function putBeside(session, { beside }) {
-  if (beside === undefined) return;
+  session.pinned = [];
+  if (beside === undefined) return session.changed();
   const { situation } = fromLink(beside.hash, session.data);
   session.pinned = [{ name: beside.name, situation, trace: session.lab.simulate(situation) }];
   session.changed();

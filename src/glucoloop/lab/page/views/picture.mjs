@@ -36,8 +36,10 @@ export function pictureView(session) {
 
   return () => {
     const of = scene(session, isDark());
-    byId("glucose-title").textContent = of.glucose.title;
-    byId("insulin-title").textContent = of.insulin.title;
+    for (const panel of /** @type {const} */ (["glucose", "insulin"])) {
+      byId(`${panel}-title`).textContent = of[panel].title;
+      byId(`${panel}-legend`).textContent = of[panel].legend;
+    }
     picture.draw(of);
     for (const inside of picture.insides()) {
       if (heard.has(inside)) continue;
@@ -83,6 +85,7 @@ function told(session) {
 function lane(session, { left, width }) {
   const place = byId("lane");
   const { meals } = session.situation;
+  byId("no-meals").hidden = meals.length > 0;
   const end = session.end_min;
   while (place.childElementCount > meals.length) place.lastElementChild?.remove();
   while (place.childElementCount < meals.length) place.append(mark(session, place.childElementCount));
