@@ -16,7 +16,7 @@ const repeat = await import(pathToFileURL(`${page}/repeat.mjs`).href);
 
 const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
 
-const { predicted } = await import(pathToFileURL(`${page}/prediction.mjs`).href);
+const { predicted, termsOf } = await import(pathToFileURL(`${page}/prediction.mjs`).href);
 
 const { fromToml, fromTrace, situationOf } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
 
@@ -50,6 +50,7 @@ async function answered(asked) {
     const situation = situations.checked(found.situation, data);
     const { memory, ...trace } = lab.simulate(situation, undefined, { memory: true });
     const predictions = (found.samples ?? []).map((sample) => predicted(lab, situation, { ...trace, memory }, sample));
+    const terms = (found.samples ?? []).map((sample) => termsOf(lab, situation, { ...trace, memory }, sample));
     const hash = situations.hash(situation, data, "1.2.3");
     const link = links.link({ situation, units: found.units, person: found.person ?? null }, data, "1.2.3");
     return {
@@ -59,6 +60,7 @@ async function answered(asked) {
       trace,
       summary: summary(trace),
       predictions,
+      terms,
       unlike: found.unlike,
       hash,
       link,

@@ -35,3 +35,23 @@ def test_the_expected_glucose_gives_the_dose(in_node, data, controller, guard):
             assert wanted == pytest.approx(trace["command_mU_min"][sample], abs=1e-9)
             checked += 1
     assert checked >= 3
+
+
+@pytest.mark.parametrize("guard", ["", "&guard=true"])
+@pytest.mark.parametrize("controller", ["pid&noise_variance=1.45", "imc&filter_min=20", "imc&patient=hovorka-2004"])
+def test_the_terms_add_up_to_the_dose(in_node, controller, guard):
+    [answer] = in_node([{"link": f"#controller={controller}{guard}&meals=20g%4050min", "samples": SAMPLES}])
+    trace, checked = answer["trace"], 0
+    for sample, terms in zip(SAMPLES, answer["terms"], strict=True):
+        if trace["status"][sample] != 0:  # limited, or without a reading
+            continue
+        if "pid" in terms:
+            wanted = sum(terms["pid"].values())
+        else:
+            wanted = terms["imc"]["wanted_mU_min"]
+            setpoint = trace["glucose_mg_dl"][0]
+            distance = terms["imc"]["model_mg_dl"] + terms["imc"]["rest_mg_dl"]
+            assert distance == pytest.approx(trace["reading_mg_dl"][sample] - setpoint, abs=1e-6)
+        assert wanted == pytest.approx(trace["command_mU_min"][sample], abs=1e-9)
+        checked += 1
+    assert checked >= 3

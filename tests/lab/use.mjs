@@ -115,6 +115,9 @@ used.trial = [await of(page, "#said"), await page.locator("#loaded-cases button"
 await page.setInputFiles("#load", [file]);
 await drawn(page);
 used.foreign = await of(page, "#said");
+await page.setInputFiles("#load", [{ name: "people.parquet", mimeType: "application/octet-stream", buffer: Buffer.from("PAR1") }]);
+await drawn(page);
+used.parquet = await of(page, "#said");
 await page.evaluate(() => { location.hash = "#controller=fuzzy"; });
 await drawn(page);
 used.nonsense = await of(page, "#said");

@@ -80,7 +80,7 @@ class Chart {
           x: { time: false, range: () => [0, this.shown?.end] },
           y: { auto: true, range: () => this.shown?.panel.range },
         },
-        padding: [6, 12, 0, 0],
+        padding: [6, 18, 0, 0],
         legend: { show: false },
         cursor: { show: false },
         axes: [

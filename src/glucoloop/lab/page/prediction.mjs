@@ -1,5 +1,5 @@
 // @ts-check
-/** What a predictive controller expects at a sample, from its own memory: with the earlier rate, and with its dose. */
+/** Why a dose was given, from the controller's own memory: what a predictive one expects, or the terms of which it is the sum. */
 
 import { controllerName } from "./loop.mjs";
 
@@ -23,14 +23,10 @@ import { controllerName } from "./loop.mjs";
  * @returns {Prediction | null} null for a controller that does not predict
  */
 export function predicted(lab, situation, trace, sample) {
-  const { controller, guard } = situation;
+  const { controller } = situation;
   if (trace.memory === undefined || (controller !== "mpc" && controller !== "mpc-se")) return null;
   const watched = { before: trace.memory[sample], after: trace.memory[sample + 1] };
-  const prefix = guard ? "inner." : "";
-  const numbers = lab.controllerNumbers(situation);
-  const { carry } = lab.data.functions[`${controllerName(situation, lab.data)}_step`];
-  const memory = (/** @type {string} */ name, /** @type {ArrayLike<number>} */ of) => named(carry, of, `${prefix}${name}`);
-  const number = (/** @type {string} */ name) => listOf(numbers[`controller.${prefix}${name}`]);
+  const { memory, number } = inside(lab, situation);
   const [rate_before] = memory("insulin_mU_min", watched.after);
   const move = trace.insulin_mU_min[sample] - rate_before;
   const horizon = number("plan.gain").length;
@@ -46,6 +42,68 @@ export function predicted(lab, situation, trace, sample) {
     t_min: [0, ...free.map((_, i) => i + 1)].map((i) => (sample + i) * every),
     free_mg_dl: [now, ...free],
     dosed_mg_dl: [now, ...free.map((value, i) => value + (step[i] ?? step[step.length - 1]) * move)],
+  };
+}
+
+/**
+ * The terms of a PID or of an internal model controller at a sample, from its own memory.
+ * @typedef {{rate_mU_min: number, proportional_mU_min: number, integral_mU_min: number, derivative_mU_min: number}} Pid moves from a rate
+ * @typedef {{model_mg_dl: number, rest_mg_dl: number, filtered_mg_dl: number, wanted_mU_min: number}} Imc
+ */
+
+/** Statuses of a dose that no reading made. */
+const UNREAD = [2, 4, 5, 6, 7, 10];
+
+/**
+ * @param {Lab} lab
+ * @param {Situation} situation
+ * @param {import("./loop.mjs").Trace} trace of the situation, with the memory of the controller
+ * @param {number} sample
+ * @returns {{pid: Pid} | {imc: Imc} | null} null for another controller, or where no reading was used
+ */
+export function termsOf(lab, situation, trace, sample) {
+  const { controller } = situation;
+  if (trace.memory === undefined || UNREAD.includes(trace.status[sample])) return null;
+  const { memory, number } = inside(lab, situation);
+  const before = (/** @type {string} */ name) => memory(name, /** @type {Float64Array[]} */ (trace.memory)[sample])[0];
+  const after = (/** @type {string} */ name) => memory(name, /** @type {Float64Array[]} */ (trace.memory)[sample + 1])[0];
+  if (controller === "pid") {
+    const reading = after("last_mg_dl");
+    const error = reading - after("setpoint_mg_dl");
+    const earlier = before("last_mg_dl");
+    return {
+      pid: {
+        rate_mU_min: after("insulin_mU_min"),
+        proportional_mU_min: number("proportional")[0] * (error - (earlier - before("setpoint_mg_dl"))),
+        integral_mU_min: number("integral")[0] * error,
+        derivative_mU_min: number("derivative")[0] * (reading - 2 * earlier + before("before_last_mg_dl")),
+      },
+    };
+  }
+  if (controller !== "imc") return null;
+  const filtered = after("filtered_mg_dl");
+  return {
+    imc: {
+      model_mg_dl: after("model_mg_dl"),
+      rest_mg_dl: -after("error_mg_dl"),
+      filtered_mg_dl: -filtered,
+      wanted_mU_min: after("basal_mU_min") + (filtered - number("pole")[0] * before("filtered_mg_dl")) / number("gain")[0],
+    },
+  };
+}
+
+/**
+ * What the controller of a situation keeps, and its numbers, by their names, in a guard or not.
+ * @param {Lab} lab
+ * @param {Situation} situation
+ */
+function inside(lab, situation) {
+  const prefix = situation.guard ? "inner." : "";
+  const numbers = lab.controllerNumbers(situation);
+  const { carry } = lab.data.functions[`${controllerName(situation, lab.data)}_step`];
+  return {
+    memory: (/** @type {string} */ name, /** @type {ArrayLike<number>} */ of) => named(carry, of, `${prefix}${name}`),
+    number: (/** @type {string} */ name) => listOf(numbers[`controller.${prefix}${name}`]),
   };
 }
 

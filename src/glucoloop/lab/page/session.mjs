@@ -3,7 +3,7 @@
 
 import { normalsOf } from "./many.mjs";
 import { peopleOf, personOf } from "./people.mjs";
-import { predicted } from "./prediction.mjs";
+import { predicted, termsOf } from "./prediction.mjs";
 import { checked, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { usualUnits } from "./units.mjs";
@@ -56,6 +56,11 @@ export class Session {
   /** What the controller of the present run expected at the moment that is explained; null if it does not predict. */
   get prediction() {
     return this.moment === null ? null : predicted(this.lab, this.situation, this.run.trace, this.moment);
+  }
+
+  /** Terms of the dose at the moment that is explained, for a controller that does not predict. */
+  get terms() {
+    return this.moment === null ? null : termsOf(this.lab, this.situation, this.run.trace, this.moment);
   }
 
   /** Where the picture ends: with the longest of what is drawn. */

@@ -238,6 +238,8 @@ export const texts = {
   unlike: (/** @type {string[]} */ what) => `This page leaves out: ${what.join(", ")}.`,
   noSituation: "no configuration was given with it",
   nothingToLoad: "There is neither a trace.csv nor a page with percentiles among the files; give the folder of a run or of a trial",
+  parquet:
+    "This page does not read Parquet; give the whole folder of the trial, or its report.html, which has the percentiles of the people",
   notLoaded: (/** @type {string} */ why) => `Nothing was loaded: ${why}.`,
   loaded: "Loaded run",
   ifKept: "Expected without this dose",
@@ -245,6 +247,12 @@ export const texts = {
   expects: (/** @type {Record<string, string>} */ of) =>
     `Its model expects ${of.kept} ${of.glucose_unit} at ${of.t} min if insulin stayed at ${of.rate} ${of.insulin_unit} (dotted), ` +
     `and ${of.dosed} with the delivered rate (dashed); the setpoint is ${of.setpoint}.`,
+  pidTerms: (/** @type {Record<string, string>} */ of) =>
+    `The PID moves insulin from ${of.rate} by ${of.sum} ${of.unit}: ${of.p} because the error changed (P), ${of.i} for the error itself (I) ` +
+    `and ${of.d} because its change changed (D).`,
+  imcTerms: (/** @type {Record<string, string>} */ of) =>
+    `Its model explains ${of.model} ${of.glucose_unit} of the distance from the setpoint by the insulin that was given; it corrects the rest, ${of.rest}. ` +
+    `After the filter that is ${of.filtered}, for which it wants ${of.wanted} ${of.unit}.`,
   moment: (
     /** @type {number} */ t,
     /** @type {string} */ glucose,

@@ -25,7 +25,7 @@ export function controlsView(session) {
   const change = (change, by) => {
     try {
       session.change(change, by);
-      say(texts.ready);
+      say(byId("lesson").hidden ? texts.ready : ""); // a lesson says itself what to do
     } catch (error) {
       if (!(error instanceof RangeError)) throw error;
       say(texts.refused(error.message), true);

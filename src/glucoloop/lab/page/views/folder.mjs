@@ -68,7 +68,7 @@ async function loadFiles(session, files) {
     const configuration = named(".toml");
     return loadRun(session, await trace.text(), configuration && (await configuration.text()));
   }
-  if (page === undefined) throw new RangeError(texts.nothingToLoad);
+  if (page === undefined) throw new RangeError(named(".parquet") === undefined ? texts.nothingToLoad : texts.parquet);
   const { glucose, keys } = fromPage(new DOMParser().parseFromString(await page.text(), "text/html"));
   if (glucose.length === 0) throw new RangeError(texts.nothingToLoad);
   const show = (/** @type {number} */ place) => loadPeople(session, glucose[place], keys, place);

@@ -24,8 +24,8 @@ export function whyView(session) {
       delivered: shown(trace.insulin_mU_min[k], insulin),
       insulin_unit: insulin.name,
     });
-    const expected = expectation(session);
-    byId("why").textContent = [told, session.data.statuses[trace.status[k]], expected].filter(Boolean).join(" ");
+    const reason = expectation(session) || terms(session);
+    byId("why").textContent = [told, session.data.statuses[trace.status[k]], reason].filter(Boolean).join(" ");
   };
 }
 
@@ -43,5 +43,29 @@ function expectation(session) {
     setpoint: shown(data.patients[situation.patient].setpoint_mg_dl, glucose),
     glucose_unit: glucose.name,
     insulin_unit: insulin.name,
+  });
+}
+
+/** Of what the dose of a controller that does not predict is made, in words. @param {import("../session.mjs").Session} session */
+function terms(session) {
+  const found = session.terms;
+  if (found === null) return "";
+  const { glucose, insulin } = session.units;
+  const rate = (/** @type {number} */ of) => shown(of, insulin);
+  const signed = (/** @type {string} */ text) => (text.startsWith("-") ? text.replace("-", "\u2212") : `+${text}`);
+  if ("pid" in found) {
+    const { rate_mU_min, proportional_mU_min, integral_mU_min, derivative_mU_min } = found.pid;
+    const [p, i, d] = [proportional_mU_min, integral_mU_min, derivative_mU_min];
+    return texts.pidTerms({ rate: rate(rate_mU_min), sum: signed(rate(p + i + d)), p: signed(rate(p)), i: signed(rate(i)), d: signed(rate(d)), unit: insulin.name });
+  }
+  const level = (/** @type {number} */ of) => signed(shown(of, glucose));
+  const { model_mg_dl, rest_mg_dl, filtered_mg_dl, wanted_mU_min } = found.imc;
+  return texts.imcTerms({
+    model: level(model_mg_dl),
+    rest: level(rest_mg_dl),
+    filtered: level(filtered_mg_dl),
+    wanted: rate(wanted_mU_min),
+    glucose_unit: glucose.name,
+    unit: insulin.name,
   });
 }
