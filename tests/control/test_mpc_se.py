@@ -12,6 +12,7 @@ from glucoloop._pytree import pytree
 from glucoloop.control import Observation, StateTuning, Status, design_mpc_se
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.estimation import steady_state_gain
+from glucoloop.estimation.noise_level import SensorError
 from glucoloop.models.state_space import LinearModel
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
@@ -284,6 +285,62 @@ def test_at_another_basal_rate_it_wakes_at_rest(kind):
         assert int(decision.status) == Status.OK
 
 
+# ------------------------------------------------------------------------------------------- noise of unknown size
+
+
+def _by_riccati(deviation):
+    """Gain of the states and of the sensor's error, whose standard deviation is known."""
+    wide, drive = scipy.linalg.block_diag(PHI, 0.7), np.diag([1.0, 1.0, 1.0, (1.0 - 0.7**2) * deviation**2])
+    row = np.append(C, 1.0)
+    P = scipy.linalg.solve_discrete_are(wide.T, row[:, None], drive, np.array([[1.45]]))
+    return P @ row / (row @ P @ row + 1.45), float(row @ P @ row) + 1.45
+
+
+def test_the_size_of_correlated_noise_is_learned_and_the_filter_follows_it():
+    controller = design_mpc_se(MODEL, np.ones(3), TUNING, WIDE, noise_pace=0.2)
+    state = controller.init(observe(GLUCOSE, INSULIN))
+    estimate, sensor = np.array([0.5, -0.2, 3.0]), (1.5, 3.0)
+    state = dataclasses.replace(
+        state,
+        estimate=jnp.asarray(estimate),
+        sensor=SensorError(error_mg_dl=jnp.asarray(1.5), deviation_mg_dl=jnp.asarray(3.0)),
+    )
+    rate = 2.0
+    predicted, error = PHI @ estimate + GAMMA * rate, 0.7 * sensor[0]
+    gain, variance = _by_riccati(sensor[1])
+    innovation = -3.0  # only those below the prediction count
+    reading = GLUCOSE + C @ predicted + error + innovation
+    found, decision = step(controller, state, observe(reading, INSULIN + rate))
+    estimate = predicted + gain[:3] * innovation
+    np.testing.assert_allclose(found.estimate, estimate, rtol=1e-9)
+    assert float(found.sensor.error_mg_dl) == pytest.approx(error + gain[3] * innovation)
+    learned = sensor[1] + 0.2 * (min(innovation**2 / variance, 9.0) - 1.0)
+    assert float(found.sensor.deviation_mg_dl) == pytest.approx(learned)
+
+    free, w = [], estimate
+    for _ in range(TUNING.prediction_horizon):
+        w = PHI @ w + GAMMA * rate + gain[:3] * innovation
+        free.append(C @ w)
+    wanted = TUNING.reference() * (C @ estimate) - np.array(free)
+    S = np.cumsum([C @ np.linalg.matrix_power(PHI, i) @ GAMMA for i in range(TUNING.prediction_horizon)])
+    A = scipy.linalg.toeplitz(S, [S[0], 0.0])
+    move = np.linalg.solve(A.T @ A + TUNING.move_weight**2 * np.eye(2), A.T @ wanted)[0]
+    assert float(decision.insulin_mU_min) == pytest.approx(INSULIN + rate + move, rel=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["held-innovation", "output-disturbance", "none"])
+def test_before_any_noise_is_learned_it_is_the_filter_of_the_paper(kind):
+    plain, learning = (
+        design_mpc_se(MODEL, np.ones(3), TUNING, offset_free=kind, noise_pace=pace) for pace in (0.0, 0.2)
+    )
+    assert plain.init(observe(GLUCOSE, INSULIN)).sensor is None
+    doses = [
+        step(one, one.init(observe(GLUCOSE, INSULIN)), observe(GLUCOSE + 2.0, INSULIN))[1].insulin_mU_min
+        for one in (plain, learning, learning.padded(2, 10))
+    ]
+    np.testing.assert_allclose(doses[1:], doses[0], rtol=1e-9)
+
+
 # ------------------------------------------------------------------------------------------- bad readings
 
 
@@ -305,14 +362,15 @@ def test_a_missing_reading_is_bridged_by_the_model():
     np.testing.assert_allclose(runs[1], runs[0], rtol=1e-10)
 
 
-def test_an_estimate_that_overflows_starts_anew_at_rest():
-    controller = design_mpc_se(MODEL, 30.0 * np.ones(3), TUNING)
+@pytest.mark.parametrize("noise_pace", [0.0, 0.5])
+def test_an_estimate_that_overflows_starts_anew_at_rest(noise_pace):
+    controller = design_mpc_se(MODEL, 30.0 * np.ones(3), TUNING, noise_pace=noise_pace)
     state = controller.init(observe(GLUCOSE, INSULIN))
     seen = []
     for reading in [1.7e308, -1.7e308] * 3:
         state, decision = step(controller, state, observe(reading, INSULIN))
         seen.append(Status(int(decision.status)))
-        assert np.all(np.isfinite(state.estimate))
+        assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(state))
         assert 0.0 <= float(decision.insulin_mU_min) <= 66.9
     assert Status.NON_FINITE in seen
     np.testing.assert_allclose(state.estimate, 0.0)
@@ -355,6 +413,7 @@ def test_statuses():
         ({"process_noise": np.triu(np.ones((3, 3)))}, "Q must be symmetric"),
         ({"measurement_variance": 0.0}, "R must be positive definite, but its smallest eigenvalue is 0"),
         ({"measurement_variance": np.inf}, "R must be finite, but it holds inf"),
+        ({"noise_pace": -0.1}, "pace of -0.1 mg/dl per innovation is not possible; give 0 to 1"),
         (
             {"offset_free": "input-disturbance", "disturbance_variance": 0.0},
             "every mode on the unit circle must be driven by Q",

@@ -11,6 +11,7 @@ import scipy.linalg
 
 from glucoloop.control import Observation, StateTuning, Status, design_mpc_se, design_nlqdmc_se
 from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.estimation.noise_level import LEVELS_MG_DL, SensorError, noisy_filters
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
@@ -167,6 +168,25 @@ def test_near_the_operating_point_it_is_linear_control_and_away_from_it_it_is_no
     assert apart[-2.0] > 0.1
 
 
+@pytest.mark.long
+def test_near_the_operating_point_the_filter_for_correlated_noise_is_that_of_the_linear_model(imagined, patient_81):
+    Q = process_noise(patient(), *TUNING.noise)
+    controller = design_nlqdmc_se(imagined, Q, TUNING.nlqdmc_se, noise_pace=0.2)
+    linear = linear_model(patient_81)
+    filters = noisy_filters(linear.Phi, linear.C, np.diag(Q), 1.45, pace=0.2)
+    for deviation in (0.0, 3.0):
+        state = controller.init(observe(81.1))
+        sensor = SensorError(error_mg_dl=jnp.asarray(0.0), deviation_mg_dl=jnp.asarray(deviation))
+        state, _ = step(controller, dataclasses.replace(state, sensor=sensor), observe(81.1 - 2.0))
+        level = LEVELS_MG_DL.index(deviation)
+        residual = 81.1 - 2.0 - float(imagined.glucose_mg_dl(imagined.state))
+        correction = np.append(state.estimate - imagined.state, state.sensor.error_mg_dl)
+        np.testing.assert_allclose(correction, filters.gain[level] * residual, rtol=1e-3, atol=1e-4)
+        z = residual / np.sqrt(float(filters.innovation_variance[level]))
+        expected = np.clip(deviation + 0.2 * (z**2 - 1.0), 0.0, 6.0)
+        assert float(state.sensor.deviation_mg_dl) == pytest.approx(expected, abs=1e-4)
+
+
 # ------------------------------------------------------------------------------------------- bad readings
 
 
@@ -219,6 +239,7 @@ def test_statuses(controller):
         ({"process_noise": np.triu(np.ones((19, 19)))}, "must be a covariance of the 19 states"),
         ({"measurement_variance": 0.0}, r"measurement variance of 0 \(mg/dl\)\^2 is not possible; give a finite value"),
         ({"measurement_variance": -1.0}, "measurement variance of -1"),
+        ({"noise_pace": 1.5}, "pace of 1.5 mg/dl per innovation is not possible; give 0 to 1"),
         ({"measurement_variance": np.inf}, "measurement variance of inf"),
         ({"measurement_variance": np.nan}, "measurement variance of nan"),
         ({"dead_time_samples": -1}, "dead time of -1 samples is not possible; give a whole number of 0 or more"),

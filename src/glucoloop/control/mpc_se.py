@@ -24,6 +24,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, MPCSESettings, StateTuning
 from glucoloop.control.tuning import check_gain
 from glucoloop.estimation.kalman import steady_state_gain
+from glucoloop.estimation.noise_level import NoisyFilters, SensorError, check_pace, no_error, noisy_filters, shares
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -40,6 +41,17 @@ class MPCSEState:
     """(n, ...) filtered state, a deviation from the model's operating point."""
     insulin_mU_min: jax.Array
     """Rate delivered before this sample."""
+    sensor: SensorError | None = None
+    """Correlated error of the sensor, where its size is learned."""
+
+
+@pytree
+class NoiseLearning:
+    """Filters by the size of a correlated error of the sensor, and what follows from them."""
+
+    filters: NoisyFilters
+    free_innovation: jax.Array
+    """(levels, p) free response to the innovation under the gain of each filter, if it is held."""
 
 
 @pytree
@@ -64,6 +76,8 @@ class MPCSE:
     plan: MovePlan
     basal_mU_min: jax.Array
     basal_glucose_mg_dl: jax.Array
+    learning: NoiseLearning | None = None
+    """Filters by the size of a correlated error of the sensor, which is learned; None for noise as it is told."""
     sample_time_min: float = static()
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
@@ -82,6 +96,10 @@ class MPCSE:
             free_input=jnp.pad(self.free_input, (0, more_samples)),
             free_innovation=jnp.pad(self.free_innovation, (0, more_samples)),
             reference=jnp.pad(self.reference, (0, more_samples)),
+            learning=self.learning
+            and dataclasses.replace(
+                self.learning, free_innovation=jnp.pad(self.learning.free_innovation, ((0, 0), (0, more_samples)))
+            ),
             plan=self.plan.padded(moves, horizon),
         )
 
@@ -93,7 +111,9 @@ class MPCSE:
         """State of a controller at rest under the delivered rate."""
         delivered = rate_at_start(observation, self.basal_mU_min)
         return MPCSEState(
-            estimate=jnp.multiply.outer(self.rest, delivered - self.basal_mU_min), insulin_mU_min=delivered
+            estimate=jnp.multiply.outer(self.rest, delivered - self.basal_mU_min),
+            insulin_mU_min=delivered,
+            sensor=None if self.learning is None else no_error(delivered),
         )
 
     def step(self, state: MPCSEState, observation: Observation) -> tuple[MPCSEState, Decision]:
@@ -103,23 +123,48 @@ class MPCSE:
         estimate = self.Phi @ state.estimate + jnp.multiply.outer(self.Gamma, rate)
         known = is_known(observation)
         innovation = jnp.where(known, observation.glucose_mg_dl - self.basal_glucose_mg_dl - self.C @ estimate, 0.0)
-        estimate = estimate + jnp.multiply.outer(self.kalman_gain, innovation)
+        sensor = held = None
+        if self.learning is None or state.sensor is None:
+            estimate = estimate + jnp.multiply.outer(self.kalman_gain, innovation)
+        else:
+            sensor, correction, held = self._learn(self.learning, state.sensor, innovation, known)
+            estimate = estimate + correction
 
         target = observation.setpoint_mg_dl - self.basal_glucose_mg_dl
         reference = target + jnp.multiply.outer(self.reference, self.C @ estimate - target)
-        free = (
-            self.free_state @ estimate
-            + jnp.multiply.outer(self.free_input, rate)
-            + jnp.multiply.outer(self.free_innovation, innovation)
-        )
+        free = self.free_state @ estimate + jnp.multiply.outer(self.free_input, rate)
+        free = free + (jnp.multiply.outer(self.free_innovation, innovation) if held is None else held)
         move, converged = self.plan.first_move(reference - free, delivered, self.basal_glucose_mg_dl + free)
 
         # An estimate that is no number would never come back; rest under the present rate is all that is left to go by.
         sound = jnp.all(jnp.isfinite(estimate), axis=0)
+        if sensor is not None:
+            sound = sound & sensor.sound
+            sensor = sensor.or_none(sound)
         estimate = jnp.where(sound, estimate, jnp.multiply.outer(self.rest, rate))
-        state = MPCSEState(estimate=estimate, insulin_mU_min=delivered)
+        state = MPCSEState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
         wanted = jnp.where(sound, delivered + move, jnp.nan)
         return state, decide(wanted, delivered, self.plan.limits, known, converged)
+
+    def _learn(
+        self, learning: NoiseLearning, sensor: SensorError, residual: jax.Array, known: jax.Array
+    ) -> tuple[SensorError, jax.Array, jax.Array]:
+        """Estimate the error of the sensor and its size from what a reading is off the prediction of glucose.
+
+        Returns the estimates, the correction of the state ``(n, ...)``, and the free response to it ``(p, ...)``.
+        """
+        filters = learning.filters
+        share = shares(sensor.deviation_mg_dl)
+        gain = jnp.einsum("l...,ln->n...", share, filters.gain)
+        deviation = jnp.sqrt(jnp.einsum("l...,l->...", share, filters.innovation_variance))
+        error = filters.correlation * sensor.error_mg_dl
+        innovation = jnp.where(known, residual - error, 0.0)
+        found = SensorError(
+            error_mg_dl=error + gain[-1] * innovation,
+            deviation_mg_dl=filters.learn(sensor.deviation_mg_dl, innovation / deviation, known),
+        )
+        held = jnp.einsum("l...,lp->p...", share, learning.free_innovation) * innovation
+        return found, gain[:-1] * innovation, held
 
 
 def _with_disturbance(
@@ -148,6 +193,7 @@ def design_mpc_se(
     constraints: str = "clip",
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
+    noise_pace: float = 0.0,
 ) -> MPCSE:
     """Linear MPC on a state-space model, with a steady Kalman filter and a reference filter.
 
@@ -191,12 +237,16 @@ def design_mpc_se(
         Argument as in `design_linear_mpc`.
     glucose_floor_mg_dl, floor_weight : float
         Argument as in `design_linear_mpc`.
+    noise_pace : float
+        Above 0, readings are taken to have a correlated error of unknown size besides the noise of variance R, and this
+        is the pace at which the size is learned, mg/dl per innovation; see `estimation.noise_level`. 0: the filter of
+        the paper.
 
     Raises
     ------
     ValueError
-        For an unknown option, a floor that is not possible, noise that is not a covariance, a model whose gain is not
-        below 0 or that cannot be estimated from glucose, or a dead time that is negative.
+        For an unknown option, a pace outside 0 to 1, a floor that is not possible, noise that is not a covariance, a
+        model whose gain is not below 0 or that cannot be estimated from glucose, or a dead time that is negative.
 
     Examples
     --------
@@ -244,7 +294,17 @@ def design_mpc_se(
     S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
     plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
     check_gain(C[:, 0] @ rest[:, 0])
-    return dataclasses.replace(one, plan=plan, **{name: getattr(one, name)[..., 0] for name in own})
+    check_pace(noise_pace)
+    learning = None
+    if noise_pace > 0.0:
+        filters = noisy_filters(Phi[..., 0], C[:, 0], Q, measurement_variance, pace=noise_pace)
+        held = np.zeros((len(filters.gain), tuned.prediction_horizon))
+        if offset_free == "held-innovation":
+            # C Phi^i of i = 0 .. p - 1; the free response to the estimate begins with i = 1
+            ahead = np.concatenate([C.T, np.asarray(one.free_state)[:-1, :, 0]])
+            held = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
+        learning = NoiseLearning(filters=filters, free_innovation=jnp.asarray(held))
+    return dataclasses.replace(one, plan=plan, learning=learning, **{name: getattr(one, name)[..., 0] for name in own})
 
 
 @dataclass(frozen=True)
@@ -327,5 +387,6 @@ def design(case: DesignCase, settings: MPCSESettings) -> MPCSE:
         measurement_variance=settings.measurement_variance,
         offset_free=settings.offset_free,
         dead_time_samples=case.dead_time_samples,
+        noise_pace=settings.noise_pace,
         **settings.moves,
     )

@@ -23,8 +23,9 @@ from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_flo
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
 from glucoloop.estimation.kalman import filter_gain, steady_state_covariance
+from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
 from glucoloop.models.nonlinear import NonlinearModel
-from glucoloop.models.state_space import discretise, linearise, step_response
+from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
 
@@ -36,6 +37,8 @@ class NLQDMCState:
     """(n,) filtered state."""
     insulin_mU_min: jax.Array
     """Rate delivered before this sample."""
+    sensor: SensorError | None = None
+    """Correlated error of the sensor, where its size is learned."""
 
 
 @pytree
@@ -57,6 +60,8 @@ class NLQDMC:
     beyond_model_mU_min: jax.Array | float = 0.0
     """Difference of the person's basal rate from the model's, which is subtracted from the rate given to the model."""
     floor: GlucoseFloor | None = None
+    noise_pace: jax.Array | float | None = None
+    """Pace at which the size of a correlated error of the sensor is learned, or None for noise as it is told."""
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
@@ -90,7 +95,9 @@ class NLQDMC:
     def init(self, observation: Observation) -> NLQDMCState:
         """State of a controller at rest at the model's operating point."""
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
-        return NLQDMCState(estimate=self.model.state, insulin_mU_min=rate_at_start(observation, basal))
+        delivered = rate_at_start(observation, basal)
+        sensor = None if self.noise_pace is None else no_error(delivered)
+        return NLQDMCState(estimate=self.model.state, insulin_mU_min=delivered, sensor=sensor)
 
     def step(self, state: NLQDMCState, observation: Observation) -> tuple[NLQDMCState, Decision]:
         """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""
@@ -98,10 +105,16 @@ class NLQDMC:
         rate = delivered - self.beyond_model_mU_min
         x = self.model.advance(state.estimate, rate)
         linear = discretise(linearise(self.model.derivative, self.model.glucose_mg_dl, x, rate), self.sample_time_min)
-        P = steady_state_covariance(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
-        K = filter_gain(P, linear.C, self.measurement_variance)
-        known = is_known(observation)
-        correction = K * jnp.where(known, observation.glucose_mg_dl - self.model.glucose_mg_dl(x), 0.0)
+        sensor = None
+        if self.noise_pace is None or state.sensor is None:
+            P = steady_state_covariance(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
+            K = filter_gain(P, linear.C, self.measurement_variance)
+            known = is_known(observation)
+            correction = K * jnp.where(known, observation.glucose_mg_dl - self.model.glucose_mg_dl(x), 0.0)
+        else:
+            known = is_known(observation)
+            residual = observation.glucose_mg_dl - self.model.glucose_mg_dl(x)
+            sensor, correction = self._learn(linear, state.sensor, residual, known, self.noise_pace)
         x = x + correction
 
         def ahead(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
@@ -127,9 +140,35 @@ class NLQDMC:
 
         # An estimate that is no number would never come back; the operating point is all that is left to go by.
         sound = jnp.all(jnp.isfinite(x))
-        state = NLQDMCState(estimate=jnp.where(sound, x, self.model.state), insulin_mU_min=delivered)
+        if sensor is not None:
+            sound = sound & sensor.sound
+            sensor = sensor.or_none(sound)
+        estimate = jnp.where(sound, x, self.model.state)
+        state = NLQDMCState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
         wanted = jnp.where(sound, delivered + move, jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged)
+
+    def _learn(
+        self, linear: LinearModel, sensor: SensorError, residual: jax.Array, known: jax.Array, pace: jax.Array | float
+    ) -> tuple[SensorError, jax.Array]:
+        """Estimate the error of the sensor and its size from what a reading is off the prediction of glucose.
+
+        The error is one more state of the linearisation. Returns the estimates, and the correction of the state.
+        """
+        Phi = jnp.pad(linear.Phi, (0, 1)).at[-1, -1].set(CORRELATION)
+        drive = (1.0 - CORRELATION**2) * sensor.deviation_mg_dl**2
+        Q = jnp.pad(self.process_noise, (0, 1)).at[-1, -1].set(drive)
+        C = jnp.append(linear.C, 1.0)
+        P = steady_state_covariance(Phi, C, Q, self.measurement_variance)
+        K = filter_gain(P, C, self.measurement_variance)
+        error = CORRELATION * sensor.error_mg_dl
+        innovation = jnp.where(known, residual - error, 0.0)
+        deviation = jnp.sqrt(C @ P @ C + self.measurement_variance)
+        found = SensorError(
+            error_mg_dl=error + K[-1] * innovation,
+            deviation_mg_dl=learned(sensor.deviation_mg_dl, innovation / deviation, known, pace),
+        )
+        return found, K[:-1] * innovation
 
 
 @checked
@@ -144,6 +183,7 @@ def design_nlqdmc_se(
     dead_time_samples: int = 0,
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
+    noise_pace: float = 0.0,
 ) -> NLQDMC:
     """Predictive control on a nonlinear model that is linearised anew at each sample.
 
@@ -181,12 +221,14 @@ def design_nlqdmc_se(
         predicted glucose lacks of the floor at the sample i ahead. 0: no floor.
     floor_weight : float
         w.
+    noise_pace : float
+        As for `design_mpc_se`.
 
     Raises
     ------
     ValueError
-        For noise that is not a covariance of the model's size, a dead time that is negative, or a floor that is not
-        possible.
+        For a pace outside 0 to 1, noise that is not a covariance of the model's size, a dead time that is negative, or
+        a floor that is not possible.
 
     Examples
     --------
@@ -207,6 +249,7 @@ def design_nlqdmc_se(
         raise ValueError(
             f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
         )
+    check_pace(noise_pace)
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     return NLQDMC(
         model=model,
@@ -217,6 +260,7 @@ def design_nlqdmc_se(
         move_weight=tuning.move_weight,
         limits=limits,
         floor=glucose_floor(glucose_floor_mg_dl, floor_weight),
+        noise_pace=noise_pace or None,
         move_horizon=tuning.move_horizon,
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,
@@ -232,5 +276,6 @@ def design(case: DesignCase, settings: NLQDMCSettings) -> NLQDMC:
         case.limits,
         measurement_variance=settings.measurement_variance,
         dead_time_samples=case.dead_time_samples,
+        noise_pace=settings.noise_pace,
         **settings.moves,
     )

@@ -38,6 +38,15 @@ GlucoseFloor = Annotated[
 ]
 FloorWeight = Annotated[float, About("Weight on the violation of the floor, w.", above=0.0)]
 MeasurementVariance = Annotated[float, About("Variance of a reading that the filter assumes, R.", above=0.0)]
+NoisePace = Annotated[
+    float,
+    About(
+        "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per innovation; "
+        "0: the noise is as told.",
+        at_least=0.0,
+        at_most=1.0,
+    ),
+]
 FittedStep = Annotated[
     float,
     About(
@@ -128,6 +137,7 @@ class _Estimating(StateTuning, _Planned):
         usual(default=10.0, noisy=0.005)
     )
     measurement_variance: MeasurementVariance = 1.45
+    noise_pace: NoisePace = 0.0
 
     @property
     def process_noise(self) -> tuple[float, float, float]:
@@ -223,15 +233,7 @@ class MealMPCSettings(MealTuning):
         float,
         About("Largest unexplained appearance of glucose that is believed, to either side, in mg/min.", above=0.0),
     ] = 100.0
-    noise_pace: Annotated[
-        float,
-        About(
-            "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per innovation; "
-            "0: the noise is as told.",
-            at_least=0.0,
-            at_most=1.0,
-        ),
-    ] = 0.2
+    noise_pace: NoisePace = 0.2
     ends_unseen: Annotated[
         float,
         About(

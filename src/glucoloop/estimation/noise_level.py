@@ -42,6 +42,53 @@ _MOST: Final = 9.0
 """Most that the square of an innovation counts."""
 
 
+@pytree
+class SensorError:
+    """Estimates of the correlated error of a reading and of its size."""
+
+    error_mg_dl: jax.Array
+    """e."""
+    deviation_mg_dl: jax.Array
+    """s."""
+
+    @property
+    def sound(self) -> jax.Array:
+        """Whether both are finite."""
+        return jnp.isfinite(self.error_mg_dl) & jnp.isfinite(self.deviation_mg_dl)
+
+    def or_none(self, sound: jax.Array) -> SensorError:
+        """The estimates where they are sound, and elsewhere those of a sensor without a correlated error."""
+        return SensorError(
+            error_mg_dl=jnp.where(sound, self.error_mg_dl, 0.0),
+            deviation_mg_dl=jnp.where(sound, self.deviation_mg_dl, LEVELS_MG_DL[0]),
+        )
+
+
+def no_error(like: jax.Array) -> SensorError:
+    """The estimates before the first reading: no error, and none expected."""
+    return SensorError(error_mg_dl=jnp.zeros_like(like), deviation_mg_dl=jnp.full_like(like, LEVELS_MG_DL[0]))
+
+
+def check_pace(pace: float) -> None:
+    """Refuse a pace that is not possible.
+
+    Raises
+    ------
+    ValueError
+        For a pace below 0 or above 1.
+    """
+    if not 0.0 <= pace <= 1.0:
+        raise ValueError(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
+
+
+def learned(deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array, pace: jax.Array | float) -> jax.Array:
+    """Estimate of s after an innovation, which is given in its standard deviations."""
+    change = pace * (jnp.minimum(innovation**2, _MOST) - 1.0)
+    return jnp.clip(
+        deviation_mg_dl + jnp.where(known & (innovation < 0.0), change, 0.0), LEVELS_MG_DL[0], LEVELS_MG_DL[-1]
+    )
+
+
 def shares(deviation_mg_dl: jax.Array) -> jax.Array:
     """Share ``(levels,)`` of each of `LEVELS_MG_DL` in a linear interpolation between them."""
     return jnp.maximum(0.0, 1.0 - jnp.abs(deviation_mg_dl - jnp.asarray(LEVELS_MG_DL)))
@@ -76,10 +123,7 @@ class NoisyFilters:
 
     def learn(self, deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array) -> jax.Array:
         """Estimate of s after an innovation, which is given in its standard deviations."""
-        change = self.pace * (jnp.minimum(innovation**2, _MOST) - 1.0)
-        return jnp.clip(
-            deviation_mg_dl + jnp.where(known & (innovation < 0.0), change, 0.0), LEVELS_MG_DL[0], LEVELS_MG_DL[-1]
-        )
+        return learned(deviation_mg_dl, innovation, known, self.pace)
 
 
 def noisy_filters(
@@ -116,8 +160,7 @@ def noisy_filters(
     """
     if not 0.0 <= correlation < 1.0:
         raise ValueError(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
-    if not 0.0 <= pace <= 1.0:
-        raise ValueError(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
+    check_pace(pace)
     Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
     n = C.size
     wide, drive = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
