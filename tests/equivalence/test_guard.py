@@ -5,20 +5,11 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
-from glucoloop.control import Guard, GuardSettings, guarded
+from glucoloop.control import Guard, guarded
+from guarding import OPEN
 
 PEOPLE = np.arange(7)
 KEYS = {"people": PEOPLE.size, "seed": 211, "duration_min": 240.0, "meals": ["50g@30min"], "noise_variance": 1.45}
-OPEN = GuardSettings(
-    held_min=1000.0,
-    error_mg_dl=0.0,
-    always_basal=100.0,
-    max_hour=100.0,
-    max_on_board=100.0,
-    low_mg_dl=0.0,
-    ahead_min=0.0,
-    fastest_mg_dl_min=100.0,
-)
 
 
 @pytest.mark.long
