@@ -17,6 +17,7 @@ from browser import MODULES, NODE, needs_modules
 from glucoloop.config.run import read_run
 from glucoloop.lab.pack import DATA, MODULE, PAGE, _as_function, page
 from glucoloop.native.targets.wasm.module import HOST
+from glucoloop.registry.patients import PATIENTS
 
 USUAL = {
     "patient": "parker-1999/setpoint-81",
@@ -63,6 +64,12 @@ def test_every_module_is_in_the_file(text):
 def test_an_import_or_export_of_another_form_is_refused(line):
     with pytest.raises(ValueError, match=r"^own\.mjs has .*; name what is imported or exported$"):
         _as_function(f"const a = 1;\n{line}\n", Path("own.mjs"))
+
+
+def test_the_page_has_every_patient_of_the_catalogue(data):
+    assert list(data["families"]) == [entry.name for entry in PATIENTS.values()]
+    for name, family in data["families"].items():
+        assert list(family["points"]) == [point.name for point in PATIENTS[name].operating_points]
 
 
 def test_every_text_that_the_page_names_is_there_once(text):
@@ -153,6 +160,34 @@ def test_each_preset_is_a_situation_of_its_own(in_node):
     assert len({json.dumps(answer["situation"]) for answer in answers}) == len(presets) > 5
     for answer in answers:
         assert answer["summary"]["minimum_mg_dl"] > 60.0
+
+
+CHOOSE = """
+import { readFileSync } from "node:fs";
+const { checked, usual, withPatient } = await import(process.argv[1]);
+const data = JSON.parse(readFileSync(process.argv[2], "utf8"));
+const set = { ...usual(data), controller: "imc", tuning: { filter_min: 3 }, pump_limits: { max_insulin_mU_min: 50 } };
+const chosen = [
+  withPatient(set, "hovorka-2004", undefined, data),
+  withPatient(set, "parker-1999", "fasting-81", data),
+  withPatient(usual(data), "wilinska-2010", "fasting-120", data),
+];
+for (const { situation } of chosen) checked(situation, data);
+console.log(JSON.stringify(chosen));
+"""
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node (Debian: apt install nodejs)")
+def test_what_was_set_for_a_patient_of_another_model_does_not_stay():
+    command = [NODE, "--input-type=module", "-e", CHOOSE, (PAGE / "situation.mjs").as_uri(), DATA]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    other, point, nothing_set = json.loads(done.stdout)
+    assert other["reset"] == ["tuning", "pump_limits"]
+    assert other["situation"] == {**USUAL, "patient": "hovorka-2004/fasting-120", "controller": "imc"}
+    assert point["reset"] == nothing_set["reset"] == []
+    assert point["situation"]["tuning"] == {"filter_min": 3}
+    assert point["situation"]["patient"] == "parker-1999/fasting-81"
+    assert nothing_set["situation"] == {**USUAL, "patient": "wilinska-2010/fasting-120"}
 
 
 LINKS = {

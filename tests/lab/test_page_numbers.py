@@ -31,7 +31,7 @@ from glucoloop.lab.parts import parts
 from glucoloop.metrics import summarise
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import Realisation, StepResponseModel
-from glucoloop.native.interpreter import interpret
+from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.wasm.module import linker
 from glucoloop.pumps import LimitedPump
@@ -123,11 +123,11 @@ class Definition:
         noise = np.all(np.isclose(drawn, normals[:, 0], rtol=1e-9), axis=1)
         assert noise.sum() == 1
         drawn[noise] = normals[:, 0]
-        _, carry = interpret(self.start, person=people, own=np.concatenate([rest, drawn]))
-        traces = []
+        _, carry = Interpreter(self.start)(person=people, own=np.concatenate([rest, drawn]))
+        step, traces = Interpreter(self.step), []
         for k in range(moments.shape[0]):
             own = np.concatenate([moments[k].reshape(-1, len(self.loops)), normals[:, k][None]])
-            carry, outputs = interpret(self.step, person=people, carry=carry, own=own)
+            carry, outputs = step(person=people, carry=carry, own=own)
             traces.append(outputs)
         return np.array(traces)
 
@@ -302,8 +302,9 @@ class OnModelsOfThePage:
         response = {name: np.asarray(numbers) for name, numbers in self.data["response"].items()}
         S, after = response.pop("step_response"), None
         if response:
-            transition, start, output = (response[f"realisation.{name}"] for name in ("transition", "start", "output"))
-            after = Realisation(transition.reshape(start.size, -1), start, output, after=S.size)
+            parts = {name: response[f"realisation.{name}"] for name in ("transition", "start", "output")}
+            square = parts["transition"].reshape(parts["start"].size, -1)
+            after = Realisation(**{**parts, "transition": square}, after=S.size)
         return StepResponseModel(step_response=jnp.asarray(S), sample_time_min=5.0, realisation=after)
 
     def linearised(self):

@@ -10,7 +10,7 @@ from glucoloop.control.protocol import Observation
 from glucoloop.lab.body import SAMPLE_TIME_MIN, STEP_MIN, STEPS
 from glucoloop.lab.devices import _Passed, part_name
 from glucoloop.lab.parts import GUARDED
-from glucoloop.native.interpreter import interpret
+from glucoloop.native.interpreter import Interpreter, interpret
 
 OBSERVED = [field.name for field in dataclasses.fields(Observation)][:5]
 NO_DRAW = 0.5
@@ -20,12 +20,11 @@ TRACED = ("glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", 
 
 def portable(part):
     """A function with portable arithmetic, by the interpreter of scalar programs."""
+    interpreter = Interpreter(part.lowered)
 
-    def of(person, carry, own, shared=None):
-        groups = {"person": person, "carry": carry, "own": own, "shared": shared}
-        return interpret(
-            part.lowered, **{name: rows for name, rows in groups.items() if rows is not None and len(rows)}
-        )
+    def of(person, carry, own):
+        groups = {"person": person, "carry": carry, "own": own}
+        return interpreter(**{name: rows for name, rows in groups.items() if rows is not None and len(rows)})
 
     return of
 
@@ -149,23 +148,26 @@ class Loops:
         parts, none = self.parts, np.zeros((0, self.basal.size))
         wake, decide = (made(parts[f"{self.controller}_{what}"]) for what in ("start", "step"))
         plant, pump = made(parts[f"{self.family}_plant"]), portable(parts[self.pump])
+        noise = portable(parts["noise"])
+        waking = [portable(parts[f"{name}_start"]) for name, _ in self.faults]
+        faulty = [portable(parts[name]) for name, _ in self.faults]
         draw = np.full(self.basal.size, NO_DRAW)
         x, glucose, reported = self.x * (1.0 + moved), self.glucose * (1.0 + moved), self.basal
 
         def awake():
             found = []
-            for name, numbers in self.faults:
+            for (name, numbers), begin in zip(self.faults, waking, strict=True):
                 drawn = [draw] if "drawn" in parts[f"{name}_start"].names["own"] else []
-                found.append(portable(parts[f"{name}_start"])(numbers, None, np.array([glucose, *drawn]))[1])
+                found.append(begin(numbers, None, np.array([glucose, *drawn]))[1])
             return found
 
         def read(k, states, line):
             own = np.array([glucose, self.normals[k]])
-            reading = portable(parts["noise"])(self.of_noise, None, own)[1][0]
+            reading = noise(self.of_noise, None, own)[1][0]
             line, (reading, valid) = [*line, reading], (line[0] if line else reading, np.ones_like(glucose))
             after = []
-            for (name, numbers), state in zip(self.faults, states, strict=True):
-                state, (reading, valid) = portable(parts[name])(numbers, state, np.array([reading, valid]))
+            for (_, numbers), show, state in zip(self.faults, faulty, states, strict=True):
+                state, (reading, valid) = show(numbers, state, np.array([reading, valid]))
                 after.append(state)
             return after, line[1:], reading, valid
 

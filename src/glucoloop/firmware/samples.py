@@ -16,7 +16,7 @@ from glucoloop.control.protocol import Controller, Observation, gives_boluses
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
-from glucoloop.native.interpreter import interpret
+from glucoloop.native.interpreter import Interpreter
 from glucoloop.simulation.stepper import Stepper
 
 Leaves = list[npt.NDArray[Any]]
@@ -114,7 +114,7 @@ def arithmetic(exported: Exported) -> tuple[Init, Step]:
             return results[:leaves], results[leaves:]
 
         return lambda observation: list(wake(observation)), of_compact
-    first, each = exported.source.lowered
+    first, each = map(Interpreter, exported.source.lowered)
     records = exported.source.records
 
     def column(values: Sequence[Any]) -> npt.NDArray[Any]:
@@ -129,10 +129,10 @@ def arithmetic(exported: Exported) -> tuple[Init, Step]:
         ]
 
     def init(observation: Sequence[Any]) -> Leaves:
-        return split(interpret(first, own=column(observation))[1], "state")
+        return split(first(own=column(observation))[1], "state")
 
     def step(state: Sequence[Any], observation: Sequence[Any]) -> tuple[Leaves, Leaves]:
-        after, decided = interpret(each, carry=column(state), own=column(observation))
+        after, decided = each(carry=column(state), own=column(observation))
         return split(after, "state"), split(decided, "decision")
 
     return init, step
