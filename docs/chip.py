@@ -16,6 +16,7 @@ import argparse
 import dataclasses
 import functools
 import json
+import resource
 import sys
 import time
 from pathlib import Path
@@ -149,11 +150,17 @@ def prove(cases):
         for case in cases:
             if name in kept(case)["proofs"]:
                 continue
-            start = time.perf_counter()
-            rung = rung_of(case.made.exported)
-            took = time.perf_counter() - start
+            exported, start = case.made.exported, computed_s()
+            rung = rung_of(exported)
+            took = computed_s() - start
             keep(case, "proofs", name, {"holds": rung.holds, "found": rung.found, "seconds": round(took)})
             print(f"{case.name}: {rung.found} ({took:.0f} s)", flush=True)
+
+
+def computed_s():
+    """Processor time of the programs that were run, which a busy machine does not lengthen."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def told(case, rung):
@@ -194,7 +201,7 @@ def write_tables():
     lines = (
         *table((*case, "Computer", "M4F", "M7", "RV32", "in LLVM", "in NumPy"), 6, samples),
         *table((*case, "Form", "Chip", *memory, "Instructions", "ms"), 5, sizes),
-        *table((*case, "MISRA C:2012", "Dose and status", "Change of the rate", "Seconds"), 1, proofs),
+        *table((*case, "MISRA C:2012", "Dose and status", "Change of the rate", "Processor time (s)"), 1, proofs),
     )
     FIGURES.write_text("\n".join(lines), encoding="utf-8")
 

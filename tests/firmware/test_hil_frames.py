@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.firmware.analysis import misra_of
+from glucoloop.firmware.analysis import firmware_proved, misra_of
 from glucoloop.firmware.hil.build import HOST, WARNINGS, files, portable_files
 from glucoloop.firmware.hil.protocol import LONGEST_FRAME, LONGEST_PAYLOAD, Decoder, Frame, Type
 from glucoloop.native.targets.c.host import compiler
@@ -127,3 +127,12 @@ def test_no_required_rule_of_misra_is_broken_by_the_files_for_every_board(on_chi
     rung = misra_of(portable_files(on_chip.exported), "hil.c", "frame.c", "store.c")
     assert rung.holds, rung.found
     assert rung.measured["advisory"]  # the add-on did run
+
+
+@pytest.mark.skipif(shutil.which("frama-c") is None, reason="needs Frama-C (Debian: apt install frama-c-base)")
+def test_no_bytes_on_the_line_or_in_memory_make_a_run_time_error(on_chip):
+    files = portable_files(on_chip.exported)
+    rung = firmware_proved(files)
+    assert rung.holds, rung.found
+    unguarded = files["frame.c"].replace("if (decoder->size < HIL_FRAME_MAX)", "if (true)")
+    assert firmware_proved({**files, "frame.c": unguarded}).holds is False

@@ -40,8 +40,29 @@ int main(void)
   return 0;
 }
 """
-
-
+_BOARD: Final = """\
+#include "board.h"
+@ANYTHING@
+extern volatile uint32_t any_number;
+void board_begin(uint32_t watchdog_ms) { (void)watchdog_ms; }
+void board_feed(void) {}
+uint32_t board_receive(uint8_t bytes[], uint32_t most)
+{
+  const uint32_t count = any_number;
+  anything(bytes, most);
+  return (count <= most) ? count : most;
+}
+/*@ requires \\valid_read(bytes + (0 .. size - 1)); assigns \\nothing; */
+void board_send(const uint8_t bytes[], uint32_t size);
+void board_nvm_read(uint32_t offset, uint8_t bytes[], uint32_t size)
+{
+  (void)offset;
+  anything(bytes, size);
+}
+/*@ requires \\valid_read(bytes + (0 .. size - 1)); assigns \\nothing; */
+void board_nvm_write(uint32_t offset, const uint8_t bytes[], uint32_t size);
+""".replace("@ANYTHING@", _ANYTHING)
+"""A board whose line and whose memory give any bytes."""
 _SLICES: Final = 512
 """Number of parts of the range of delivered rates; Frama-C keeps one interval for each number, not their difference."""
 _CHANGE: Final = """\
@@ -136,6 +157,18 @@ def change_proved(exported: Exported) -> Rung:
     text = text.replace("@FUNCTION@", "\n".join([*helpers([function], format), function]))
     told = f"at most {bound:.4g} mU/min from any delivered rate within the limits"
     return _analysed(name, {"main.c": text}, told, 1)
+
+
+def firmware_proved(files: Mapping[str, str]) -> Rung:
+    """Proof that a firmware has no run-time error, however long it runs, for any bytes on its line and in its memory.
+
+    Parameters
+    ----------
+    files : mapping
+        Files that every board uses as they are.
+    """
+    name = "firmware for any bytes on the line and in memory, by Frama-C EVA"
+    return _analysed(name, {**files, "board.c": _BOARD}, "whatever is received", 0)
 
 
 def _analysed(name: str, files: Mapping[str, str], told: str, assertions: int) -> Rung:

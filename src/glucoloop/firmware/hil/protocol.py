@@ -205,6 +205,7 @@ def header(source: Source, payloads: Payloads) -> str:
         "VERSION": VERSION,
         "HEADER": HEADER_BYTES,
         "PAYLOAD_MAX": LONGEST_PAYLOAD,
+        "FRAME_MIN": HEADER_BYTES + _CRC.size,
         "FRAME_MAX": LONGEST_FRAME,
         **{f"TYPE_{type.name}": type.value for type in Type},
         "HELLO": _HELLO.size,

@@ -65,17 +65,23 @@ uint32_t hil_encode(const hil_frame *frame, uint8_t bytes[HIL_FRAME_MAX])
 
 void hil_push(hil_decoder *decoder, uint8_t byte)
 {
-  decoder->held[decoder->size] = byte; /* there is room: hil_next leaves less than the longest frame */
-  decoder->size++;
+  if (decoder->size < HIL_FRAME_MAX) /* there is room: hil_next leaves less than the longest frame */
+  {
+    decoder->held[decoder->size] = byte;
+    decoder->size++;
+  }
 }
 
 static void drop(hil_decoder *decoder, uint32_t count)
 {
-  decoder->size -= count;
-  for (uint32_t i = 0U; i < decoder->size; i++)
+  const uint32_t end = (decoder->size < HIL_FRAME_MAX) ? decoder->size : HIL_FRAME_MAX;
+  uint32_t left = 0U;
+  for (uint32_t i = count; (i < end) && (left < HIL_FRAME_MAX); i++)
   {
-    decoder->held[i] = decoder->held[i + count];
+    decoder->held[left] = decoder->held[i];
+    left++;
   }
+  decoder->size = left;
 }
 
 /* Number of bytes of the frame that begins here; 0 if none can, and 1 if there are too few bytes to tell. */
@@ -94,7 +100,7 @@ static uint32_t length_of(const uint8_t held[], uint32_t size)
   {
     const uint32_t payload = hil_get16(&held[12]);
     const bool whole = hil_get32(&held[16]) == hil_crc(held, 16U);
-    length = (whole && (payload <= HIL_PAYLOAD_MAX)) ? (HIL_HEADER + payload + 4U) : 0U;
+    length = (whole && (payload <= HIL_PAYLOAD_MAX)) ? (HIL_FRAME_MIN + payload) : 0U;
   }
   return length;
 }
@@ -108,7 +114,7 @@ bool hil_next(hil_decoder *decoder, hil_frame *frame)
     const uint8_t *held = decoder->held;
     const uint32_t length = length_of(held, decoder->size);
     more = false;
-    if ((length == 0U) || ((length > 1U) && (decoder->size >= length) &&
+    if ((length == 0U) || ((length >= HIL_FRAME_MIN) && (decoder->size >= length) &&
                            (hil_get32(&held[length - 4U]) != hil_crc(held, length - 4U))))
     {
       /* No frame begins at the first byte; one may begin at any of the others. */
@@ -116,12 +122,12 @@ bool hil_next(hil_decoder *decoder, hil_frame *frame)
       drop(decoder, 1U);
       more = true;
     }
-    else if ((length > 1U) && (decoder->size >= length))
+    else if ((length >= HIL_FRAME_MIN) && (decoder->size >= length))
     {
       frame->type = held[3];
       frame->session = hil_get32(&held[4]);
       frame->sample = hil_get32(&held[8]);
-      frame->length = hil_get16(&held[12]);
+      frame->length = (uint16_t)(length - HIL_FRAME_MIN);
       (void)memcpy(frame->payload, &held[HIL_HEADER], frame->length);
       drop(decoder, length);
       found = true;

@@ -19,6 +19,7 @@ static hil_decoder decoder;
 static hil_frame received;
 static hil_frame answer;
 static uint8_t bytes[HIL_FRAME_MAX];
+static uint8_t fresh[64];
 
 static void send(uint8_t type, uint32_t sample, uint16_t length)
 {
@@ -115,7 +116,6 @@ static void handle(void)
 
 int main(void)
 {
-  uint8_t fresh[64];
   uint32_t refused = 0U;
   board_begin(HIL_WATCHDOG_MS);
   (void)memset(&decoder, 0, sizeof(decoder));
