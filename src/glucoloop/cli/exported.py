@@ -82,11 +82,12 @@ def write(asked: Export, folder: OutputFolder) -> Written:
     of_loop = made.recorded(asked.chip.samples, asked.run.situation.seed)
     chips = [] if chip is None else [chip]
     rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
-    for name, text in code_files(exported, of_loop, chip).items():
-        folder.write(name, text)
+    for file, text in code_files(exported, of_loop, chip).items():
+        folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
-    folder.write("README.md", readme(exported, name_of(asked.run), made.situation.sample_time_min, chip))
-    folder.write("PROOF.md", proof([rung.as_dict() for rung in rungs]))
+    name, guarded = name_of(asked.run), asked.run.case.guard
+    folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, guarded=guarded))
+    folder.write("PROOF.md", proof(exported, name, [rung.as_dict() for rung in rungs]))
     written = Written(asked, exported, rungs)
     folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
     keys = asked.keys()

@@ -17,6 +17,9 @@ from glucoloop.firmware.rung import Rung, ran
 from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS
 
+MISRA: Final = "MISRA C:2012, by cppcheck"
+BOUNDS: Final = "bounds of the dose for any state and observation, by Frama-C EVA"
+CHANGE: Final = "largest change of the rate, by Frama-C EVA"
 _ADVISORY: Final = frozenset({
     "1.2", "2.3", "2.4", "2.5", "2.6", "2.7", "5.9", "8.7", "8.9", "8.11", "8.13", "10.5", "11.4", "11.5", "12.1",
     "12.3", "12.4", "13.3", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "21.12",
@@ -96,7 +99,7 @@ def misra(exported: Exported) -> Rung:
 
 def misra_of(files: Mapping[str, str], *checked: str) -> Rung:
     """The same for those of the files that are checked."""
-    name = "MISRA C:2012, by cppcheck"
+    name = MISRA
     if shutil.which("cppcheck") is None:
         return Rung(name, None, "cppcheck is not installed; Debian's package cppcheck brings it", {})
     with tempfile.TemporaryDirectory(prefix="glucoloop-misra-") as made:
@@ -122,7 +125,6 @@ def misra_of(files: Mapping[str, str], *checked: str) -> Rung:
 
 def bounds_proved(exported: Exported) -> Rung:
     """Proof that a step gives a dose and a status within their bounds without a run-time error, for any bits."""
-    name = "bounds of the dose for any state and observation, by Frama-C EVA"
     lines = []
     for structure in ("state", "observation"):
         for field in exported.source.records[structure].fields:
@@ -136,18 +138,19 @@ def bounds_proved(exported: Exported) -> Rung:
     told = [f"  /*@ assert {least} <= decision.{name} <= {most}; */" for name, (least, most) in bounds.items()]
     text = '#include "controller.h"\n' + _ANYTHING + _STEP.replace("@FILL@", "\n".join(lines))
     text = text.replace("@BOUNDS@", "\n".join(told))
-    what = f"{'dose' if last.bolus is None else 'rate, bolus'} and status within bounds"
-    return _analysed(name, {**_code(exported), "main.c": text}, what, len(bounds))
+    dose = f"rate from {last.least:g} to {last.most:g} mU/min"
+    dose += "" if last.bolus is None else f", bolus from 0 to {last.bolus[1]:g} mU"
+    what = f"{dose}, a known status"
+    return _analysed(BOUNDS, {**_code(exported), "main.c": text}, what, len(bounds))
 
 
 def change_proved(exported: Exported) -> Rung:
     """Proof that the rate changes by no more than the pump may from a delivered rate within its limits."""
-    name = "largest change of the rate, by Frama-C EVA"
     last, format = exported.last, FORMATS[exported.precision]
     of_step = exported.source.code.split("void gl_step(")[1].split("\n}")[0].rstrip()
     function = "\n".join(last.function(format))
     if function not in exported.source.code or not of_step.endswith("\n  ".join(last.lines(format))):
-        return Rung(name, False, "the step does not end by the function that bounds the rate", {})
+        return Rung(CHANGE, False, "the step does not end by the function that bounds the rate", {})
     width = (last.most - last.least) / _SLICES * (1.0 + 1e-6)
     bound = math.nextafter(last.change + 1.01 * width, math.inf)
     text = _CHANGE.replace("@SLICES@", str(_SLICES)).replace("@REAL@", format.type)
@@ -156,7 +159,7 @@ def change_proved(exported: Exported) -> Rung:
     text = text.replace("@WIDTH@", format.literal(width)).replace("@BOUND@", bound.hex())
     text = text.replace("@FUNCTION@", "\n".join([*helpers([function], format), function]))
     told = f"at most {bound:.4g} mU/min from any delivered rate within the limits"
-    return _analysed(name, {"main.c": text}, told, 1)
+    return _analysed(CHANGE, {"main.c": text}, told, 1)
 
 
 def firmware_proved(files: Mapping[str, str]) -> Rung:

@@ -6,17 +6,21 @@ import csv
 import io
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import jax
 import numpy as np
 
+from glucoloop import __version__
 from glucoloop.control.protocol import Controller, Status
 from glucoloop.firmware.chips import CHIPS, LINK, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.samples import SampleRecord
+from glucoloop.native.targets.c.api import MEANINGS
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
 
+_GUARDED: Final = "The guard judges readings and insulin on board, and mends a damaged state by itself."
+_BARE: Final = "This controller has no guard: nobody judges its readings, nor the insulin on board."
 Rungs = Sequence[Mapping[str, Any]]
 
 
@@ -144,18 +148,34 @@ def numbers_table(controller: Controller) -> str:
     return out.getvalue()
 
 
-def proof(rungs: Rungs) -> str:
+def proof(exported: Exported, name: str, rungs: Rungs) -> str:
     """Report of the checks that were made, and of those that were not, with the reason."""
-    lines = ["# What was checked", "", 'Only what was run when this folder was written stands under "held".', ""]
+    source = exported.source
+    lines = [
+        "# What was checked",
+        "",
+        f"{name}, in the {source.form} form and in {exported.precision}, by glucoloop {__version__}.",
+        "",
+        f"Design `{source.design}`: SHA-256 of the statements of `controller.c` and of its structures.",
+        "",
+        'Only what was run when this folder was written stands under "held".',
+        "",
+    ]
     for title, holds in (("Held", True), ("Did not hold", False), ("Not run", None)):
         told = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
         lines += [f"## {title}", "", *(told or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
-def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | None) -> str:
+def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | None, *, guarded: bool) -> str:
     """Instructions for an engineer."""
-    of = chip or CHIPS["cortex-m4f"]
+    of, limits = chip or CHIPS["cortex-m4f"], exported.limits
+    fields = "\n".join(
+        f"| {structure} | `{field.name}` | {MEANINGS[structure].get(field.name, field.path)} |"
+        for structure in ("observation", "decision")
+        for field in exported.source.records[structure].fields
+        if field.size
+    )
     statuses = "\n".join(f"| {status.value} | {status.name} | {status.text} |" for status in Status)
     return (
         textwrap.dedent(
@@ -174,9 +194,15 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
             gl_init(&workspace, &state, &seen);           /* once */
             gl_step(&workspace, &state, &seen, &decision); /* every {sample_time:g} minutes */
 
-        Names of fields end with their units. A reading that is missing is told by `valid = 0`; the number is then not
-        used. `delivered_mU_min` is the rate that the pump really delivered since the last step, which need not be what
-        was asked for. What is not a number is answered by a safe dose and a status, in every field.
+        | structure | field | |
+        |---|---|---|
+        {fields}
+
+        The rate that was really delivered need not be the one that was asked for: tell what the pump did.
+
+        Whatever bits are in the observation and in the state, `insulin_mU_min` is a number from {least:g} to {most:g}
+        mU/min and `status` one of those below. While the pump keeps its limits, the rate is within {change:g} mU/min of
+        `delivered_mU_min`, but for rounding. {guard}
 
         `gl_save` writes the state to a record with the digest of this design and a CRC-32; `gl_restore` takes it back,
         and refuses one that is damaged or of another design. Keep two records and write them in turn, so that a loss of
@@ -215,6 +241,11 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
             summary=of.summary,
             package=of.package,
             emulator=of.emulator_package,
+            fields=fields,
+            least=float(limits.min_mU_min),
+            most=float(limits.max_mU_min),
+            change=float(limits.max_change_mU_min),
+            guard=_GUARDED if guarded else _BARE,
         )
         + statuses
         + "\n"

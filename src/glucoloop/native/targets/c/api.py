@@ -4,6 +4,23 @@ from __future__ import annotations
 
 from typing import Final
 
+MEANINGS: Final = {
+    "observation": {
+        "glucose_mg_dl": "reading of the sensor [mg/dl]; any bits where it is not valid",
+        "valid": "0: the sensor has no valid reading, otherwise: it has",
+        "setpoint_mg_dl": "glucose that is to be reached [mg/dl]",
+        "delivered_mU_min": "rate that the pump delivered since the last step [mU/min]",
+        "announced_carbs_g": "carbohydrate of a meal that begins before the next step [g]; 0: none, or none is told",
+        "delivered_bolus_mU": "bolus that the pump delivered since the last step, apart from that rate [mU]; 0: none",
+        "time_of_day_min": "minutes after midnight, from 0 to below 1440 [min]",
+    },
+    "decision": {
+        "insulin_mU_min": "rate until the next step [mU/min]",
+        "bolus_mU": "insulin to be given at once, beside that rate [mU]; 0: none",
+        "status": "why: one of the numbers of a status, 0 where all is well",
+    },
+}
+"""What the fields of an observation and of a decision are."""
 _PROTOTYPES: Final = """
 /* Wake the controller at an observation; the first step may be given the same observation. */
 void gl_init(gl_workspace *workspace, gl_state *state, const gl_observation *observation);

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,8 +64,21 @@ def record(pointer: str, tree: Any) -> Structure:
     return Structure(pointer, fields)
 
 
-def declaration(name: str, of: Structure, format: Format, comment: str) -> list[str]:
-    """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside."""
+def declaration(
+    name: str, of: Structure, format: Format, comment: str, meanings: Mapping[str, str] | None = None
+) -> list[str]:
+    """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside.
+
+    Parameters
+    ----------
+    name : str
+    of : Structure
+    format : Format
+    comment : str
+        What the structure is.
+    meanings : mapping of str to str, optional
+        What its fields are; each of the others has its path in the tree as its comment.
+    """
     held = [field for field in of.fields if field.size]
     reals = [field for field in held if field.kind == REAL]
     others = [field for field in held if field.kind != REAL]
@@ -77,6 +90,7 @@ def declaration(name: str, of: Structure, format: Format, comment: str) -> list[
         truth = "0: no, otherwise: yes" if field.kind == TRUTH else ""
         whole = "a whole number" if field.kind == WHOLE else ""
         told = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
+        told = told if meanings is None else meanings.get(field.name, told)
         lines.append(f"  {type_name} {field.name}{size};" + (f" /* {told} */" if told else ""))
     words = sum(field.size for field in others)
     if format.type == "double" and words % 2:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered, lower
-from glucoloop.native.targets.c.api import header, record_bytes, saving
+from glucoloop.native.targets.c.api import MEANINGS, header, record_bytes, saving
 from glucoloop.native.targets.c.compact.emit import Body, compact
 from glucoloop.native.targets.c.compact.writer import Tables
 from glucoloop.native.targets.c.functions import elementary
@@ -109,7 +109,7 @@ class Source:
     lowered: tuple[Lowered, Lowered] | None
     """Init and step as scalar programs; None in the compact form."""
     design: str
-    """Digest of the code, which distinguishes saved states."""
+    """Digest of the code and of the fields of its structures, which distinguishes saved states."""
     record_bytes: int
     """Size of a saved state."""
 
@@ -206,7 +206,7 @@ def write_source(
         " */",
     ]
     return Source(
-        header="\n".join([*head, header(_structures(records, workspace, format), size)]),
+        header="\n".join([*head, header(_structures(records, workspace, format, MEANINGS), size)]),
         code="\n".join([*head, *_before(format), *code, saving(size, design)]),
         form=form,
         records=records,
@@ -337,7 +337,12 @@ def _rows(array: npt.NDArray[np.generic], kind: str, format: Format) -> list[str
     return [f"  {', '.join(texts[i : i + 6])}{',' if i + 6 < len(texts) else ''}" for i in range(0, len(texts), 6)]
 
 
-def _structures(records: dict[str, Structure], workspace: dict[str, int], format: Format) -> str:
+def _structures(
+    records: dict[str, Structure],
+    workspace: dict[str, int],
+    format: Format,
+    meanings: Mapping[str, Mapping[str, str]] | None = None,
+) -> str:
     told = {
         "observation": "What is known at a sample.",
         "state": "What the controller remembers from sample to sample. The caller keeps it.",
@@ -345,7 +350,8 @@ def _structures(records: dict[str, Structure], workspace: dict[str, int], format
     }
     lines: list[str] = []
     for name, comment in told.items():
-        lines += [*declaration(f"gl_{name}", records[name], format, comment), ""]
+        of_fields = None if meanings is None else meanings.get(name)
+        lines += [*declaration(f"gl_{name}", records[name], format, comment, of_fields), ""]
     room = [
         f"  {type_of(kind, format)} {letter}[{max(1, workspace[kind])}];"
         for kind, letter in ((REAL, "w"), (WHOLE, "k"), (TRUTH, "b"))
