@@ -16,12 +16,18 @@ const NAMES = /** @type {const} */ (["--ink", "--paper", "--soft", "--rule", "--
 
 /** @type {{light?: Colours, dark?: Colours}} */
 const read = {};
+const dark = globalThis.matchMedia?.("(prefers-color-scheme: dark)");
+
+/** Whether the page is dark. */
+export const isDark = () => dark.matches;
 
 /** Colours of the style sheet, which are asked for once: asking makes the browser lay out the page. @returns {Colours} */
 function styles() {
-  const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  const theme = isDark() ? "dark" : "light";
+  const found = read[theme];
+  if (found !== undefined) return found;
   const of = getComputedStyle(document.documentElement);
-  return (read[theme] ??= /** @type {Colours} */ (Object.fromEntries(NAMES.map((name) => [name, of.getPropertyValue(name).trim()]))));
+  return (read[theme] = /** @type {Colours} */ (Object.fromEntries(NAMES.map((name) => [name, of.getPropertyValue(name).trim()]))));
 }
 
 /** @param {typeof NAMES[number]} name of a colour of the style sheet */
@@ -41,12 +47,18 @@ class Chart {
     this.plot = null;
     /** @type {{end: number, moment: number | null, panel: Panel} | null} */
     this.shown = null;
+    /** Width of the place, which the browser would have to lay out the page for at each picture. */
+    this.width = place.clientWidth;
+    new ResizeObserver(() => {
+      this.width = place.clientWidth;
+      if (this.shown !== null) this.draw(this.shown);
+    }).observe(place);
   }
 
   /** @param {{end: number, moment: number | null, panel: Panel}} shown */
   draw(shown) {
     this.shown = shown;
-    const width = this.place.clientWidth;
+    const { width } = this;
     const height = width < NARROW_PX ? this.height.narrow : this.height.wide;
     const make = [width, height, devicePixelRatio, style("--ink"), style("--paper")].join(" ");
     if (make !== this.made) {

@@ -379,7 +379,9 @@ export class LoopOfVector {
   /** What the controller keeps of the first person. */
   memory() {
     const { carry, lanes } = this.controller;
-    return Float64Array.from({ length: carry.length / lanes }, (_, i) => carry[i * lanes]);
+    const found = new Float64Array(carry.length / lanes);
+    for (let i = 0; i < found.length; i++) found[i] = carry[i * lanes];
+    return found;
   }
 
   /**

@@ -1,13 +1,13 @@
 // @ts-check
 /** Numbers of the present run and of the pinned ones, and what the guard did. */
 
+import { isDark } from "../chart.mjs";
 import { button, byId, element } from "../dom.mjs";
 import { summary } from "../loop.mjs";
 import { colours, dashes, guardActs } from "../scene.mjs";
 import { MOST_PINNED } from "../session.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
-import { isDark } from "./picture.mjs";
 
 /** @typedef {import("../session.mjs").Session} Session */
 /** @typedef {import("../session.mjs").Run} Run */

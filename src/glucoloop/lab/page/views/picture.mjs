@@ -1,7 +1,7 @@
 // @ts-check
 /** The picture with the meals above it, which are dragged, and the moment that is explained. */
 
-import { Picture } from "../chart.mjs";
+import { isDark, Picture } from "../chart.mjs";
 import { byId, element, input, say } from "../dom.mjs";
 import { summary } from "../loop.mjs";
 import { scene } from "../scene.mjs";
@@ -15,8 +15,6 @@ const MEAL_STEP_MIN = 5;
 const MEAL_STEP_G = 5;
 /** Pixels upward that add a gram to a dragged meal. */
 const PX_PER_G = 2;
-
-export const isDark = () => matchMedia("(prefers-color-scheme: dark)").matches;
 
 /** @param {Session} session */
 export function pictureView(session) {
