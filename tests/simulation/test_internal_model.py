@@ -7,7 +7,9 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 
-from glucoloop.control import design_open_loop
+from glucoloop.config.trial import read_trial
+from glucoloop.control import Observation, design_open_loop
+from glucoloop.experiments.designs import controller_of
 from glucoloop.models.state_space import step_response
 from glucoloop.simulation import linear_model, nonlinear_model
 
@@ -61,9 +63,40 @@ def test_the_nonlinear_model_rests_at_the_setpoint(patient_81, sorensen_by_hand,
     )
 
 
-def test_a_setpoint_that_no_infusion_holds_is_refused(patient_81):
+def test_the_linear_model_rests_where_the_nonlinear_one_does(patient_81):
+    linear, nonlinear = (model(patient_81, setpoint_mg_dl=125.0) for model in (linear_model, nonlinear_model))
+    np.testing.assert_array_equal(linear.state, nonlinear.state)
+    assert float(linear.insulin_mU_min) == float(nonlinear.insulin_mU_min)
+    assert float(linear.glucose_mg_dl) == pytest.approx(125.0, abs=1e-9)
+    own = float(patient_81.setpoint_mg_dl)
+    at_basal, named = linear_model(patient_81), linear_model(patient_81, setpoint_mg_dl=own)
+    for one, other in zip(jax.tree.leaves(at_basal), jax.tree.leaves(named), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match="an infusion and a setpoint were given"):
+        linear_model(patient_81, insulin_mU_min=20.0, setpoint_mg_dl=125.0)
+
+
+def test_mpc_se_is_designed_where_its_setpoint_is():
+    """At rest there it does nothing: its model knows the glucose, so that nothing is left to be corrected."""
+    trial = read_trial({"controllers": ["mpc-se"], "setpoint_mg_dl": 125.0})
+    controller = controller_of(trial, trial.cases[0])
+    assert float(controller.basal_glucose_mg_dl) == pytest.approx(125.0, abs=1e-9)
+    rate = float(controller.basal_mU_min)
+    seen = Observation(
+        glucose_mg_dl=jnp.asarray(125.0),
+        valid=jnp.asarray(True),
+        setpoint_mg_dl=jnp.asarray(125.0),
+        delivered_mU_min=jnp.asarray(rate),
+        announced_carbs_g=jnp.asarray(0.0),
+    )
+    _, decision = controller.step(controller.init(seen), seen)
+    assert float(decision.insulin_mU_min) == pytest.approx(rate, abs=1e-6)
+
+
+@pytest.mark.parametrize("model", [linear_model, nonlinear_model])
+def test_a_setpoint_that_no_infusion_holds_is_refused(patient_81, model):
     with pytest.raises(ValueError, match="no infusion holds the patient at 900 mg/dl"):
-        nonlinear_model(patient_81, setpoint_mg_dl=900.0)
+        model(patient_81, setpoint_mg_dl=900.0)
 
 
 def test_the_nonlinear_model_follows_an_adaptive_integrator(imagined, sorensen_by_hand):

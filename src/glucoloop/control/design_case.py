@@ -60,7 +60,7 @@ class DesignCase(Protocol):
         ...
 
     def linearised(self) -> LinearModel:
-        """The patient linearised at the operating point."""
+        """The patient linearised at rest at the setpoint."""
         ...
 
     def nonlinear(self) -> FedModel:

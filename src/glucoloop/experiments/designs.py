@@ -50,7 +50,7 @@ class SituationDesignCase:
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
     """Limits of a bolus of the pump."""
     setpoint_mg_dl: float | None = None
-    """Target of the controller, at which a nonlinear model rests, or None for the patient's operating point."""
+    """Target of the controller, at which a model of the equations rests, or None for the patient's operating point."""
 
     @property
     def basal_insulin_mU_min(self) -> float:
@@ -65,7 +65,7 @@ class SituationDesignCase:
         return self.model
 
     def linearised(self) -> LinearModel:
-        """The patient linearised at the operating point."""
+        """The patient linearised at rest at the setpoint."""
         return self._linear
 
     def nonlinear(self) -> FedModel:
@@ -75,7 +75,7 @@ class SituationDesignCase:
     # Kept, since a search designs many controllers on the same models.
     @functools.cached_property
     def _linear(self) -> LinearModel:
-        return linear_model(self.patient, sample_time_min=self.sample_time_min)
+        return linear_model(self.patient, sample_time_min=self.sample_time_min, setpoint_mg_dl=self.setpoint_mg_dl)
 
     @functools.cached_property
     def _nonlinear(self) -> FedModel:

@@ -29,7 +29,13 @@ def linear_model_at(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, s
 
 @checked
 @on_host("the model is checked number by number")
-def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sample_time_min: float = 5.0) -> LinearModel:
+def linear_model(
+    patient: Patient,
+    *,
+    insulin_mU_min: float | None = None,
+    sample_time_min: float = 5.0,
+    setpoint_mg_dl: float | None = None,
+) -> LinearModel:
     """Exact linearisation of a patient at rest, sampled with a zero-order hold; its disturbance is the meal, mg/min.
 
     Parameters
@@ -38,15 +44,38 @@ def linear_model(patient: Patient, *, insulin_mU_min: float | None = None, sampl
     insulin_mU_min : float, optional
         Infusion of the operating point; the basal rate by default.
     sample_time_min : float
+    setpoint_mg_dl : float, optional
+        Glucose at which the model rests, in place of the infusion.
 
     Raises
     ------
     ValueError
-        If the patient has no steady state under the infusion, or the sample time is not positive.
+        If the patient has no steady state under the infusion, no infusion holds the setpoint, both are given, or the
+        sample time is not positive.
     """
-    insulin = patient.basal_insulin_mU_min if insulin_mU_min is None else jnp.asarray(insulin_mU_min, float)
-    model: LinearModel = linear_model_at(patient, patient.steady_state(insulin), insulin, sample_time_min)
+    if insulin_mU_min is not None and setpoint_mg_dl is not None:
+        raise ValueError("an infusion and a setpoint were given, of which each tells where the model rests; give one")
+    if insulin_mU_min is None:
+        insulin, state = _at_rest(patient, setpoint_mg_dl)
+    else:
+        insulin = jnp.asarray(insulin_mU_min, float)
+        state = patient.steady_state(insulin)
+    model: LinearModel = linear_model_at(patient, state, insulin, sample_time_min)
     return model
+
+
+def _at_rest(patient: Patient, setpoint_mg_dl: float | None) -> tuple[jax.Array, jax.Array]:
+    """Rate and state at rest: of the basal operating point, or where glucose is at a setpoint."""
+    insulin = patient.basal_insulin_mU_min
+    state = patient.steady_state(insulin)
+    if setpoint_mg_dl is not None and setpoint_mg_dl != patient.glucose_mg_dl(state):
+        insulin, state = rest_at(patient, jnp.asarray(setpoint_mg_dl, float))
+        if not jnp.isfinite(insulin):
+            raise ValueError(
+                f"no infusion holds the patient at {setpoint_mg_dl:g} mg/dl, so that no model rests there; "
+                "choose a setpoint nearer to the patient's own"
+            )
+    return insulin, state
 
 
 @pytree
@@ -101,13 +130,5 @@ def nonlinear_model(
     plant, _ = Exponential(substeps=1, near_rest=True).prepare(
         patient, fasting(meal_model_of(patient)), SampleGrid(sample_time_min=sample_time_min, samples=1)
     )
-    insulin = patient.basal_insulin_mU_min
-    state = patient.steady_state(insulin)
-    if setpoint_mg_dl is not None and setpoint_mg_dl != patient.glucose_mg_dl(state):
-        insulin, state = rest_at(patient, jnp.asarray(setpoint_mg_dl, float))
-        if not jnp.isfinite(insulin):
-            raise ValueError(
-                f"no infusion holds the patient at {setpoint_mg_dl:g} mg/dl, so that no model rests there; "
-                "choose a setpoint nearer to the patient's own"
-            )
+    insulin, state = _at_rest(patient, setpoint_mg_dl)
     return InternalModel(plant=plant, state=state, insulin_mU_min=insulin, sample_time_min=sample_time_min)
