@@ -117,7 +117,13 @@ def forecast_by_hand(controller, told, rates, serving):
 def test_the_plan_minimises_the_objective_of_the_docstring():
     """Solved to the end, the program's first move is that of SciPy on a forecast made by other means."""
     tuning = MealTuning(
-        anticipation=0.4, prediction_horizon=6, caution_weight=6.0, caution_mg_dl=0.8, move_weight=0.22, iterations=3
+        anticipation=0.4,
+        prediction_horizon=6,
+        caution_weight=6.0,
+        caution_mg_dl=0.8,
+        move_weight=0.22,
+        iterations=3,
+        gut_doubt=0.5,
     )
     controller = design_meal_mpc(MODEL, tuning, habits=MealHabits(0.6, 30.0), measurement_variance=1.45)
     state, delivered = controller.init(seen(SETPOINT)), 25.6060573442
@@ -125,7 +131,9 @@ def test_the_plan_minimises_the_objective_of_the_docstring():
         state, decision, estimate = step(controller, state, seen(reading, delivered=delivered))
         before, delivered = delivered, float(decision.insulin_mU_min)
     told = controller.expected.without(estimate, 0.6)
-    explained = dataclasses.replace(told, disturbance_mg_min=jnp.minimum(told.disturbance_mg_min, 0.0))
+    variance = 1.45 + float(estimate.noise_mg_dl) ** 2
+    digested = jax.tree.map(lambda held: (1.0 - 0.5 * variance / (variance + 1.0)) * held, told.stomach)
+    explained = dataclasses.replace(told, stomach=digested, disturbance_mg_min=jnp.minimum(told.disturbance_mg_min, 0))
     P, goes_on = float(told.eating), 1.0 - float(controller.ends)
     assert 0.05 < P < 0.95
     assert decision.status == Status.OK
@@ -185,6 +193,7 @@ def test_a_design_that_is_not_possible_is_refused(bad, sentence):
         ({"glucose_floor_mg_dl": -5.0}, "a glucose floor of -5 mg/dl is not possible"),
         ({"floor_weight": 0.0}, "a floor weight of 0 is not possible"),
         ({"doubt": -0.5}, "a doubt of -0.5 is not possible"),
+        ({"gut_doubt": 1.0}, "a gut doubt of 1 is not possible"),
         ({"anticipation": 1.5}, "an anticipation of 1.5 is not possible"),
         ({"iterations": 0}, "iterations of 0 are not possible; give a whole number from 1 to 10"),
         ({"prediction_horizon": 1}, "a prediction horizon of 1 is not possible"),

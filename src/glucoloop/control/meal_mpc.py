@@ -41,6 +41,8 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 ESTIMATORS: Final = ("moving-horizon", "kalman")
 _LEAST_VARIANCE: Final = 0.01
 """(mg/dl)^2 that a filter expects of readings without noise."""
+_DOUBTED_VARIANCE: Final = 1.0
+"""(mg/dl)^2 of noise at which half of `gut_doubt` counts."""
 
 
 @pytree
@@ -50,6 +52,8 @@ class MealMPCState:
     estimator: Any
     delivered_mU_min: jax.Array
     """(dead time + 1,) rates of the last samples, the latest last."""
+    reported: jax.Array
+    """(dead time,) whether the pump reported the rates of the last samples, the latest last."""
     announced_g: jax.Array
     """(dead time,) announced carbohydrate of the last samples, the latest last."""
     planned: jax.Array
@@ -85,6 +89,8 @@ class MealMPC:
     floor_weight: jax.Array | float
     anticipation: jax.Array | float
     doubt: jax.Array | float
+    measurement_variance: jax.Array | float
+    gut_doubt: jax.Array | float
     limits: DoseLimits
     move_horizon: int = static()
     prediction_horizon: int = static()
@@ -117,11 +123,13 @@ class MealMPC:
             glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),
             known=known,
             insulin_mU_min=delivered,
+            reported=jnp.asarray(True),
             announced_carbs_g=jnp.zeros_like(delivered),
         )
         return MealMPCState(
             estimator=self.estimator.init(self.model, sensed),
             delivered_mU_min=jnp.full(self.dead_time_samples + 1, delivered),
+            reported=jnp.ones(self.dead_time_samples, bool),
             announced_g=jnp.zeros(self.dead_time_samples),
             planned=jnp.zeros(self.move_horizon),
         )
@@ -138,11 +146,13 @@ class MealMPC:
         known = is_known(observation)
         delivered = delivered_since(observation, state.delivered_mU_min[-1])
         rates = jnp.append(state.delivered_mU_min[1:], delivered)
+        reported = jnp.append(state.reported, jnp.isfinite(observation.delivered_mU_min))
         announced = jnp.append(state.announced_g, observation.announced_carbs_g)
         sensed = Sensed(
             glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),
             known=known,
             insulin_mU_min=rates[0],
+            reported=reported[0],
             announced_carbs_g=announced[0],
         )
         held, estimate = self.estimator.step(self.model, state.estimator, sensed)
@@ -154,7 +164,13 @@ class MealMPC:
         sound = _finite(held)
         held = jax.tree.map(lambda kept, new: jnp.where(sound, kept, new), held, fresh.estimator)
         planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
-        state = MealMPCState(estimator=held, delivered_mU_min=rates, announced_g=announced[1:], planned=planned)
+        state = MealMPCState(
+            estimator=held,
+            delivered_mU_min=rates,
+            reported=reported[1:],
+            announced_g=announced[1:],
+            planned=planned,
+        )
         wanted = jnp.where(sound, delivered + moves[0], jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged), estimate
 
@@ -182,10 +198,11 @@ class MealMPC:
             at = dataclasses.replace(at, announced=announce(at.announced, announced[i]))
         return at
 
-    def _forecasts(self, now: _Ahead, rates: jax.Array) -> jax.Array:
+    def _forecasts(self, now: _Ahead, noise_mg_dl: jax.Array, rates: jax.Array) -> jax.Array:
         """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now.
 
-        In the second the unexplained appearance ends too, as far as it is doubted.
+        In the second a share of what is in stomach and gut is not there, and the unexplained appearance ends, as far as
+        they are doubted.
         """
         goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
 
@@ -193,7 +210,13 @@ class MealMPC:
             at = jax.vmap(self._sample, in_axes=(0, None, 0))(at, insulin, goes_on)
             return at, jax.vmap(self.model.glucose_mg_dl)(at.x)
 
-        ends = dataclasses.replace(now, disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance, 0.0))
+        variance = self.measurement_variance + noise_mg_dl**2
+        there = 1.0 - self.gut_doubt * variance / (variance + _DOUBTED_VARIANCE)
+        ends = dataclasses.replace(
+            now,
+            stomach=jax.tree.map(lambda held: there * held, now.stomach),
+            disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance, 0.0),
+        )
         twice = jax.tree.map(lambda *leaves: jnp.stack(leaves), now, ends)
         return jax.lax.scan(one, twice, rates)[1].T
 
@@ -208,7 +231,7 @@ class MealMPC:
 
         def glucose(moves: jax.Array) -> tuple[jax.Array, jax.Array]:
             rates = delivered + jnp.cumsum(jnp.concatenate([moves, jnp.zeros(p - m)]))
-            both = self._forecasts(now, rates)
+            both = self._forecasts(now, estimate.noise_mg_dl, rates)
             return both, both
 
         limits = {
@@ -256,6 +279,9 @@ def design_meal_mpc(
     largest_disturbance_mg_min: float = 100.0,
     noise_pace: float = 0.2,
     ends_unseen: float = 0.3,
+    noise_patience: float = 0.5,
+    failures_per_h: float = 0.002,
+    failure_min: float = 90.0,
     dead_time_samples: int = 0,
 ) -> MealMPC:
     """Predictive control on a nonlinear model, with estimated and announced meals.
@@ -263,7 +289,9 @@ def design_meal_mpc(
     At each sample an estimator gives the state of the person, the probability that a meal is being served, and the
     content of stomach and gut. From there the nonlinear model predicts glucose twice: its expected value, where a meal
     under way ends with its usual probability, and its value if that meal ended at this moment, and with it the share
-    `doubt` of the glucose that no meal explains. The moves solve::
+    `doubt` of the glucose that no meal explains and a share of what is in stomach and gut. That share is `gut_doubt`
+    V / (V + 1), where V is the variance in (mg/dl)^2 of the readings' noise, which hides how fast they empty. The moves
+    solve::
 
         min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2 + w^2 P (1 - P) |max(0, r - c - G_end)|^2
                         + w_f^2 |max(0, floor - G_end)|^2
@@ -277,7 +305,7 @@ def design_meal_mpc(
     variable      meaning                                                      size
     ============  ===========================================================  ======
     ``G``         glucose expected at the samples ahead                        (p,)
-    ``G_end``     the same if all that is uncertain of it ended now            (p,)
+    ``G_end``     the same if what is uncertain of it ended now                (p,)
     ``P``         probability that a meal nobody announced is being served     ()
     ``du``        planned moves                                                (m,)
     ============  ===========================================================  ======
@@ -302,6 +330,8 @@ def design_meal_mpc(
     noise_pace : float
         Pace at which the moving-horizon estimator learns the size of a correlated error of the sensor, mg/dl per pair
         of innovations, 0 to 1.
+    ends_unseen, noise_patience, failures_per_h, failure_min : float
+        As for `design_meal_horizon`.
     dead_time_samples : int
         Dead time of the readings that the controller knows of.
 
@@ -337,6 +367,9 @@ def design_meal_mpc(
             largest_disturbance_mg_min=largest_disturbance_mg_min,
             noise_pace=noise_pace,
             ends_unseen=ends_unseen,
+            noise_patience=noise_patience,
+            failures_per_h=failures_per_h,
+            failure_min=failure_min,
         )
     return MealMPC(
         model=own,
@@ -351,6 +384,8 @@ def design_meal_mpc(
         floor_weight=tuning.floor_weight,
         anticipation=tuning.anticipation,
         doubt=tuning.doubt,
+        measurement_variance=measurement_variance,
+        gut_doubt=tuning.gut_doubt,
         limits=limits,
         move_horizon=tuning.move_horizon,
         prediction_horizon=tuning.prediction_horizon,
@@ -374,5 +409,8 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         largest_disturbance_mg_min=settings.largest_disturbance_mg_min,
         noise_pace=settings.noise_pace,
         ends_unseen=settings.ends_unseen,
+        noise_patience=settings.noise_patience,
+        failures_per_h=settings.failures_per_h,
+        failure_min=settings.failure_min,
         dead_time_samples=case.dead_time_samples,
     )

@@ -204,6 +204,14 @@ class MealTuning(MPCTuning):
             at_most=1.0,
         ),
     ] = 1.0
+    gut_doubt: Annotated[
+        float,
+        About(
+            "Share of the content of stomach and gut that the lowest likely forecast lacks if noise is large.",
+            at_least=0.0,
+            below=1.0,
+        ),
+    ] = 0.5
     iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
 
 
@@ -240,6 +248,18 @@ class MealMPCSettings(MealTuning):
             "Probability that a meal ends in a sample without a reading, if above the usual.", at_least=0.0, below=1.0
         ),
     ] = 0.3
+    noise_patience: Annotated[
+        float,
+        About(
+            "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
+            at_least=0.0,
+        ),
+    ] = 0.5
+    failures_per_h: Annotated[
+        float,
+        About("Expected number of times per hour at which insulin ceases to arrive, unreported.", at_least=0.0),
+    ] = 0.002
+    failure_min: Annotated[float, About("Mean time until insulin arrives again, in min.", above=0.0)] = 90.0
     individual_by: Annotated[
         Literal["record", "basal", "none"],
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),

@@ -28,12 +28,14 @@ def told(model, estimator, readings, insulin):
         known=jnp.asarray(known),
         insulin_mU_min=jnp.asarray(np.append(insulin, np.full(short, 20.0))),
         announced_carbs_g=jnp.zeros(N),
+        reported=jnp.ones(N, bool),
     )
     first = Sensed(
         glucose_mg_dl=model.glucose_mg_dl(model.state),
         known=jnp.asarray(True),
         insulin_mU_min=model.insulin_mU_min,
         announced_carbs_g=jnp.zeros(()),
+        reported=jnp.ones((), bool),
     )
     return STEPS(model, estimator, first, sensed)
 

@@ -25,7 +25,7 @@ STEPS = jax.jit(
 )
 
 
-def told(model, estimator, readings, insulin=None):
+def told(model, estimator, readings, insulin=None, reported=True):
     """Estimates and probabilities along a record that begins at rest; what is short of N readings is missing."""
     short = N - np.size(readings)
     readings = np.append(np.asarray(readings, float), np.full(short, np.nan))
@@ -35,12 +35,14 @@ def told(model, estimator, readings, insulin=None):
         glucose_mg_dl=jnp.asarray(np.where(known, readings, 0.0)),
         known=jnp.asarray(known),
         insulin_mU_min=jnp.asarray(insulin),
+        reported=jnp.broadcast_to(jnp.asarray(reported), N),
         announced_carbs_g=jnp.zeros(N),
     )
     first = Sensed(
         glucose_mg_dl=model.glucose_mg_dl(model.state),
         known=jnp.asarray(True),
         insulin_mU_min=model.insulin_mU_min,
+        reported=jnp.asarray(True),
         announced_carbs_g=jnp.zeros(()),
     )
     return STEPS(model, estimator, first, sensed)
@@ -92,7 +94,7 @@ def record():
 )
 def test_probabilities_are_those_of_all_histories(two_states, linear, appears, record, habits, samples):
     readings, insulin = (values[:samples] for values in record)
-    as_told = {"noise_pace": 0.0, "largest_disturbance_mg_min": 1e6}
+    as_told = {"noise_pace": 0.0, "largest_disturbance_mg_min": 1e6, "failures_per_h": 0.0}
     estimator = design_meal_horizon(two_states, habits, disturbance_variance=4.0, measurement_variance=0.7, **as_told)
     estimate, _ = told(two_states, estimator, readings, insulin)
     truth = by_hand(linear, appears, readings, insulin, habits.begins(H), habits.ends(H), 4.0, 0.7)
@@ -138,13 +140,61 @@ def test_much_insulin_without_an_effect_is_not_met_with_glucose(two_states):
     assert np.asarray(free.disturbance_mg_min).max() > 60.0
 
 
+# Insulin that does not arrive -----------------------------------------------------------------------------------------
+
+BLOCKED = slice(20, 44)
+
+
+def without_insulin(record_of, told_of):
+    """Readings of somebody who gets none of the insulin that the pump tells of, for two hours."""
+    arrived = np.array(told_of)
+    arrived[BLOCKED] = 0.0
+    return record_of(np.zeros(N), arrived) + np.random.default_rng(7).normal(0.0, 1.2, N)
+
+
+@pytest.mark.parametrize("rate", [40.0, 60.0])
+def test_insulin_that_does_not_arrive_is_found_and_is_not_on_board(two_states, record_of, rate):
+    insulin = np.full(N, 20.0)
+    insulin[24:] = rate
+    estimate, _ = told(two_states, design_meal_horizon(two_states), without_insulin(record_of, insulin), insulin)
+    lost = np.asarray(estimate.lost)
+    assert lost[:20].max() < 0.01
+    assert lost[36:44].min() > 0.7
+    assert lost[50:].max() < 0.1
+    # the effect of insulin, which rests at 3, goes to 3 - 20 / 4 / (1 - 0.8) without the basal rate
+    effect = np.asarray(estimate.x)[:, 1]
+    assert effect[43] < -17.0
+    trusting = design_meal_horizon(two_states, failures_per_h=0.0)
+    believed, _ = told(two_states, trusting, without_insulin(record_of, insulin), insulin)
+    assert np.asarray(believed.x)[43, 1] > 15.0
+
+
+def test_a_pump_that_reports_nothing_is_doubted_sooner(two_states, record_of):
+    reported = np.ones(N, bool)
+    reported[BLOCKED] = False
+    readings, estimator = without_insulin(record_of, np.full(N, 20.0)), design_meal_horizon(two_states)
+    silent, unsaid = (
+        np.asarray(told(two_states, estimator, readings, None, said)[0].lost) for said in (reported, True)
+    )
+    assert np.argmax(silent > 0.9) <= np.argmax(unsaid > 0.9)
+    assert silent[BLOCKED][2:].min() > 0.9
+
+
+def test_a_meal_is_not_taken_for_insulin_that_does_not_arrive(two_states, record_of):
+    insulin = 20.0 + np.repeat([0.0, 5.0, -5.0], 24)
+    estimate, _ = told(two_states, design_meal_horizon(two_states), record_of(served(28), insulin), insulin)
+    assert np.asarray(estimate.lost).max() < 0.1
+
+
 # Meals free of noise --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def quiet(two_states):
     """For readings free of noise, and meals that are rare: what is served for sure is told whole."""
-    return design_meal_horizon(two_states, RARE, disturbance_variance=0.1, measurement_variance=0.01)
+    return design_meal_horizon(
+        two_states, RARE, disturbance_variance=0.1, measurement_variance=0.01, failures_per_h=0.0
+    )
 
 
 def served(samples, begins=10):
@@ -175,9 +225,13 @@ def test_without_readings_a_meal_is_taken_to_end(two_states, record_of, quiet):
 
 
 def test_the_noisier_the_sensor_the_more_of_a_meal_is_expected_at_rest(two_states):
-    expected = expectation(design_meal_horizon(two_states), two_states)
+    expected = expectation(design_meal_horizon(two_states, noise_patience=0.0), two_states)
     assert expected.eating.shape == (len(LEVELS_MG_DL),)
     assert (np.diff(expected.eating) > 0.0).all()
+    # but for a patience that expects fewer meals then
+    patient = expectation(design_meal_horizon(two_states, noise_patience=0.5), two_states)
+    assert (patient.eating[1:] < expected.eating[1:]).all()
+    assert patient.eating[0] == expected.eating[0]
 
 
 def test_what_has_been_served_tells_when_a_meal_began(two_states, record_of, quiet):
@@ -217,6 +271,9 @@ def test_a_gap_never_makes_a_meal_likelier(two_states, record_of, quiet, gap):
         ({"disturbance_variance": np.inf}, "a disturbance variance of inf"),
         ({"measurement_variance": -1.0}, "a measurement variance of -1"),
         ({"measurement_variance": np.nan}, "a measurement variance of nan"),
+        ({"noise_patience": -0.1}, "a patience with noise of -0.1 is not possible; give a finite value of 0 or more"),
+        ({"failures_per_h": np.inf}, "a rate of failures per hour of inf is not possible"),
+        ({"failure_min": 0.0}, "failures of 0 min are not possible; give a finite time above 0"),
     ],
 )
 def test_a_design_that_cannot_be_is_refused(two_states, arguments, sentence):

@@ -22,8 +22,8 @@ _SAMPLES: Final = 60
 class Expectation:
     """A person at rest as described by an estimator that assumes that meals begin now and then.
 
-    The noisier the sensor, the less do readings at rest say against a meal. So each value is there for each of the
-    sizes of the sensor's error in `estimation.noise_level`, on its first axis.
+    The noisier the sensor, the less do readings at rest say against a meal, and the fewer meals may be expected. So
+    each value is there for each of the sizes of the sensor's error in `estimation.noise_level`, on its first axis.
     """
 
     eating: jax.Array
@@ -67,6 +67,7 @@ def _settled(estimator: MealEstimator, model: FedModel) -> MealEstimate:
         glucose_mg_dl=jnp.asarray(model.glucose_mg_dl(model.state)),
         known=jnp.asarray(True),
         insulin_mU_min=jnp.asarray(model.insulin_mU_min, float),
+        reported=jnp.asarray(True),
         announced_carbs_g=jnp.zeros(()),
     )
 

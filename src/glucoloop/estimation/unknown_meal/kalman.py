@@ -151,6 +151,7 @@ class MealKalman:
             carbs_g=state.carbs_g,
             remaining_g=eating * SERVED_G_PER_MIN * sample_time_min * (1.0 - self.ends) / self.ends,
             noise_mg_dl=jnp.zeros_like(E),
+            lost=jnp.zeros_like(E),
         )
 
 

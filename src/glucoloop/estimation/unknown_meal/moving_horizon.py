@@ -6,11 +6,14 @@ model carries on with the meal that it stands for, and with a probability, which
 
     fasting    no meal for L samples, or more             begun j ago    j = 1 .. L
     eating     a meal for L samples, or more              ended j ago    j = 1 .. L
+    lost       no insulin arrives, fasting or eating
 
-Events older than L samples no longer distinguish hypotheses: those that meet are merged to their mean.
+Events older than L samples no longer distinguish hypotheses: those that meet are merged to their mean. In the last two
+the line is blocked or the pump has stopped, whatever it reports. They are entered from all others and left to those
+without a recent event, so that the state then has no insulin on board that never came.
 Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor whose
 size is learned; see `estimation.noise_level`. The disturbance is glucose that appears for no known reason; it takes up
-what the model gets wrong, within a bound: much insulin without an effect has not arrived, rather than met with glucose.
+what the model gets wrong, within a bound.
 
 With the events of the horizon enumerated and the merged state as what is known before it, this is moving-horizon
 estimation with a discrete decision; with the weights kept in place of the best alone, it is the interacting
@@ -23,19 +26,23 @@ C. V. Rao, J. B. Rawlings, D. Q. Mayne, "Constrained state estimation for nonlin
 moving horizon approximations", IEEE Trans. Autom. Control 48(2), 2003.
 H. A. P. Blom, Y. Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching
 coefficients", IEEE Trans. Autom. Control 33(8), 1988.
+Y. Zhang, X. R. Li, "Detection and diagnosis of sensor and actuator failures using IMM estimator", IEEE Trans. Aerosp.
+Electron. Syst. 34(4), 1998: one more model for each failure of an actuator.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final
+import math
+from typing import Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.estimation.noise_level import NoisyFilters, noisy_filters
+from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -50,9 +57,13 @@ from glucoloop.meals.announced import Announced, announce, nothing_announced, se
 from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach
 from glucoloop.models.nonlinear import FedModel
 
+Numbers = npt.NDArray[np.float64]
+
 LONGEST_HORIZON: Final = 100
 _LEAST: Final = 1e-12
 """Probability below which no hypothesis falls, so that each can come back."""
+_FAILS_UNREPORTED: Final = 0.5
+"""Probability that insulin ceases to arrive in a sample of which the pump reports no rate."""
 _STRAY: Final = 1e-3
 """Likelihood that is added to each hypothesis, so that a reading far from all of them does not tell them apart."""
 
@@ -77,7 +88,7 @@ class MealHorizonState:
 
     hypotheses: Hypothesis
     probability: jax.Array
-    """(2 L + 2,) probability of each hypothesis."""
+    """(2 L + 4,) probability of each hypothesis."""
     announced: Announced
     noise_mg_dl: jax.Array
     """Estimated standard deviation of the correlated error of the sensor."""
@@ -92,17 +103,22 @@ class MealHorizon:
     largest_disturbance_mg_min: jax.Array | float
     """Largest disturbance that is believed, to either side."""
     begins: jax.Array
-    """Probability that a meal begins in a sample."""
+    """(levels,) probability that a meal begins in a sample, for each of `LEVELS_MG_DL`."""
     ends: jax.Array
     """Probability that a meal under way ends in a sample."""
     ends_unseen: jax.Array | float
     """The same without a reading, which could tell that it goes on."""
+    fails: jax.Array | float
+    """Probability that insulin ceases to arrive in a sample."""
+    returns: jax.Array | float
+    """Probability that insulin arrives again in a sample."""
     waking: Waking
     horizon: int = static()
 
     def at_noise(self, deviation_mg_dl: float) -> MealHorizon:
         """The same estimator for a sensor whose correlated error has a known standard deviation."""
-        return dataclasses.replace(self, filters=self.filters.fixed(deviation_mg_dl))
+        begins = jnp.broadcast_to(jnp.sum(shares(jnp.asarray(deviation_mg_dl)) * self.begins), self.begins.shape)
+        return dataclasses.replace(self, filters=self.filters.fixed(deviation_mg_dl), begins=begins)
 
     def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
         """State of a fasting person at rest."""
@@ -114,7 +130,7 @@ class MealHorizon:
             carbs_g=jnp.zeros_like(disturbance),
             error_mg_dl=jnp.zeros_like(disturbance),
         )
-        number = 2 * self.horizon + 2
+        number = 2 * self.horizon + 4
         return MealHorizonState(
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
             probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
@@ -127,60 +143,95 @@ class MealHorizon:
         announced, served = serve(state.announced, model.sample_time_min)
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
         # being served an announced meal does not begin another one.
-        begins = jnp.where(sensed.known & (served == 0.0), self.begins, 0.0)
+        usual = jnp.sum(shares(state.noise_mg_dl) * self.begins)
+        begins = jnp.where(sensed.known & (served == 0.0), usual, 0.0)
         ends = jnp.where(sensed.known, self.ends, self.ends_unseen)
-        hypotheses, probability = self._age(state.hypotheses, state.probability, begins, ends)
+        fails = jnp.where(sensed.reported, self.fails, _FAILS_UNREPORTED)
+        returns = jnp.where(sensed.reported, self.returns, 0.0)
+        hypotheses, probability = self._age(state.hypotheses, state.probability, begins, ends, fails, returns)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
         hypotheses, probability, noise = self._correct(model, hypotheses, probability, state.noise_mg_dl, sensed)
         announced = announce(announced, sensed.announced_carbs_g)
         state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced, noise_mg_dl=noise)
         return state, self._estimate(state, model.sample_time_min)
 
-    def _eating(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def _eating(self) -> Numbers:
         """Indicator of the hypotheses in which a meal is being served."""
         L = self.horizon
-        return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L)])
+        return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L), [0.0, 1.0]])
 
-    def _age(self, held: Hypothesis, p: jax.Array, begins: jax.Array, ends: jax.Array) -> tuple[Hypothesis, jax.Array]:
+    def _arrives(self) -> Numbers:
+        """Indicator of the hypotheses in which insulin arrives."""
+        return np.repeat([1.0, 0.0], [2 * self.horizon + 2, 2])
+
+    def _age(
+        self,
+        held: Hypothesis,
+        p: jax.Array,
+        begins: jax.Array,
+        ends: jax.Array,
+        fails: jax.Array | float,
+        returns: jax.Array | float,
+    ) -> tuple[Hypothesis, jax.Array]:
         """Age all events by a sample: the oldest hypotheses are merged, and new events may happen."""
         L = self.horizon
-        eats = self._eating()
-        not_eating, eating = jnp.sum(p * (1.0 - eats)), jnp.sum(p * eats)
+        eats, arrives = self._eating(), self._arrives()
+        fasting, feasting = arrives * (1.0 - eats), arrives * eats
+        lost, lost_eating = (1.0 - arrives) * (1.0 - eats), (1.0 - arrives) * eats
+        number = np.arange(2 * L + 4)
+        long_fasting, long_feasting = np.isin(number, [0, 2 * L + 1]) * 1.0, np.isin(number, [L, L + 1]) * 1.0
+        stays = 1.0 - returns
+        # Share of each hypothesis in those that are merged of several.
+        shares_of = (
+            (long_fasting + returns * lost) * (1.0 - begins),
+            fasting * begins,
+            (long_feasting + returns * lost_eating) * (1.0 - ends),
+            feasting * ends,
+            fails * fasting + stays * (lost + ends * lost_eating),
+            fails * feasting + stays * (1.0 - ends) * lost_eating,
+        )
+        none, begun, long, ended, unfed, fed = (p * share for share in shares_of)
 
         def aged(leaf: jax.Array) -> jax.Array:
-            def mean(which: np.ndarray[Any, Any]) -> jax.Array:
-                share = p * which
-                return jnp.sum(leaf * share, axis=-1) / jnp.sum(share)
+            def mean(share: jax.Array) -> jax.Array:
+                return (jnp.sum(leaf * share, axis=-1) / jnp.sum(share))[..., None]
 
-            none = np.zeros(2 * L + 2)
-            fasting, feasting = none.copy(), none.copy()
-            fasting[[0, -1]] = 1.0
-            feasting[[L, L + 1]] = 1.0
-            begun, ended = mean(1.0 - eats), mean(eats)
-            parts = [mean(fasting), begun, leaf[..., 1:L], mean(feasting), ended, leaf[..., L + 2 : 2 * L + 1]]
-            alone = (0, 1, 3, 4)
-            return jnp.concatenate([part[..., None] if i in alone else part for i, part in enumerate(parts)], axis=-1)
+            return jnp.concatenate(
+                [
+                    mean(none),
+                    mean(p * fasting),
+                    leaf[..., 1:L],
+                    mean(long),
+                    mean(ended),
+                    leaf[..., L + 2 : 2 * L + 1],
+                    mean(unfed),
+                    mean(fed),
+                ],
+                axis=-1,
+            )
 
         passed = jnp.concatenate(
             [
-                ((p[0] + p[-1]) * (1.0 - begins))[None],
-                (not_eating * begins)[None],
+                jnp.sum(none)[None],
+                jnp.sum(begun)[None],
                 p[1:L] * (1.0 - ends),
-                ((p[L] + p[L + 1]) * (1.0 - ends))[None],
-                (eating * ends)[None],
-                p[L + 2 : -1] * (1.0 - begins),
+                jnp.sum(long)[None],
+                jnp.sum(ended)[None],
+                p[L + 2 : 2 * L + 1] * (1.0 - begins),
+                jnp.sum(unfed)[None],
+                jnp.sum(fed)[None],
             ]
         )
         later: Hypothesis = jax.tree.map(aged, held)
-        just_begun = np.arange(2 * L + 2) == 1
-        return dataclasses.replace(later, carbs_g=jnp.where(just_begun, 0.0, later.carbs_g)), passed
+        return dataclasses.replace(later, carbs_g=jnp.where(number == 1, 0.0, later.carbs_g)), passed
 
     def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
         """Carry each hypothesis through the sample that has passed."""
         h, eats = model.sample_time_min, self._eating()
         stomach, appearance = digest(held.stomach, announced + eats, h)
         appearance = appearance.at[0].add(held.disturbance_mg_min)
-        x = jax.vmap(model.advance_fed, in_axes=(-1, None, -1), out_axes=-1)(held.x, insulin, appearance)
+        arrived = insulin * self._arrives()
+        x = jax.vmap(model.advance_fed, in_axes=(-1, -1, -1), out_axes=-1)(held.x, arrived, appearance)
         return Hypothesis(
             x=x,
             stomach=stomach,
@@ -230,6 +281,7 @@ class MealHorizon:
             carbs_g=carbs_g,
             remaining_g=eating * per_sample * (1.0 - self.ends) / self.ends,
             noise_mg_dl=state.noise_mg_dl,
+            lost=jnp.sum(p * (1.0 - self._arrives())),
         )
 
 
@@ -243,6 +295,9 @@ def design_meal_horizon(
     largest_disturbance_mg_min: float = 100.0,
     noise_pace: float = 0.2,
     ends_unseen: float = 0.3,
+    noise_patience: float = 0.5,
+    failures_per_h: float = 0.002,
+    failure_min: float = 90.0,
 ) -> MealHorizon:
     """Design the estimator for a model.
 
@@ -260,6 +315,15 @@ def design_meal_horizon(
         Largest disturbance that is believed, to either side, above 0.
     noise_pace : float
         Pace at which the size of a correlated error is learned, 0 to 1; see `estimation.noise_level`.
+    ends_unseen : float
+        Probability that a meal ends in a sample without a reading, if above the usual one.
+    noise_patience : float
+        Decay, per mg/dl of the size s of the correlated error, of the probability that a meal begins, 0 or more: it is
+        ``exp(-noise_patience s)`` of the usual one.
+    failures_per_h : float
+        Expected number of times in an hour at which insulin ceases to arrive without a report of it, 0 or more.
+    failure_min : float
+        Mean time until it arrives again, above 0.
 
     Raises
     ------
@@ -277,6 +341,11 @@ def design_meal_horizon(
             f"a largest disturbance of {largest_disturbance_mg_min:g} mg/min is not possible; "
             "give a finite value above 0"
         )
+    for value, what in ((noise_patience, "patience with noise"), (failures_per_h, "rate of failures per hour")):
+        if not 0.0 <= value < np.inf:
+            raise ValueError(f"a {what} of {value:g} is not possible; give a finite value of 0 or more")
+    if not 0.0 < failure_min < np.inf:
+        raise ValueError(f"failures of {failure_min:g} min are not possible; give a finite time above 0")
     linear = linearised(model)
     n = linear.Gamma.size
     Q = np.zeros((n + 1, n + 1))
@@ -285,9 +354,11 @@ def design_meal_horizon(
     return MealHorizon(
         filters=noisy_filters(linear.Phi, linear.C, Q, measurement_variance, pace=noise_pace),
         largest_disturbance_mg_min=largest_disturbance_mg_min,
-        begins=jnp.asarray(habits.begins(h)),
+        begins=jnp.asarray(habits.begins(h) * np.exp(-noise_patience * np.asarray(LEVELS_MG_DL))),
         ends=jnp.asarray(habits.ends(h)),
         ends_unseen=jnp.asarray(max(ends_unseen, habits.ends(h))),
+        fails=-math.expm1(-failures_per_h * h / 60.0),
+        returns=-math.expm1(-h / failure_min),
         waking=waking(linear, measurement_variance),
         horizon=horizon,
     )

@@ -32,6 +32,8 @@ class MealEstimate:
     """Carbohydrate of that meal that is likely still to come."""
     noise_mg_dl: jax.Array
     """Standard deviation of the correlated error of the sensor; 0 by an estimator that does not learn it."""
+    lost: jax.Array
+    """Probability that insulin does not arrive, whatever the pump reports; 0 by an estimator that does not doubt it."""
 
 
 @pytree
@@ -43,6 +45,8 @@ class Sensed:
     """Whether there is a valid reading."""
     insulin_mU_min: jax.Array
     """Rate that was delivered since the last sample."""
+    reported: jax.Array
+    """Whether the pump has reported that rate."""
     announced_carbs_g: jax.Array
     """Carbohydrate of an announced meal that begins during the coming sample."""
 

@@ -36,6 +36,8 @@ class MealEstimates:
     """(samples, ...) rate at which the stomach empties, of all meals."""
     disturbance_mg_min: jax.Array
     """(samples, ...) appearance of glucose that no meal explains."""
+    lost: jax.Array
+    """(samples, ...) probability that no insulin arrives, whatever the pump reports, 0 to 1."""
 
 
 def replay(
@@ -75,6 +77,7 @@ def replay(
         glucose_mg_dl=jnp.where(known, readings_mg_dl, 0.0),
         known=known,
         insulin_mU_min=since,
+        reported=jnp.ones(samples, bool),
         announced_carbs_g=announced,
     )
 
@@ -85,6 +88,7 @@ def replay(
         glucose_mg_dl=sensed.glucose_mg_dl[0],
         known=known[0],
         insulin_mU_min=initial,
+        reported=jnp.asarray(True),
         announced_carbs_g=jnp.zeros_like(initial),
     )
     _, told = jax.lax.scan(one, estimator.init(model, first), sensed)
@@ -96,6 +100,7 @@ def replay(
         remaining_g=told.remaining_g,
         emptying_mg_min=told.stomach.emptying_mg_min,
         disturbance_mg_min=told.disturbance_mg_min,
+        lost=told.lost,
     )
 
 
