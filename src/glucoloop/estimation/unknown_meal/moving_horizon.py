@@ -181,47 +181,29 @@ class MealHorizon:
         number = np.arange(2 * L + 4)
         long_fasting, long_feasting = np.isin(number, [0, 2 * L + 1]) * 1.0, np.isin(number, [L, L + 1]) * 1.0
         stays = 1.0 - returns
-        # Share of each hypothesis in those that are merged of several.
-        shares_of = (
-            (long_fasting + returns * lost) * (1.0 - begins),
-            fasting * begins,
-            (long_feasting + returns * lost_eating) * (1.0 - ends),
-            feasting * ends,
-            fails * fasting + stays * (lost + ends * lost_eating),
-            fails * feasting + stays * (1.0 - ends) * lost_eating,
-        )
-        none, begun, long, ended, unfed, fed = (p * share for share in shares_of)
-
-        def aged(leaf: jax.Array) -> jax.Array:
-            def mean(share: jax.Array) -> jax.Array:
-                return (jnp.sum(leaf * share, axis=-1) / jnp.sum(share))[..., None]
-
-            return jnp.concatenate(
-                [
-                    mean(none),
-                    mean(p * fasting),
-                    leaf[..., 1:L],
-                    mean(long),
-                    mean(ended),
-                    leaf[..., L + 2 : 2 * L + 1],
-                    mean(unfed),
-                    mean(fed),
-                ],
-                axis=-1,
-            )
-
-        passed = jnp.concatenate(
+        # What each hypothesis passes to each of those that are merged of several. The second, in which a meal has just
+        # begun, may have no probability; its state is that of all who could begin one.
+        passes = p * jnp.stack(
             [
-                jnp.sum(none)[None],
-                jnp.sum(begun)[None],
-                p[1:L] * (1.0 - ends),
-                jnp.sum(long)[None],
-                jnp.sum(ended)[None],
-                p[L + 2 : 2 * L + 1] * (1.0 - begins),
-                jnp.sum(unfed)[None],
-                jnp.sum(fed)[None],
+                (long_fasting + returns * lost) * (1.0 - begins),
+                fasting,
+                (long_feasting + returns * lost_eating) * (1.0 - ends),
+                feasting * ends,
+                fails * fasting + stays * (lost + ends * lost_eating),
+                fails * feasting + stays * (1.0 - ends) * lost_eating,
             ]
         )
+        total = jnp.sum(passes, axis=1)
+        merged = total * jnp.where(np.arange(len(total)) == 1, begins, 1.0)
+        mixing = passes / total[:, None]
+
+        def joined(merged: jax.Array, begun: jax.Array, ended: jax.Array) -> jax.Array:
+            return jnp.concatenate([merged[..., :2], begun, merged[..., 2:4], ended, merged[..., 4:]], axis=-1)
+
+        def aged(leaf: jax.Array) -> jax.Array:
+            return joined(leaf @ mixing.T, leaf[..., 1:L], leaf[..., L + 2 : 2 * L + 1])
+
+        passed = joined(merged, p[1:L] * (1.0 - ends), p[L + 2 : 2 * L + 1] * (1.0 - begins))
         later: Hypothesis = jax.tree.map(aged, held)
         return dataclasses.replace(later, carbs_g=jnp.where(number == 1, 0.0, later.carbs_g)), passed
 
