@@ -46,8 +46,7 @@ class OfOneRecord:
 def loops():
     """A prepared trial of linear MPC whose record can be chosen, and the gain of each model, mg/dl per mU/min."""
     situation = next(situation for situation in SITUATIONS if situation.name == "people")
-    keys = {key: value for key, value in situation.of("mpc", PEOPLE_SEED).items() if key != "controller"}
-    trial = read_trial({**keys, "population": "parker2000", "people": PEOPLE, "controllers": ["mpc"]})
+    trial = read_trial(situation.of_people("mpc", PEOPLE_SEED, PEOPLE))
     [case], prepared = trial.cases, engine.prepare(trial)
     found = [identified_model(dataclasses.replace(trial, seed=seed), case, trial.nominal) for seed in RECORDS]
     own = OfOneRecord([controller_of(trial, case, model=identified.model) for identified in found])

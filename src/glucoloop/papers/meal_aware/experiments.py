@@ -257,8 +257,7 @@ def _loops_of_seeds(
 
 def _loops_of_people(situation: NamedSituation, name: str, asked: ClaimsKeys, progress: Progress) -> ControllerRuns:
     """One run per person, equal to that of ``glucoloop trial`` with the seed."""
-    keys = {key: value for key, value in situation.of(name, asked.seed).items() if key != "controller"}
-    trial = read_trial({**keys, "population": "parker2000", "people": asked.people, "controllers": [name]})
+    trial = read_trial(situation.of_people(name, asked.seed, asked.people))
     prepared = engine.prepare(trial)
     together = block_size(prepared.cases[name].loop.engine)
     parts = []

@@ -46,6 +46,11 @@ class NamedSituation:
         shared = {"operating_point": OPERATING_POINT, "meals": [MEAL], "duration_min": HORIZON_MIN}
         return {**shared, **self.keys, "controller": controller, "seed": seed}
 
+    def of_people(self, controller: str, seed: int, people: int) -> dict[str, Any]:
+        """Flat keys of the trial of many people."""
+        keys = {key: value for key, value in self.of(controller, seed).items() if key != "controller"}
+        return {**keys, "population": "parker2000", "people": people, "controllers": [controller]}
+
     @property
     def noisy(self) -> bool:
         """Whether readings carry noise."""
