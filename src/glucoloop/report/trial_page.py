@@ -341,7 +341,7 @@ def _worst_table(label: str, worst: Sequence[WorstPerson]) -> str:
         ]
         for one in worst
     ]
-    table = _page.table(["Person", "Minimum", "What is different"], rows, values_from=9)
+    table = _page.table(["Person", "Minimum", "What is different"], rows, kind="persons", values_from=9)
     return scrolling(table, f"The worst under {label}")
 
 

@@ -34,6 +34,7 @@ export function tellLesson(lesson) {
   const next = place < 0 ? undefined : texts.lessons[place + 1];
   const after = byId("next-lesson");
   after.hidden = next === undefined;
+  byId("lesson").scrollIntoView({ block: "nearest" });
   if (next === undefined) return;
   after.setAttribute("href", next.hash);
   after.textContent = texts.nextLesson(next.title);
