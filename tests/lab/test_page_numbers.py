@@ -42,7 +42,7 @@ from glucoloop.registry.faults import fault, fault_entry
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
-from page_loops import TRACED, Loops, by_jax, numbers_of, side_by_side
+from page_loops import TRACED, Loops, by_jax, numbers_of, side_by_side, traces_of
 
 ARRAYS = ("Phi", "Gamma", "C")
 LONG_TEXT = 10_000
@@ -201,7 +201,7 @@ def loops(groups, answers, arounds, data, of_page, loops_faults):
 @pytest.fixture(scope="session")
 def traces(loops):
     """Traces of each group with portable arithmetic."""
-    return {which: of.run() for which, of in loops.items()}
+    return dict(zip(loops, traces_of(list(loops.values())), strict=True))
 
 
 @pytest.mark.long
@@ -398,14 +398,15 @@ def test_the_page_is_within_two_hundredths_of_a_mg_dl_with_the_arithmetic_of_a_r
     setpoint.
     """
     decided_by_rounding = 0
+    by_default = dict(zip(loops, traces_of(list(loops.values()), by_jax), strict=True))
     for which, here in groups.items():
-        usual = loops[which].run(by_jax)["inside_mg_dl"].reshape(-1, len(here))
+        usual = by_default[which]["inside_mg_dl"].reshape(-1, len(here))
         found = np.array([answers[i]["trace"]["fine_glucose_mg_dl"][1:] for i in here]).T
         difference = np.abs(found - usual).max(axis=0)
         far = np.flatnonzero(difference > CLOSE_MG_DL)
         if far.size == 0:
             continue
-        moved = [loops[which].run(by_jax, by)["inside_mg_dl"].reshape(-1, len(here)) for by in STARTS]
+        moved = [traces_of([loops[which]], by_jax, by)[0]["inside_mg_dl"].reshape(-1, len(here)) for by in STARTS]
         own = np.max([np.abs(other - usual).max(axis=0) for other in moved], axis=0)
         for place in far:
             run, command = runs[here[place]], answers[here[place]]["command"]

@@ -1,6 +1,7 @@
 """Situations of the laboratory, simulated in Python by the functions of the page."""
 
 import dataclasses
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ from glucoloop.control.protocol import Observation
 from glucoloop.lab.body import SAMPLE_TIME_MIN, STEP_MIN, STEPS
 from glucoloop.lab.devices import _Passed, part_name
 from glucoloop.lab.parts import GUARDED
-from glucoloop.native.interpreter import Interpreter, interpret
+from glucoloop.native.interpreter import Interpreter
 
 OBSERVED = [field.name for field in dataclasses.fields(Observation)][:5]
 NO_DRAW = 0.5
@@ -18,6 +19,19 @@ NO_DRAW = 0.5
 TRACED = ("glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status")
 
 
+def kept(make):
+    """The same function for the same part, which is made once."""
+    made = weakref.WeakKeyDictionary()
+
+    def of(part):
+        if part.lowered not in made:
+            made[part.lowered] = make(part)
+        return made[part.lowered]
+
+    return of
+
+
+@kept
 def portable(part):
     """A function with portable arithmetic, by the interpreter of scalar programs."""
     interpreter = Interpreter(part.lowered)
@@ -29,6 +43,7 @@ def portable(part):
     return of
 
 
+@kept
 def by_jax(part):
     """A function with the arithmetic of JAX, which is that of a run."""
     shapes = part.lowered.shapes
@@ -76,13 +91,13 @@ def side_by_side(each):
 
 def meal_moments(part, situations, samples):
     """Moments of the meals of each situation, ``(samples, steps of the integrator, 3, situations)``."""
-    starts = STEP_MIN * np.arange(samples * STEPS)
+    starts, moments = STEP_MIN * np.arange(samples * STEPS), Interpreter(part.lowered)
     total = np.zeros((starts.size, 3, len(situations)))
     for i, situation in enumerate(situations):
         for meal in situation["meals"]:
             person = rows_of(part.names["person"], {**meal, "eating_min": 0.0})
             people = np.repeat(person[:, None], starts.size, axis=1)
-            total[:, :, i] += interpret(part.lowered, person=people, shared=starts[None])[1].T
+            total[:, :, i] += moments(person=people, shared=starts[None])[1].T
     return total.reshape(samples, STEPS, 3, len(situations))
 
 
@@ -135,19 +150,11 @@ class Loops:
         self.basal = np.array([of["basal_insulin_mU_min"] for of in patients])
         self.setpoint = np.array([of["setpoint_mg_dl"] for of in patients])
 
-    def run(self, made=portable, moved=0.0):
-        """Trace by name ``(samples, situations)``, and ``inside_mg_dl`` between.
-
-        Parameters
-        ----------
-        made : callable
-            Arithmetic of the patient and the controller: `portable` or `by_jax`.
-        moved : float
-            Relative change of the state with which the patient begins.
-        """
-        parts, none = self.parts, np.zeros((0, self.basal.size))
-        wake, decide = (made(parts[f"{self.controller}_{what}"]) for what in ("start", "step"))
-        plant, pump = made(parts[f"{self.family}_plant"]), portable(parts[self.pump])
+    def samples_of(self, made, moved):
+        """Generator that asks for the patients after each step, and returns the trace; see `traces_of`."""
+        parts = self.parts
+        wake, decide = portable(parts[f"{self.controller}_start"]), made(parts[f"{self.controller}_step"])
+        pump = portable(parts[self.pump])
         noise = portable(parts["noise"])
         waking = [portable(parts[f"{name}_start"]) for name, _ in self.faults]
         faulty = [portable(parts[name]) for name, _ in self.faults]
@@ -177,7 +184,7 @@ class Loops:
 
         line = [glucose] * self.late
         _, _, *first = read(0, awake(), line)
-        _, memory = wake(self.of_controller, none, observed(*first))
+        _, memory = wake(self.of_controller, None, observed(*first))
         states = awake()
         start = parts[f"{self.pump}_start"]
         own = np.array([reported, *([draw] if "drawn" in start.names["own"] else [])])
@@ -190,9 +197,47 @@ class Loops:
             happened = [glucose, reading, decision[0], insulin, status]
             inside = []
             for moments in self.moments[k]:
-                x, outputs = plant(self.of_plant, x, np.concatenate([insulin[None], moments]))
+                x, outputs = yield x, np.concatenate([insulin[None], moments])
                 inside.append(outputs[1:])
             glucose = outputs[0]
             for name, value in zip(trace, [*happened, np.concatenate(inside)], strict=True):
                 trace[name].append(value)
         return {name: np.array(values) for name, values in trace.items()}
+
+
+def traces_of(loops, made=portable, moved=0.0):
+    """Simulate loops side by side, so that the patients of a family are advanced together.
+
+    Parameters
+    ----------
+    loops : sequence of Loops
+    made : callable
+        Arithmetic of the patient and the controller at each sample: `portable` or `by_jax`.
+    moved : float
+        Relative change of the state with which the patient begins.
+
+    Returns
+    -------
+    list of dict
+        Trace of each by name ``(samples, situations)``, with ``inside_mg_dl`` between.
+    """
+    families = {}
+    for i, of in enumerate(loops):
+        families.setdefault(of.family, []).append(i)
+    plants = {
+        family: (made(loops[here[0]].parts[f"{family}_plant"]), np.hstack([loops[i].of_plant for i in here]))
+        for family, here in families.items()
+    }
+    going = [of.samples_of(made, moved) for of in loops]
+    asked, traces = [next(of) for of in going], [None] * len(loops)
+    while None in traces:
+        for family, here in families.items():
+            plant, people = plants[family]
+            ends = np.cumsum([asked[i][0].shape[1] for i in here])[:-1]
+            found = plant(people, *(np.hstack(rows) for rows in zip(*(asked[i] for i in here), strict=True)))
+            for i, x, outputs in zip(here, *(np.hsplit(rows, ends) for rows in found), strict=True):
+                try:
+                    asked[i] = going[i].send((x, outputs))
+                except StopIteration as done:
+                    traces[i] = done.value
+    return traces
