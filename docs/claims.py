@@ -1,9 +1,10 @@
-"""Turn a result of ``glucoloop claims`` into the tables that ``guide/claims.md`` shows.
+"""Turn results of ``glucoloop claims`` into the tables that ``guide/claims.md`` shows.
 
-    glucoloop claims --out claims
+    glucoloop claims --seed 2000 --out claims
     python docs/claims.py claims/claims.json
 
-It rewrites ``guide/claims_figures.md``.
+It rewrites ``guide/claims_figures.md``. Results of some situations each, with the same seeds, are put together:
+``python docs/claims.py some/claims.json others/claims.json``.
 """
 
 import json
@@ -85,8 +86,19 @@ def mismatches(told):
     return lines
 
 
-def main(path):
-    told = json.loads(Path(path).read_text(encoding="utf-8"))
+def together(paths):
+    """One result of several, which differ in their situations alone."""
+    told, *others = (json.loads(Path(path).read_text(encoding="utf-8")) for path in paths)
+    for other in others:
+        if any(other["config"][key] != told["config"][key] for key in ("seed", "seeds", "people")):
+            raise SystemExit("the results have other seeds or people; make them again with the same ones")
+        for part in ("claims", "situations", "mismatches"):
+            told[part] += other[part]
+    return told
+
+
+def main(paths):
+    told = together(paths)
     held = sum(claim["holds"] for claim in told["claims"])
     tuning, config = told["tuning"], told["config"]
     first, last = tuning["sensor_seeds"]
@@ -114,4 +126,4 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(sys.argv[1:])
