@@ -43,8 +43,9 @@ IN_NUMPY, IN_NUMPY_SLOW = 10, 1
 """Samples of each run that are computed operation by operation."""
 LEVELS = (RUN, 1000)
 """Numbers of samples that every slow cell reaches before any goes on."""
-A_PROGRAM = 2e10
-"""Instructions that an emulated program may take, so that not much is lost when the command is stopped."""
+A_PROGRAM = 4e9
+"""Instructions that an emulated program may take: a minute, so that a busy machine does not exceed the longest time of
+a program, and not much is lost when the command is stopped."""
 SLOW, SOFT = 3e6, 30.0
 """Guesses: instructions of a step of a slow controller, and what float64 costs where the chip has only float32."""
 
