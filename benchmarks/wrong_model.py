@@ -3,6 +3,7 @@
     python benchmarks/wrong_model.py                            the table, of the seeds that are reported
     python benchmarks/wrong_model.py --tuning                   the same of the seeds on which defaults are chosen
     python benchmarks/wrong_model.py --controller mpc-se        of another controller
+    python benchmarks/wrong_model.py --rows late --runs 1000    of a thousand people, where readings are late
     python benchmarks/wrong_model.py --set mean_carbs_g=20 --set noise_pace=0    of other settings, one table for each
 
 The situations are those of ``glucoloop claims``, in `glucoloop.papers.meal_aware.mismatches`. Undershoot is that below
@@ -65,10 +66,10 @@ def show(found: Table, before: Table) -> None:
         print(f"{name:40s}{line}")
 
 
-def loops_of(rows: Sequence[Mismatch], seed: int) -> list[MismatchedLoops]:
-    """Loops without a guard, and with one."""
+def loops_of(rows: Sequence[Mismatch], seed: int, runs: int | None) -> list[MismatchedLoops]:
+    """Loops without a guard, and with one; each row has its own number of runs if none is given."""
     parts = ([row for row in rows if row.guarded is guarded] for guarded in (False, True))
-    return [MismatchedLoops(part, [row.runs for row in part], seed) for part in parts if part]
+    return [MismatchedLoops(part, [runs or row.runs for row in part], seed) for part in parts if part]
 
 
 def _value(text: str) -> Any:
@@ -91,6 +92,7 @@ def main() -> None:
         "--set", action="append", default=[], metavar="KEY=VALUE,...", help="a variant; may be repeated"
     )
     parser.add_argument("--rows", nargs="*", help="parts of the names of the rows; by default all without a guard")
+    parser.add_argument("--runs", type=int, help="runs of each row, in place of its own number")
     parser.add_argument("--out", type=Path, help="file for the numbers of the last variant")
     parser.add_argument("--beside", type=Path, help="file of earlier numbers")
     asked = parser.parse_args()
@@ -99,7 +101,7 @@ def main() -> None:
         row for row in MISMATCHES if (any(part in row.name for part in asked.rows) if asked.rows else not row.guarded)
     ]
     before = json.loads(asked.beside.read_text()) if asked.beside else {}
-    loops = loops_of(rows, MISMATCH_TUNING_SEED if asked.tuning else 0)
+    loops = loops_of(rows, MISMATCH_TUNING_SEED if asked.tuning else 0, asked.runs)
     found: Table = {}
     for text in asked.set or [""]:
         design = designer(asked.controller, _settings(text))
@@ -107,7 +109,9 @@ def main() -> None:
         for part in loops:
             found |= table_of(part.run(design))
         found = {row.name: found[row.name] for row in rows}
-        print(f"{text or 'defaults'}: {sum(row.runs for row in rows)} loops, {time.perf_counter() - start:.0f} s")
+        print(
+            f"{text or 'defaults'}: {sum(asked.runs or row.runs for row in rows)} loops, {time.perf_counter() - start:.0f} s"
+        )
         show(found, before)
         sys.stdout.flush()
         start = time.perf_counter()
