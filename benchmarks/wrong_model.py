@@ -101,7 +101,8 @@ def main() -> None:
         row for row in MISMATCHES if (any(part in row.name for part in asked.rows) if asked.rows else not row.guarded)
     ]
     before = json.loads(asked.beside.read_text()) if asked.beside else {}
-    loops = loops_of(rows, MISMATCH_TUNING_SEED if asked.tuning else 0, asked.runs)
+    seed = MISMATCH_TUNING_SEED if asked.tuning else 0
+    loops = loops_of(rows, seed, asked.runs)
     found: Table = {}
     for text in asked.set or [""]:
         design = designer(asked.controller, _settings(text))
