@@ -110,9 +110,8 @@ def main() -> None:
         for part in loops:
             found |= table_of(part.run(design))
         found = {row.name: found[row.name] for row in rows}
-        print(
-            f"{text or 'defaults'}: {sum(asked.runs or row.runs for row in rows)} loops, {time.perf_counter() - start:.0f} s"
-        )
+        number = sum(asked.runs or row.runs for row in rows)
+        print(f"{text or 'defaults'}: {number} loops, {time.perf_counter() - start:.0f} s")
         show(found, before)
         sys.stdout.flush()
         start = time.perf_counter()
