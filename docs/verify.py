@@ -54,7 +54,8 @@ def main(paths):
             "| :--- | ---: | ---: | ---: | ---: | ---: |",
             *(rows[name] for name in NAMES if name in rows),
             "",
-            f"Shorter and longer count people by more than 1 % of the run. Made with glucoloop {glucoloop.__version__}.",
+            "Shorter and longer count people by more than 1 % of the run. Made with glucoloop "
+            f"{glucoloop.__version__}.",
         ]
     )
     (Path(__file__).resolve().parent / "guide" / "verify_figures.md").write_text(text + "\n", encoding="utf-8")

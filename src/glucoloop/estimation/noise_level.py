@@ -47,9 +47,9 @@ class SensorError:
     """Estimates of the correlated error of a reading and of its size."""
 
     error_mg_dl: jax.Array
-    """e."""
+    """Estimate of the error e."""
     deviation_mg_dl: jax.Array
-    """s."""
+    """Estimate of its standard deviation s."""
 
     @property
     def sound(self) -> jax.Array:

@@ -317,6 +317,6 @@ _MISMATCHED: Final = (
         ),
     ),
 )
-"""Their bounds were set before the controller was changed to keep them."""
+"""Claims where the model is wrong; their bounds were set before the controller was changed to keep them."""
 
 CLAIMS: Final = (*_ALONE, *_MISMATCHED)
