@@ -238,8 +238,8 @@ def design_mpc_se(
     glucose_floor_mg_dl, floor_weight : float
         Argument as in `design_linear_mpc`.
     noise_pace : float
-        Pace at which the size of a correlated error of the sensor, beside the noise of variance R, is learned, mg/dl per
-        innovation; see `estimation.noise_level`. 0: there is no such error, as in the paper.
+        Pace at which the size of a correlated error of the sensor, beside the noise of variance R, is learned, mg/dl
+        per innovation; see `estimation.noise_level`. 0: there is no such error, as in the paper.
 
     Raises
     ------
