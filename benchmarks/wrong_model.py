@@ -3,7 +3,7 @@
     python benchmarks/wrong_model.py                            the table, of the seeds that are reported
     python benchmarks/wrong_model.py --tuning                   the same of the seeds on which defaults are chosen
     python benchmarks/wrong_model.py --controller mpc-se        of another controller
-    python benchmarks/wrong_model.py --rows late --runs 1000    of a thousand people, where readings are late
+    python benchmarks/wrong_model.py --rows "late 10" --runs 1000    of a thousand people, where readings are late
     python benchmarks/wrong_model.py --set mean_carbs_g=20 --set noise_pace=0    of other settings, one table for each
 
 The situations are those of ``glucoloop claims``, in `glucoloop.papers.meal_aware.mismatches`. Undershoot is that below
