@@ -111,6 +111,8 @@ def test_a_tuning_is_tried_on_people_and_one_of_them_is_followed(shown):
     [person] = re.findall(r"Person (\d+)", rows)
     assert shown["used"]["followed"].endswith(f"&follow={person}")
     assert shown["used"]["peopleViolations"] == []
+    there, elsewhere, again = shown["used"]["bands"]  # with another controller the people are not those of the picture
+    assert there == again > elsewhere == 0
 
 
 def test_results_are_loaded(shown):

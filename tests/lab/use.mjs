@@ -103,6 +103,17 @@ used.followed = await page.evaluate(() => location.hash);
 used.people = [await of(page, "#said"), await of(page, "#people-points"), await page.locator("#people-harmed button").count(), await of(page, "#numbers")];
 await page.evaluate(axe);
 used.peopleViolations = (await page.evaluate(() => axe.run())).violations.map(({ id }) => id);
+const bands = async () => {
+  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("#save-svg").click()]);
+  return readFileSync(await download.path(), "utf8").split("<polygon").length - 1;
+};
+used.bands = [await bands()];
+const before = await page.locator("#controller").inputValue();
+for (const controller of [before === "imc" ? "pid" : "imc", before]) {
+  await page.locator("#controller").selectOption(controller);
+  await drawn(page);
+  used.bands.push(await bands());
+}
 await page.locator("#people-clear").click();
 await page.locator("#numbers button").first().click();
 await page.locator("#load-box summary").click();

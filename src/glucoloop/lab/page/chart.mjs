@@ -143,6 +143,7 @@ class Chart {
       ctx.fillRect(left, y(high), width, y(low) - y(high));
     }
     ctx.font = `${12 * pixel}px system-ui, sans-serif`;
+    ctx.textAlign = "left"; // uPlot leaves that of its axes
     ctx.textBaseline = "bottom";
     for (const { from, to, kind, text } of panel.spans) {
       ctx.fillStyle = style(kind === "guard" ? "--guard" : "--fault");

@@ -64,6 +64,7 @@ export async function start() {
       const lesson = lessonOf(hash);
       tellLesson(lesson);
       session.person = found.person;
+      session.crowd = null;
       session.change(found.situation);
       if (lesson !== undefined) {
         putBeside(session, lesson);

@@ -12,11 +12,15 @@ import { usualUnits } from "./units.mjs";
 /** @typedef {import("./loop.mjs").Trace} Trace */
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
+/** @typedef {import("./configuration.mjs").Percentiles} Percentiles */
 /** @typedef {{name: string, situation: Situation | null, trace: Trace}} Run a run from elsewhere may have no situation */
 
 export const MOST_PINNED = 4;
 /** Changes by the same control that follow one another this quickly are one step of undo. */
 const ONE_STEP_MS = 1000;
+
+/** Whether two situations are the same. @param {Situation} a @param {Situation} b */
+const same = (a, b) => a === b || JSON.stringify(a) === JSON.stringify(b);
 
 export class Session {
   /**
@@ -40,8 +44,11 @@ export class Session {
     this.person = null;
     /** His run in the present situation. @type {Run | null} */
     this.following = null;
-    /** Percentiles of people that lie behind the runs. @type {import("./configuration.mjs").Percentiles | null} */
-    this.people = null;
+    /**
+     * Percentiles of people, and the situation in which they were simulated; those of a file have none here.
+     * @type {{percentiles: Percentiles, situation: Situation | null} | null}
+     */
+    this.crowd = null;
     /** Sample that is explained. @type {number | null} */
     this.moment = null;
     /** @type {Situation[]} */
@@ -61,6 +68,13 @@ export class Session {
   /** Terms of the dose at the moment that is explained, for a controller that does not predict. */
   get terms() {
     return this.moment === null ? null : termsOf(this.lab, this.situation, this.run.trace, this.moment);
+  }
+
+  /** Percentiles that lie behind the runs: those of a file, or of people in the very situation that is shown. */
+  get people() {
+    if (this.crowd === null) return null;
+    const { percentiles, situation } = this.crowd;
+    return situation === null || same(situation, this.situation) ? percentiles : null;
   }
 
   /** Where the picture ends: with the longest of what is drawn. */

@@ -42,7 +42,7 @@ export function crowdView(session, many) {
     const score = crowd.score();
     const name = `${texts.tried(situation.controller, situation.guard, situation.tuning)}, ${texts.peopleOf(count)}`;
     tried = [...tried, { score, name, situation }].sort((a, b) => b.score.points - a.score.points).slice(0, MOST_TRIED);
-    session.people = crowd.percentiles(texts.peopleOf(count));
+    session.crowd = { percentiles: crowd.percentiles(texts.peopleOf(count)), situation };
     byId("people-points").textContent = texts.points(score, RULE);
     byId("people-tried").replaceChildren(...tried.map(row));
     byId("people-harmed").replaceChildren(...crowd.worst(MOST_HARMED).map(harmed));
@@ -74,7 +74,7 @@ export function crowdView(session, many) {
     many.stop();
     bar.hidden = true;
     byId("people-box").hidden = true;
-    session.people = null;
+    session.crowd = null;
     session.changed();
   });
   return tryOn;

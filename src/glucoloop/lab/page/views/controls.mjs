@@ -36,12 +36,13 @@ export function controlsView(session) {
   chosen("point", (point) => ({ patient: patientId(data.patients[session.situation.patient].family, point) }));
   select("family").addEventListener("change", () => {
     const family = select("family").value;
+    const had = session.people !== null || session.person !== null;
     const { situation, reset } = withPatient(session.situation, family, undefined, data);
     change(situation);
     const { insulin } = usualUnits(data.families[family].route);
     const told = [texts.familyChosen(family, insulin.name, reset.map((part) => texts.resets[part]))];
-    if (situation.patient !== data.people.patient && (session.people !== null || session.person !== null)) {
-      session.people = null;
+    if (had && situation.patient !== data.people.patient) {
+      session.crowd = null;
       session.follow(null);
       told.push(texts.peopleGone(data.people.patient));
     }

@@ -22,7 +22,7 @@ export function folderView(session) {
   };
   input("load").addEventListener("change", () => load([...(input("load").files ?? [])]));
   button("load-clear").addEventListener("click", () => {
-    session.people = null;
+    session.crowd = null;
     byId("loaded-cases").replaceChildren();
     for (const run of session.pinned.filter(({ situation }) => situation === null)) session.unpin(run);
     session.changed();
@@ -107,7 +107,7 @@ function loadRun(session, table, configuration) {
 
 /** @param {Session} session @param {Percentiles} people @param {Keys} keys @param {number} place of the controller */
 function loadPeople(session, people, keys, place) {
-  session.people = people;
+  session.crowd = { percentiles: people, situation: null };
   try {
     const { situation, unlike } = situationOf({ ...keys, case: [keys.case?.[place] ?? {}] }, session.data);
     session.change(situation);
