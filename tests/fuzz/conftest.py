@@ -15,7 +15,7 @@ from glucoloop.cli.mistakes import sentence
 _STOPS = (
     "glucoloop.studies.bounded.optimal_doses",
     "glucoloop.studies.bounded.hedged_doses",
-    "glucoloop.studies.closed_loop.identified_model",
+    "glucoloop.studies.closed_loop.nominal_model",
     "glucoloop.studies.closed_loop.controller_for",
     "glucoloop.studies.identified._method",
     "glucoloop.studies.identified._from_patient",

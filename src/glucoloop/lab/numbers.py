@@ -71,7 +71,7 @@ OFFERED_UNDER_THE_SKIN: Final[dict[str, dict[str, tuple[float, float, float]]]] 
     "pid": {"closed_loop_min": (5.0, 600.0, 5.0), "integral_time_min": (0.0, 1200.0, 5.0)},
     "imc": {"filter_min": (5.0, 600.0, 5.0)},
 }
-"""Those of the settings that have other bounds where insulin is given under the skin, beside the longer horizons."""
+"""Settings that have other bounds where insulin is given under the skin, beside the longer horizons."""
 OFFERED_LIMITS: Final = {
     "max_change_mU_min": ("Largest change of the rate from one sample to the next.", (1.0, 100.0, 0.1)),
     "min_insulin_mU_min": ("Least rate of the pump.", (0.0, 20.0, 0.1)),
@@ -141,7 +141,7 @@ def numbers() -> dict[str, Any]:
 
 
 def _family(entry: PatientEntry) -> dict[str, Any]:
-    """What all patients of a family have: ways of insulin, controllers, limits and usual values."""
+    """Values that all patients of a family share: ways of insulin, controllers, limits and usual values."""
     return {
         "summary": entry.summary,
         "points": {point.name: point.summary for point in entry.operating_points},

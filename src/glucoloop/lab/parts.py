@@ -40,6 +40,6 @@ def parts() -> dict[str, Part]:
 
 
 def _shape(of: Adjustable) -> tuple[object, ...]:
-    """What of a controller is part of its program."""
+    """Structure and shapes of a controller, which its program depends on."""
     leaves, structure = jax.tree.flatten(of.example)
     return structure, *map(np.shape, leaves)

@@ -1,4 +1,4 @@
-"""How the people of the page are drawn and differ, from which the page makes each person's plant and rest."""
+"""Distributions of the people of the page, and their numbers as functions of what is drawn, from which the page makes each person's plant and rest."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DIGITS: Final = 14
 
 
 def people_numbers() -> dict[str, Any]:
-    """How the people of the usual patient's population are drawn and differ, as the page reads it.
+    """Distributions and numbers of the people of the usual patient's population, as the page reads them.
 
     Raises
     ------

@@ -135,7 +135,7 @@ class Interpreter:
 def _operation(
     program: Program, value: Value, place: Mapping[Value, int], precision: str
 ) -> tuple[Callable[..., Any], list[int]]:
-    """What an operation does, and the places of its arguments."""
+    """Function of an operation, and the places of its arguments."""
     operation, arguments = program.operations[value]
     given = [place[a] for a in arguments]
     if operation in ("max", "min"):

@@ -20,7 +20,7 @@ MEANINGS: Final = {
         "status": "why: one of the numbers of a status, 0 where all is well",
     },
 }
-"""What the fields of an observation and of a decision are."""
+"""Meanings of the fields of an observation and of a decision."""
 _PROTOTYPES: Final = """
 /* Wake the controller at an observation; the first step may be given the same observation. */
 void gl_init(gl_workspace *workspace, gl_state *state, const gl_observation *observation);

@@ -75,9 +75,9 @@ def declaration(
     of : Structure
     format : Format
     comment : str
-        What the structure is.
+        Meaning of the structure.
     meanings : mapping of str to str, optional
-        What its fields are; each of the others has its path in the tree as its comment.
+        Meanings of its fields; each of the others has its path in the tree as its comment.
     """
     held = [field for field in of.fields if field.size]
     reals = [field for field in held if field.kind == REAL]
