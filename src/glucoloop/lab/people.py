@@ -1,4 +1,4 @@
-"""Distributions of the people of the page, and their numbers as functions of what is drawn, from which the page makes each person's plant and rest."""
+"""Distributions of the people of the page, from which it makes each person's plant and rest."""
 
 from __future__ import annotations
 
