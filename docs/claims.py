@@ -90,11 +90,16 @@ def together(paths):
     """One result of several, which differ in their situations alone."""
     told, *others = (json.loads(Path(path).read_text(encoding="utf-8")) for path in paths)
     for other in others:
-        if any(other["config"][key] != told["config"][key] for key in ("seed", "seeds", "people")):
-            raise SystemExit("the results have other seeds or people; make them again with the same ones")
+        if other["config"]["seed"] != told["config"]["seed"]:
+            raise SystemExit("the results have other seeds; make them again with the same one")
         for part in ("claims", "situations", "mismatches"):
             told[part] += other[part]
     return told
+
+
+def table(title, lines):
+    """Lines of a table under its title; none for a table without a row."""
+    return [title, "", *lines, ""] if len(lines) > 2 else []
 
 
 def main(paths):
@@ -108,17 +113,13 @@ def main(paths):
             "",
             *claims(told),
             "",
-            "Median, and 5 to 95 % of the runs:",
-            "",
-            *numbers(told),
-            "",
-            "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:",
-            "",
-            *mismatches(told),
-            "",
-            f"Made with glucoloop {told['version']}: {config['seeds']} sensor seeds from {config['seed']} on, "
-            f"{config['people']} people of seed {config['seed']}. The tuning was chosen on sensor seeds {first} to "
-            f"{last} and on people of seed {tuning['people_seed']}.",
+            *table("Median, and 5 to 95 % of the runs:", numbers(told)),
+            *table(
+                "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:",
+                mismatches(told),
+            ),
+            f"Made with glucoloop {told['version']} and `--seed {config['seed']}`. The tuning was chosen on sensor "
+            f"seeds {first} to {last} and on people of seed {tuning['people_seed']}.",
         ]
     )
     (Path(__file__).resolve().parent / "guide" / "claims_figures.md").write_text(text + "\n", encoding="utf-8")
