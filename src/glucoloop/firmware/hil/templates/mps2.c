@@ -66,6 +66,14 @@ void board_feed(void)
 uint32_t board_receive(uint8_t bytes[], uint32_t most)
 {
   uint32_t count = 0U;
+  /* The next byte of a frame is soon there. QEMU pays much for each sleep, and a board would not wait here. */
+  for (uint32_t turn = 0U; (turn < 128U) && ((UART_STATE & 2U) == 0U); turn++)
+  {
+    for (uint32_t i = 0U; i < 256U; i++)
+    {
+      __asm volatile("nop");
+    }
+  }
   if ((UART_STATE & 2U) == 0U)
   {
     __asm volatile("dsb\n wfi" : : : "memory");
