@@ -1,11 +1,13 @@
 """What generated code calls: each against NumPy, on random bits."""
 
 import ctypes
+import shutil
 import subprocess
 
 import numpy as np
 import pytest
 
+from glucoloop.firmware.analysis import misra_of
 from glucoloop.native.targets.c.compact.memory import Array, mark, placed
 from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.host import FLAGS, compiler
@@ -44,6 +46,15 @@ def test_functions_are_those_of_numpy(precision, tmp_path):
         with np.errstate(all="ignore"):
             wanted = function(numbers)
         np.testing.assert_array_equal(found, wanted, err_msg=name)
+
+
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck (Debian: apt install cppcheck)")
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_no_required_rule_of_misra_is_broken_by_functions(precision):
+    calls = [f"{name}()" for name in WANTED]
+    includes = [f"#include <{name}.h>" for name in ("float", "math", "stdbool", "stdint", "string")]
+    rung = misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
+    assert rung.holds, rung.found
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

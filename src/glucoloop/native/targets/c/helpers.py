@@ -312,11 +312,11 @@ static @real@ gl_sqrt(@real@ x)
       found = (found >> 1) + (((@bits@)@bias@@u@ - 1@u@) << @shift@);
       if (e >= 0)
       {
-        found += (@bits@)((uint32_t)e / 2U) << @shift@;
+        found += ((@bits@)e / 2@u@) << @shift@;
       }
       else
       {
-        found -= (@bits@)((uint32_t)(-e) / 2U) << @shift@;
+        found -= ((@bits@)(-e) / 2@u@) << @shift@;
       }
       root = gl_number(found);
     }
