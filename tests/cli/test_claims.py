@@ -16,7 +16,7 @@ def _small(monkeypatch):
 
 @pytest.mark.usefixtures("_small")
 @pytest.mark.long
-def test_folder_holds_page_and_numbers_and_repeats_itself(glucoloop, tmp_path):
+def test_folder_holds_page_and_numbers_repeats_itself_and_goes_on(glucoloop, tmp_path, monkeypatch):
     first = glucoloop("claims", *SMALL, "--out", "a")
     assert first.code == 0, first.err
     for part in ("undershoot, median", "≤ 12.00", "does not hold", "None of them is here", "Wrote claims.csv"):
@@ -29,19 +29,31 @@ def test_folder_holds_page_and_numbers_and_repeats_itself(glucoloop, tmp_path):
     assert verdict["holds"] is False  # linear MPC undershoots by some 22 mg/dl
     assert f"{verdict['found']:.2f}" in first.out
 
-    again = glucoloop("claims", "--config", "a/claims.toml", "--out", "b", "--json")
+    repeated = ("claims", "--config", "a/claims.toml", "--out", "b")
+    with monkeypatch.context() as patch:
+        patch.setattr("glucoloop.papers.meal_aware.experiments.MismatchedLoops.run", interrupted)
+        stopped = glucoloop(*repeated)
+    assert stopped.code == 130
+    assert "interrupted; 1 of 3 pairs of situation and controller are kept, the same command goes on." in stopped.err
+    assert {path.name for path in (tmp_path / "b").iterdir()} == {"arithmetic.json", "claims.toml", "loops.parquet"}
+
+    with monkeypatch.context() as patch:
+        patch.setattr("glucoloop.papers.meal_aware.experiments._loops_of_seeds", interrupted)  # they are there
+        again = glucoloop(*repeated, "--json")
     assert again.json["claims"] == told["claims"]
+    assert "1 of 3 pairs of situation and controller of b are there already; going on." in again.err
     assert "Sensor seeds 3 to 4" in again.err
-    for name in (
-        "claims.csv",
-        "numbers.csv",
-        "runs.csv",
-        "claims.json",
-        "dead-time-10.svg",
-        "dead-time-10.pdf",
-        "dead-time-10.png",
-    ):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+    monkeypatch.setattr("glucoloop.papers.meal_aware.experiments.study", interrupted)
+    finished = glucoloop(*repeated)
+    assert "was finished before" in finished.err
+    assert finished.out.replace("to b.", "to a.") == first.out
+
+
+def interrupted(*given, **named):
+    raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(

@@ -57,15 +57,13 @@ def command(given: Given) -> None:
 
     note_on_boluses(asked.base.patient, (case.controller for case in asked.base.cases))
     files: dict[str, str] = {}
-    if output.out is None:
-        if output.overwrite:
-            raise ValueError("--overwrite is about an output folder; name one with --out")
+    if output.place is None:
         rows = _finish(asked, None)
     else:
         work, kept = work_of(asked), rows_of(asked)
-        opened = rows_folder(output.out, work, kept, overwrite=output.overwrite)
+        opened = rows_folder(output.place, work, kept, overwrite=output.overwrite)
         rows = carried_out(opened, lambda folder: _finish(asked, folder))
-        files = paths_of(work, output.out, kept.file)
+        files = paths_of(work, output.place, kept.file)
     tell_results(output, summary_of(asked, rows), files, [adversary_table(rows)], sentences(asked, rows))
 
 

@@ -26,15 +26,21 @@ class Output:
     json: bool
     mmol: bool
 
+    @property
+    def place(self) -> Path | None:
+        """Path of the output folder, or None if nothing is to be written; ValueError if there is none to overwrite."""
+        if self.out is None and self.overwrite:
+            raise ValueError("--overwrite is about an output folder; name one with --out")
+        return self.out
+
     def folder(self) -> contextlib.AbstractContextManager[OutputFolder | None]:
         """The output folder, or None if nothing is to be written."""
         from glucoloop.storage.folder import output_folder
 
-        if self.out is None:
-            if self.overwrite:
-                raise ValueError("--overwrite is about an output folder; name one with --out")
+        place = self.place
+        if place is None:
             return written_whole(contextlib.nullcontext(), None)
-        return written_whole(output_folder(self.out, overwrite=self.overwrite), self.out)
+        return written_whole(output_folder(place, overwrite=self.overwrite), place)
 
 
 def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:

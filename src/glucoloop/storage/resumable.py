@@ -192,8 +192,11 @@ class ResumableFolder(ABC):
 
     def summary(self) -> dict[str, Any]:
         """The summary of finished work, as it was written."""
-        place = self.path / self.work.summary
-        found: dict[str, Any] = json.loads(kept_text(place, f"the summary of a {self.work.what}"))
+        return self.read_json(self.work.summary)
+
+    def read_json(self, name: str) -> dict[str, Any]:
+        """A JSON file of finished work, as it was written."""
+        found: dict[str, Any] = json.loads(kept_text(self.path / name, f"the summary of a {self.work.what}"))
         return found
 
     def put_file(self, name: str, data: bytes) -> None:

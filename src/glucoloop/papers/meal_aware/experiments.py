@@ -40,6 +40,8 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 
 Progress = Callable[[int], None]
+Case = tuple[str, str]
+"""A situation and a controller, by their names."""
 
 _MOST_TOGETHER: Final = 50  # few enough that Ctrl-C is heeded soon
 _STEPS_TIMED: Final = 200
@@ -114,6 +116,8 @@ def study(
     ours: str = OURS,
     rows: Sequence[Mismatch] = (),
     timed: bool = True,
+    kept: Mapping[Case, Any] | None = None,
+    keep: Callable[[str, str, Any], None] = lambda situation, controller, runs: None,
 ) -> ComparisonRuns:
     """Simulate every loop of the comparison.
 
@@ -131,19 +135,26 @@ def study(
         Situations in which the controller's model is wrong.
     timed : bool
         Whether one sample of one patient is timed.
+    kept : mapping, optional
+        Runs that are not simulated again, by situation and controller.
+    keep : callable
+        Called with the names of situation and controller, and their runs, as soon as they are simulated.
     """
-    models, together = _Models(), _together(asked)
+    models, together, kept = _Models(), _together(asked), kept or {}
     loops: dict[str, dict[str, ControllerRuns]] = {}
     for situation in situations:
         loops[situation.name] = {}
         for name in controllers:
-            if situation.runs == "people":
-                of_case = _loops_of_people(situation, name, asked, progress)
-            else:
-                seeds = asked.sensor_seeds if situation.runs == "seeds" else asked.sensor_seeds[:1]
-                of_case = _loops_of_seeds(situation, name, seeds, models, together, progress)
+            of_case = kept.get((situation.name, name))
+            if of_case is None:
+                if situation.runs == "people":
+                    of_case = _loops_of_people(situation, name, asked, progress)
+                else:
+                    seeds = asked.sensor_seeds if situation.runs == "seeds" else asked.sensor_seeds[:1]
+                    of_case = _loops_of_seeds(situation, name, seeds, models, together, progress)
+                keep(situation.name, name, of_case)
             loops[situation.name][name] = of_case
-    of_rows = _mismatched(asked, rows, controllers, progress)
+    of_rows = _mismatched(asked, rows, controllers, progress, kept, keep)
     bounds = _bounds([situation for situation in situations if situation.bounded])
     if asked.bounds:
         bounds |= bounds_of_mismatches(rows)
@@ -160,17 +171,28 @@ def study(
 
 
 def _mismatched(
-    asked: ClaimsKeys, rows: Sequence[Mismatch], controllers: Sequence[str], progress: Progress
+    asked: ClaimsKeys,
+    rows: Sequence[Mismatch],
+    controllers: Sequence[str],
+    progress: Progress,
+    kept: Mapping[Case, Any],
+    keep: Callable[[str, str, Any], None],
 ) -> dict[str, dict[str, MismatchRuns]]:
     """Runs of the situations in which the model is wrong, by name and controller."""
     found: dict[str, dict[str, MismatchRuns]] = {row.name: {} for row in rows}
     for guarded in (False, True):
         part = [row for row in rows if row.guarded is guarded]
-        if part:
-            loops = MismatchedLoops(part, [row.runs_of(asked) for row in part], asked.seed)
-            for controller in controllers:
-                for name, runs in loops.run(designer(controller), progress=progress).items():
-                    found[name][controller] = runs
+        loops: MismatchedLoops | None = None
+        for controller in controllers:
+            if all((row.name, controller) in kept for row in part):
+                for row in part:
+                    found[row.name][controller] = kept[row.name, controller]
+                continue
+            loops = loops or MismatchedLoops(part, [row.runs_of(asked) for row in part], asked.seed)
+            for name, runs in loops.run(designer(controller), progress=progress).items():
+                found[name][controller] = runs
+                if (name, controller) not in kept:
+                    keep(name, controller, runs)
     return found
 
 

@@ -14,7 +14,7 @@ from glucoloop.papers.meal_aware.experiments import ComparisonRuns
 from glucoloop.papers.meal_aware.figures import COLOURS, caption
 from glucoloop.papers.meal_aware.measures import AT_SAMPLES, LATE_MIN, MEASURES, SWING_MG_DL
 from glucoloop.papers.meal_aware.mismatches import GROUPS
-from glucoloop.papers.meal_aware.options import TUNING_PEOPLE_SEED, TUNING_SEEDS
+from glucoloop.papers.meal_aware.options import TUNING_PEOPLE_SEED, TUNING_SEEDS, ClaimsKeys
 from glucoloop.papers.meal_aware.situations import NAMES, NamedSituation
 from glucoloop.report import _page
 from glucoloop.report._page import Repeat, scrolling, section
@@ -25,6 +25,7 @@ _FILES: Final = {
     "claims.csv": "claims",
     "numbers.csv": "numbers of each situation",
     "runs.csv": "each run",
+    "loops.parquet": "glucose and insulin of each run",
     "claims.json": "all of it",
 }
 """Files with the data of the claims, beside their page."""
@@ -95,9 +96,9 @@ def spread_told(shares: Mapping[str, float], digits: int, *, one: bool) -> str:
     return f"{middle} ({low} to {high})"
 
 
-def seeds_told(study: ComparisonRuns) -> list[str]:
-    """The seeds of the study and those on which the tuning was chosen, one sentence each."""
-    asked, seeds = study.asked, study.asked.sensor_seeds
+def seeds_told(asked: ClaimsKeys) -> list[str]:
+    """The seeds of a comparison and those on which the tuning was chosen, one sentence each."""
+    seeds = asked.sensor_seeds
     told = [
         f"Sensor seeds {seeds[0]} to {seeds[-1]}, and {asked.people} people of seed {asked.seed}.",
         f"The tuning of the meal-aware controller was chosen on sensor seeds {TUNING_SEEDS.start} to "
@@ -176,7 +177,7 @@ def page(study: ComparisonRuns, verdicts: Sequence[Verdict], figures: Mapping[st
     figures : mapping
         Text of the SVG figure of each situation.
     """
-    lead = " ".join([summary_told(verdicts), *seeds_told(study)])
+    lead = " ".join([summary_told(verdicts), *seeds_told(study.asked)])
     sections = [
         f'<p class="lead">{html.escape(lead)}</p>',
         _claims(study, verdicts),

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import polars as pl
 
-from glucoloop.config.key import plain
-from glucoloop.config.toml import toml_text
 from glucoloop.papers.meal_aware.comparison import SHARES, Verdict, distances, spread, verdicts
-from glucoloop.papers.meal_aware.experiments import ComparisonRuns, Progress, loops_to_close, study
+from glucoloop.papers.meal_aware.experiments import (
+    Case,
+    ComparisonRuns,
+    ControllerRuns,
+    Progress,
+    loops_to_close,
+    study,
+)
 from glucoloop.papers.meal_aware.figures import draw
+from glucoloop.papers.meal_aware.kept import SUMMARY, TIMING, KeptRuns, rows_of
+from glucoloop.papers.meal_aware.mismatched_loops import MismatchRuns
 from glucoloop.papers.meal_aware.options import ClaimsKeys
-from glucoloop.papers.meal_aware.pages import REPEAT, page, report
+from glucoloop.papers.meal_aware.pages import page, report
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, mismatches_of, situations_of
-from glucoloop.report.print_figure import KINDS, figure_bytes
+from glucoloop.report.print_figure import figure_files
+from glucoloop.storage.rows import Rows, RowsFolder
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import csv
-
-WriteFile = Callable[[str, bytes | str], None]
 
 
 def loops_of(asked: ClaimsKeys) -> int:
@@ -27,7 +33,14 @@ def loops_of(asked: ClaimsKeys) -> int:
     return loops_to_close(asked, situations_of(asked), CONTROLLERS, mismatches_of(asked))
 
 
-def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[ComparisonRuns, list[Verdict]]:
+def kept_rows(asked: ClaimsKeys) -> Rows[KeptRuns]:
+    """Rows that the folder of a comparison keeps."""
+    return rows_of(asked, CONTROLLERS)
+
+
+def carry_out(
+    asked: ClaimsKeys, *, progress: Progress, folder: RowsFolder[KeptRuns] | None = None
+) -> tuple[ComparisonRuns, list[Verdict]]:
     """Simulate every loop and judge the claims.
 
     Parameters
@@ -35,7 +48,15 @@ def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[ComparisonRuns,
     asked : ClaimsKeys
     progress : callable
         Called with the number of loops that have just been simulated.
+    folder : RowsFolder, optional
+        Folder whose runs are not simulated again, and which keeps those that are.
     """
+    kept: dict[Case, Any] = {} if folder is None else {(of.situation, of.controller): of.runs for of in folder.rows}
+
+    def keep(situation: str, controller: str, runs: ControllerRuns | MismatchRuns) -> None:
+        if folder is not None:
+            folder.add(KeptRuns(situation, controller, runs))
+
     done = study(
         asked,
         situations_of(asked),
@@ -44,35 +65,54 @@ def carry_out(asked: ClaimsKeys, *, progress: Progress) -> tuple[ComparisonRuns,
         rows=mismatches_of(asked),
         progress=progress,
         timed=not asked.only,
+        kept=kept,
+        keep=keep,
     )
     return done, verdicts(done)
 
 
-def write(write_file: WriteFile, done: ComparisonRuns, judged: Sequence[Verdict]) -> None:
-    """Write tables, figures, page, and the configuration that repeats the comparison.
+def judged_before(asked: ClaimsKeys, rows: Sequence[KeptRuns]) -> list[Verdict]:
+    """Result of each claim from the runs that a folder keeps."""
+    alone, mismatches = situations_of(asked), mismatches_of(asked)
+    runs: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        runs.setdefault(row.situation, {})[row.controller] = row.runs
+    return verdicts(
+        ComparisonRuns(
+            asked=asked,
+            loops={of.name: runs[of.name] for of in alone},
+            situations=tuple(alone),
+            bounds={},
+            step_ms={},
+            ours=OURS,
+            rows=tuple(mismatches),
+            of_rows={of.name: runs[of.name] for of in mismatches},
+        )
+    )
+
+
+def files_of(done: ComparisonRuns, judged: Sequence[Verdict]) -> dict[str, bytes]:
+    """Tables, figures and page, by the name of the file.
 
     Parameters
     ----------
-    write_file : callable
-        Function that writes a file, given its name and content.
     done, judged
         Results of `carry_out`.
     """
-    inline = {}
+    files: dict[str, bytes] = {}
+    inline: dict[str, str] = {}
     for name, figure in draw(done).items():
-        for kind in KINDS:
-            data = figure_bytes(figure, kind)
-            write_file(f"{name}.{kind}", data)
-            if kind == "svg":
-                inline[name] = data.decode()
-    write_file("claims.csv", csv(claims_table(judged)))
-    write_file("numbers.csv", csv(numbers_table(done)))
-    write_file("runs.csv", csv(runs_table(done)))
-    write_file("claims.json", json_text(_with_version(report(done, judged))) + "\n")
+        drawn = figure_files(name, figure)
+        inline[name] = drawn[f"{name}.svg"].decode()
+        files |= drawn
+    files["claims.csv"] = csv(claims_table(judged))
+    files["numbers.csv"] = csv(numbers_table(done))
+    files["runs.csv"] = csv(runs_table(done))
     if done.step_ms:
-        write_file("timing.json", json_text({"step_ms": dict(done.step_ms)}) + "\n")
-    write_file("claims.toml", toml_text(plain(done.asked), f"{REPEAT} --out again"))
-    write_file("claims.html", page(done, judged, inline))
+        files[TIMING] = f"{json_text({'step_ms': dict(done.step_ms)})}\n".encode()
+    files["claims.html"] = page(done, judged, inline).encode()
+    files[SUMMARY] = f"{json_text(_with_version(report(done, judged)))}\n".encode()
+    return files
 
 
 def _with_version(told: dict[str, Any]) -> dict[str, Any]:
