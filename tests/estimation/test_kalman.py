@@ -17,6 +17,7 @@ from glucoloop.estimation import (
     riccati_step,
     steady_state_covariance,
     steady_state_gain,
+    steady_state_seen,
     update,
 )
 
@@ -132,6 +133,24 @@ def test_doubling_agrees_with_the_design(radius):
     found = jax.jit(steady_state_covariance)(Phi, C, Q, R)
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9 * np.abs(truth).max())
     np.testing.assert_array_equal(found, found.T)
+    seen = jax.jit(steady_state_seen)(Phi, C, Q, R)
+    np.testing.assert_allclose(seen, truth @ C, rtol=0, atol=1e-9 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_doubling_adds_bounds_all_that_is_missing(seed):
+    Phi, C, Q, R = a_model(seed, 6, 0.9)
+    Q = Q + 0.01 * np.eye(6)
+    steady = np.asarray(steady_state_gain(Phi, C, Q, R).prediction_covariance)
+    covariances = [np.zeros((6, 6))]
+    for _ in range(32):
+        covariances.append(np.asarray(riccati_step(covariances[-1], Phi, C, Q, R)))
+    for steps in (4, 8, 16):
+        before, after = covariances[steps], covariances[2 * steps]
+        added = scipy.linalg.eigh(after - before, before, eigvals_only=True)[-1]
+        missing = scipy.linalg.eigh(steady - after, before, eigvals_only=True)[-1]
+        assert added < 1.0
+        assert missing <= added**2 / (1.0 - added) + 1e-12
 
 
 def test_doublings_stand_for_steps_of_the_riccati_equation():
@@ -243,6 +262,7 @@ def test_a_cohort_is_its_people(shared):
     )
     P_next = riccati_step(P, Phi, C, Q, R)
     steady = steady_state_covariance(Phi, C, Q, R)
+    seen = steady_state_seen(Phi, C, Q, R)
     gain = filter_gain(P, C, R)
 
     def one(array, i, rank):
@@ -265,6 +285,7 @@ def test_a_cohort_is_its_people(shared):
         np.testing.assert_allclose(innovation.error[i], told.error, **close)
         np.testing.assert_allclose(one(P_next, i, 2), riccati_step(P, Phi, C, Q, R), **close)
         np.testing.assert_allclose(one(steady, i, 2), steady_state_covariance(Phi, C, Q, R), **close)
+        np.testing.assert_allclose(one(seen, i, 1), one(steady, i, 2) @ C, **close)
         np.testing.assert_allclose(one(gain, i, 1), filter_gain(P, C, R), **close)
 
 

@@ -22,7 +22,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
-from glucoloop.estimation.kalman import filter_gain, steady_state_covariance
+from glucoloop.estimation.kalman import steady_state_seen
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
 from glucoloop.models.nonlinear import NonlinearModel
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
@@ -107,8 +107,8 @@ class NLQDMC:
         linear = discretise(linearise(self.model.derivative, self.model.glucose_mg_dl, x, rate), self.sample_time_min)
         sensor = None
         if self.noise_pace is None or state.sensor is None:
-            P = steady_state_covariance(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
-            K = filter_gain(P, linear.C, self.measurement_variance)
+            seen = steady_state_seen(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
+            K = seen / (linear.C @ seen + self.measurement_variance)
             known = is_known(observation)
             correction = K * jnp.where(known, observation.glucose_mg_dl - self.model.glucose_mg_dl(x), 0.0)
         else:
@@ -159,14 +159,14 @@ class NLQDMC:
         drive = (1.0 - CORRELATION**2) * sensor.deviation_mg_dl**2
         Q = jnp.pad(self.process_noise, (0, 1)).at[-1, -1].set(drive)
         C = jnp.append(linear.C, 1.0)
-        P = steady_state_covariance(Phi, C, Q, self.measurement_variance)
-        K = filter_gain(P, C, self.measurement_variance)
+        seen = steady_state_seen(Phi, C, Q, self.measurement_variance)
+        variance = C @ seen + self.measurement_variance
+        K = seen / variance
         error = CORRELATION * sensor.error_mg_dl
         innovation = jnp.where(known, residual - error, 0.0)
-        deviation = jnp.sqrt(C @ P @ C + self.measurement_variance)
         found = SensorError(
             error_mg_dl=error + K[-1] * innovation,
-            deviation_mg_dl=learned(sensor.deviation_mg_dl, innovation / deviation, known, pace),
+            deviation_mg_dl=learned(sensor.deviation_mg_dl, innovation / jnp.sqrt(variance), known, pace),
         )
         return found, K[:-1] * innovation
 

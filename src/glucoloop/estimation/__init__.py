@@ -10,6 +10,7 @@ from glucoloop.estimation.kalman import (
     riccati_step,
     steady_state_covariance,
     steady_state_gain,
+    steady_state_seen,
     update,
 )
 
@@ -23,5 +24,6 @@ __all__ = [
     "riccati_step",
     "steady_state_covariance",
     "steady_state_gain",
+    "steady_state_seen",
     "update",
 ]
