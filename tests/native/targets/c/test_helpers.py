@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from glucoloop.firmware.analysis import misra_of
-from glucoloop.native.targets.c.compact.memory import Array, mark, placed
 from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.host import FLAGS, compiler
 from glucoloop.native.targets.c.numbers import FORMATS, identifier
@@ -71,28 +70,3 @@ def test_names_are_names_of_c():
     assert identifier("given", "on_board") == "given_on_board"
     assert identifier(3, "x y") == "n3_x_y"
     assert identifier("float") == "nfloat"
-
-
-def test_arrays_share_places_only_while_they_do_not_need_them():
-    def w(number, element=0):
-        return f"w[{mark(number, element)}]"
-
-    lines = [
-        f"{w(0)} = 1.0;",
-        f"{w(1)} = {w(0)};",  # the first is done with
-        f"{w(2)} = {w(1)};",
-        "for (int32_t i1 = 0; i1 < 3; i1++)",
-        "{",
-        f"{w(3)} = {w(2)};",  # read in every round: kept for the whole loop
-        f"{w(4)} = {w(3)};",
-        "}",
-        f"d = {w(4)};",
-    ]
-    arrays = [Array(i, "real", 2) for i in range(5)]
-    told, room = placed(lines, arrays)
-    place = [int(told[i].split("[")[1].split("]")[0]) for i in (0, 1, 2, 5, 6)]
-    assert place[0] != place[1]
-    assert place[1] != place[2]
-    assert place[0] == place[2]  # shared
-    assert len({place[2], place[3], place[4]}) == 3
-    assert room == {"real": 6}

@@ -11,6 +11,13 @@ _MARK: Final = re.compile(r"§(\d+)\+(\d+)§")
 """Pattern of an element of an array without a place yet: number of the array, and of the element."""
 
 
+_ATTEMPTS: Final = 100
+"""Largest number of orders in which arrays are given their places."""
+
+Lives = dict[int, tuple[int, int]]
+"""First and last line of each array, by its number."""
+
+
 def mark(number: int, element: int) -> str:
     """Text of an element of an array that has no place yet."""
     return f"§{number}+{element}§"
@@ -32,25 +39,12 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
     it, or what is needed after it, is kept for the whole loop.
     """
     lives = _lives(lines)
-    size_of = {array.number: array for array in arrays}
     place: dict[int, int] = {}
     total: dict[str, int] = {}
-    done: dict[str, list[int]] = {}
-    for number in sorted(lives, key=lambda n: (-size_of[n].size, lives[n])):
-        array, (first, last) = size_of[number], lives[number]
-        taken = sorted(
-            (place[other], place[other] + size_of[other].size)
-            for other in done.get(array.kind, [])
-            if lives[other][0] <= last and lives[other][1] >= first
-        )
-        at = 0
-        for begin, end in taken:
-            if begin - at >= array.size:
-                break
-            at = max(at, end)
-        place[number] = at
-        done.setdefault(array.kind, []).append(number)
-        total[array.kind] = max(total.get(array.kind, 0), at + array.size)
+    for kind in dict.fromkeys(array.kind for array in arrays if array.number in lives):
+        own = [array for array in arrays if array.kind == kind and array.number in lives]
+        own_places, total[kind] = _packed(own, lives)
+        place.update(own_places)
 
     def put(found: re.Match[str]) -> str:
         return str(place[int(found.group(1))] + int(found.group(2)))
@@ -58,11 +52,55 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
     return [_tidy(_MARK.sub(put, line)) for line in lines], total
 
 
+def _packed(arrays: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]:
+    """A place for each array, and the size of all.
+
+    The largest come first. While gaps remain, those that lie beyond what is needed at any one line come before all
+    others in another attempt, and the best attempt counts.
+    """
+    needed = max(
+        sum(other.size for other in arrays if lives[other.number][0] <= line <= lives[other.number][1])
+        for line in {lives[array.number][0] for array in arrays}
+    )
+    order = sorted(arrays, key=lambda array: (-array.size, lives[array.number]))
+    best, least = _in_order(order, lives)
+    for _ in range(_ATTEMPTS):
+        place, total = _in_order(order, lives)
+        if total < least:
+            best, least = place, total
+        if least == needed:
+            break
+        beyond = [array for array in order if place[array.number] + array.size > needed]
+        order = [*beyond, *(array for array in order if array not in beyond)]
+    return best, least
+
+
+def _in_order(order: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]:
+    """The first place that is free for each array, one after the other, and the size of all."""
+    place: dict[int, int] = {}
+    total = 0
+    for array in order:
+        first, last = lives[array.number]
+        taken = sorted(
+            (place[other.number], place[other.number] + other.size)
+            for other in order[: len(place)]
+            if lives[other.number][0] <= last and lives[other.number][1] >= first
+        )
+        at = 0
+        for begin, end in taken:
+            if begin - at >= array.size:
+                break
+            at = max(at, end)
+        place[array.number] = at
+        total = max(total, at + array.size)
+    return place, total
+
+
 def _tidy(line: str) -> str:
     return re.sub(r" \+ 0\]", "]", line)
 
 
-def _lives(lines: Sequence[str]) -> dict[int, tuple[int, int]]:
+def _lives(lines: Sequence[str]) -> Lives:
     """The first and the last line of each array."""
     lives: dict[int, tuple[int, int]] = {}
     loops: list[tuple[int, int]] = []
