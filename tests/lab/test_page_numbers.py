@@ -307,6 +307,10 @@ class OnModelsOfThePage:
             after = Realisation(**{**parts, "transition": square}, after=S.size)
         return StepResponseModel(step_response=jnp.asarray(S), sample_time_min=5.0, realisation=after)
 
+    def behind_lag(self, lag_min):
+        assert not lag_min
+        return self
+
     def linearised(self):
         n = len(self.data["x"])  # without the state of a disturbance
         linear = {name: np.asarray(value)[:n] for name, value in self.data["linear"].items() if name in ARRAYS}

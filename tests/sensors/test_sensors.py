@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from glucoloop.sensors import IdealSensor, correlated_noise, dead_time, white_noise
+from glucoloop.registry.sensors import SENSORS
+from glucoloop.sensors import IdealSensor, correlated_noise, dead_time, lag, white_noise
 
 N = 20_000
 KEYS = jax.random.split(jax.random.key(7), N)
@@ -59,6 +60,31 @@ def test_correlated_noise_is_stationary_with_its_variance_and_correlation():
 def test_a_correlation_of_1_is_refused():
     with pytest.raises(ValueError, match="a correlation of 1 is not possible; give 0 or more and less than 1"):
         correlated_noise(9.0, 1.0)
+
+
+def test_a_sensor_behind_a_lag_reads_late_and_its_noise_does_not_lag():
+    glucose = np.append(80.0, np.full(19, 110.0))
+    sensor = SENSORS.choose("lag, lag_min=8").made(inner=white_noise(0.25), sample_time_min=5.0)
+    quiet = readings(lag(8.0, sample_time_min=5.0), glucose, KEYS[:20])
+    after = np.arange(19)
+    # a rise that takes one sample, and then the rest of a lag
+    first = 1.0 - 8.0 / 5.0 * (1.0 - np.exp(-5.0 / 8.0))
+    np.testing.assert_allclose(quiet[1:], 110.0 - 30.0 * (1.0 - first) * np.exp(-5.0 / 8.0 * after), rtol=1e-12)
+    alone = readings(white_noise(0.25), np.full(20, 80.0), KEYS[:20]) - 80.0
+    np.testing.assert_allclose(readings(sensor, glucose, KEYS[:20]) - quiet, alone, atol=1e-9)
+
+
+@pytest.mark.parametrize("lag_min", [0.0, -1.0, 121.0, np.nan, np.inf])
+def test_what_is_no_lag_of_a_sensor_is_refused(lag_min):
+    with pytest.raises(
+        ValueError, match=r"a lag of the sensor of .* is not possible; give a value above 0 and up to 120"
+    ):
+        lag(lag_min)
+
+
+def test_a_lag_needs_a_sample_time():
+    with pytest.raises(ValueError, match="a sample time of 0 min is not possible; give a finite time above 0"):
+        lag(10.0, sample_time_min=0.0)
 
 
 def test_without_variance_there_is_no_noise():

@@ -23,6 +23,10 @@ class Designed:
     limits: DoseLimits = PARKER_1999_LIMITS
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
 
+    def behind_lag(self, lag_min):
+        assert not lag_min
+        return self
+
     def linearised(self):
         return self.linear
 

@@ -59,6 +59,10 @@ class DesignCase(Protocol):
         """
         ...
 
+    def behind_lag(self, lag_min: float) -> DesignCase:
+        """The same case with a sensor that lags, whose reading is one more state of its models; 0: no lag."""
+        ...
+
     def linearised(self) -> LinearModel:
         """The patient linearised at rest at the setpoint."""
         ...
@@ -75,5 +79,5 @@ class DesignCase(Protocol):
         ...
 
     def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
-        """Diagonal of Q ``(states,)`` of a filter for the patient, from variances of three kinds of states."""
+        """Diagonal of Q ``(states,)`` of a filter for the models, from variances of three kinds of states."""
         ...

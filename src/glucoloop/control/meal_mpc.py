@@ -313,7 +313,8 @@ def design_meal_mpc(
     Parameters
     ----------
     model : FedModel
-        Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient.
+        Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient, and
+        `models.sensor_lag.behind_lag` one of a sensor that lags.
     tuning : MealTuning, optional
     limits : DoseLimits
     habits : MealHabits, optional
@@ -397,6 +398,7 @@ def design_meal_mpc(
 
 def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
     """Meal-aware nonlinear MPC, on the equations of the patient."""
+    case = case.behind_lag(settings.sensor_lag_min)
     return design_meal_mpc(
         case.nonlinear(),
         settings,

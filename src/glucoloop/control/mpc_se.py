@@ -76,6 +76,8 @@ class MPCSE:
     plan: MovePlan
     basal_mU_min: jax.Array
     basal_glucose_mg_dl: jax.Array
+    C_reading: jax.Array | None = None
+    """(n,) output row of the sensor, or None where it reads glucose."""
     learning: NoiseLearning | None = None
     """Filters by the size of a correlated error of the sensor, which is learned; None for noise as it is told."""
     sample_time_min: float = static()
@@ -122,7 +124,8 @@ class MPCSE:
         rate = delivered - self.basal_mU_min
         estimate = self.Phi @ state.estimate + jnp.multiply.outer(self.Gamma, rate)
         known = is_known(observation)
-        innovation = jnp.where(known, observation.glucose_mg_dl - self.basal_glucose_mg_dl - self.C @ estimate, 0.0)
+        predicted = (self.C if self.C_reading is None else self.C_reading) @ estimate
+        innovation = jnp.where(known, observation.glucose_mg_dl - self.basal_glucose_mg_dl - predicted, 0.0)
         sensor = held = None
         if self.learning is None or state.sensor is None:
             estimate = estimate + jnp.multiply.outer(self.kalman_gain, innovation)
@@ -149,7 +152,7 @@ class MPCSE:
     def _learn(
         self, learning: NoiseLearning, sensor: SensorError, residual: jax.Array, known: jax.Array
     ) -> tuple[SensorError, jax.Array, jax.Array]:
-        """Estimate the error of the sensor and its size from what a reading is off the prediction of glucose.
+        """Estimate the error of the sensor and its size from what a reading is off its prediction.
 
         Returns the estimates, the correction of the state ``(n, ...)``, and the free response to it ``(p, ...)``.
         """
@@ -168,14 +171,14 @@ class MPCSE:
 
 
 def _with_disturbance(
-    Phi: Matrix, Gamma: Matrix, C: Matrix, Q: Matrix, offset_free: str, variance: float
-) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Add one integrating state, a disturbance of the output or of the input."""
+    Phi: Matrix, Gamma: Matrix, outputs: tuple[Matrix, ...], Q: Matrix, offset_free: str, variance: float
+) -> tuple[Matrix, Matrix, tuple[Matrix, ...], Matrix]:
+    """Add one integrating state, a disturbance of each output or of the input."""
     n = Gamma.size
     on_output = offset_free == "output-disturbance"
     Phi = np.block([[Phi, np.zeros((n, 1)) if on_output else Gamma[:, None]], [np.zeros((1, n)), np.ones((1, 1))]])
     Q = np.block([[Q, np.zeros((n, 1))], [np.zeros((1, n)), np.full((1, 1), variance)]])
-    return Phi, np.append(Gamma, 0.0), np.append(C, 1.0 if on_output else 0.0), Q
+    return Phi, np.append(Gamma, 0.0), tuple(np.append(row, 1.0 if on_output else 0.0) for row in outputs), Q
 
 
 @checked
@@ -216,6 +219,8 @@ def design_mpc_se(
     Parameters
     ----------
     model : LinearModel
+        Model of the person, and perhaps of a sensor that lags; `simulation.internal_model.linear_model` makes one from
+        a patient. The innovation is of the sensor's reading, all else of glucose.
     process_noise : (n,) or (n, n) array
         Q, per sample; a vector is its diagonal.
     tuning : StateTuning
@@ -266,13 +271,16 @@ def design_mpc_se(
         )
     Q = np.asarray(process_noise, float)
     Q = np.diag(Q) if Q.ndim == 1 else Q
-    Phi, Gamma, C = (np.asarray(part, float) for part in (model.Phi, model.Gamma, model.C))
+    parts = (model.Phi, model.Gamma, model.C, model.reading_row)
+    Phi, Gamma, C, C_reading = (np.asarray(part, float) for part in parts)
     n = Gamma.size
     rest = np.linalg.solve(np.eye(n) - Phi, Gamma)
     if offset_free.endswith("disturbance"):
-        Phi, Gamma, C, Q = _with_disturbance(Phi, Gamma, C, Q, offset_free, disturbance_variance)
+        Phi, Gamma, (C, C_reading), Q = _with_disturbance(
+            Phi, Gamma, (C, C_reading), Q, offset_free, disturbance_variance
+        )
         rest = np.append(rest, 0.0)
-    K = np.asarray(steady_state_gain(Phi, C, Q, measurement_variance).gain)
+    K = np.asarray(steady_state_gain(Phi, C_reading, Q, measurement_variance).gain)
 
     Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
     one = mpc_se_of_people(
@@ -296,14 +304,20 @@ def design_mpc_se(
     check_pace(noise_pace)
     learning = None
     if noise_pace > 0.0:
-        filters = noisy_filters(Phi[..., 0], C[:, 0], Q, measurement_variance, pace=noise_pace)
+        filters = noisy_filters(Phi[..., 0], C_reading, Q, measurement_variance, pace=noise_pace)
         held = np.zeros((len(filters.gain), tuned.prediction_horizon))
         if offset_free == "held-innovation":
             # C Phi^i of i = 0 .. p - 1; the free response to the estimate begins with i = 1
             ahead = np.concatenate([C.T, np.asarray(one.free_state)[:-1, :, 0]])
             held = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
         learning = NoiseLearning(filters=filters, free_innovation=jnp.asarray(held))
-    return dataclasses.replace(one, plan=plan, learning=learning, **{name: getattr(one, name)[..., 0] for name in own})
+    return dataclasses.replace(
+        one,
+        plan=plan,
+        C_reading=None if model.C_reading is None else jnp.asarray(C_reading),
+        learning=learning,
+        **{name: getattr(one, name)[..., 0] for name in own},
+    )
 
 
 @dataclass(frozen=True)
@@ -378,6 +392,7 @@ def mpc_se_of_people(
 
 def design(case: DesignCase, settings: MPCSESettings) -> MPCSE:
     """MPC with state estimation, on the patient linearised at the operating point."""
+    case = case.behind_lag(settings.sensor_lag_min)
     return design_mpc_se(
         case.linearised(),
         case.process_noise(*settings.process_noise),

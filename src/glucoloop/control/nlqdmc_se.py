@@ -24,7 +24,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
 from glucoloop.estimation.kalman import steady_state_seen
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
-from glucoloop.models.nonlinear import NonlinearModel
+from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 
@@ -104,27 +104,30 @@ class NLQDMC:
         delivered = delivered_since(observation, state.insulin_mU_min)
         rate = delivered - self.beyond_model_mU_min
         x = self.model.advance(state.estimate, rate)
-        linear = discretise(linearise(self.model.derivative, self.model.glucose_mg_dl, x, rate), self.sample_time_min)
+        glucose, reading = self.model.glucose_mg_dl, reading_of(self.model)
+        continuous = linearise(self.model.derivative, glucose, x, rate, reading=own_reading(self.model))
+        linear = discretise(continuous, self.sample_time_min)
         sensor = None
         if self.noise_pace is None or state.sensor is None:
-            seen = steady_state_seen(linear.Phi, linear.C, self.process_noise, self.measurement_variance)
-            K = seen / (linear.C @ seen + self.measurement_variance)
+            C = linear.reading_row
+            seen = steady_state_seen(linear.Phi, C, self.process_noise, self.measurement_variance)
+            K = seen / (C @ seen + self.measurement_variance)
             known = is_known(observation)
-            correction = K * jnp.where(known, observation.glucose_mg_dl - self.model.glucose_mg_dl(x), 0.0)
+            correction = K * jnp.where(known, observation.glucose_mg_dl - reading(x), 0.0)
         else:
             known = is_known(observation)
-            residual = observation.glucose_mg_dl - self.model.glucose_mg_dl(x)
+            residual = observation.glucose_mg_dl - reading(x)
             sensor, correction = self._learn(linear, state.sensor, residual, known, self.noise_pace)
         x = x + correction
 
         def ahead(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
             x = self.model.advance(x, rate) + correction
-            return x, self.model.glucose_mg_dl(x)
+            return x, glucose(x)
 
         p = self.reference.shape[0]
         _, free = jax.lax.scan(ahead, x, None, length=p)
         target = observation.setpoint_mg_dl
-        reference = target + self.reference * (self.model.glucose_mg_dl(x) - target)
+        reference = target + self.reference * (glucose(x) - target)
         S = jnp.concatenate([jnp.zeros(self.dead_time_samples), step_response(linear, p - self.dead_time_samples)])
         weight = jnp.broadcast_to(jnp.asarray(self.output_weight), (p,))
         response = dynamic_matrix(S, self.move_horizon, p)
@@ -151,14 +154,14 @@ class NLQDMC:
     def _learn(
         self, linear: LinearModel, sensor: SensorError, residual: jax.Array, known: jax.Array, pace: jax.Array | float
     ) -> tuple[SensorError, jax.Array]:
-        """Estimate the error of the sensor and its size from what a reading is off the prediction of glucose.
+        """Estimate the error of the sensor and its size from what a reading is off its prediction.
 
         The error is one more state of the linearisation. Returns the estimates, and the correction of the state.
         """
         Phi = jnp.pad(linear.Phi, (0, 1)).at[-1, -1].set(CORRELATION)
         drive = (1.0 - CORRELATION**2) * sensor.deviation_mg_dl**2
         Q = jnp.pad(self.process_noise, (0, 1)).at[-1, -1].set(drive)
-        C = jnp.append(linear.C, 1.0)
+        C = jnp.append(linear.reading_row, 1.0)
         seen = steady_state_seen(Phi, C, Q, self.measurement_variance)
         variance = C @ seen + self.measurement_variance
         K = seen / variance
@@ -207,7 +210,8 @@ def design_nlqdmc_se(
     Parameters
     ----------
     model : NonlinearModel
-        Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient.
+        Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient, and
+        `models.sensor_lag.behind_lag` one of a sensor that lags.
     process_noise : (n,) or (n, n) array
         Q, per sample; a vector is its diagonal.
     tuning : StateTuning
@@ -269,6 +273,7 @@ def design_nlqdmc_se(
 
 def design(case: DesignCase, settings: NLQDMCSettings) -> NLQDMC:
     """NLQDMC with state estimation, on the equations of the patient."""
+    case = case.behind_lag(settings.sensor_lag_min)
     return design_nlqdmc_se(
         case.nonlinear(),
         case.process_noise(*settings.process_noise),

@@ -10,6 +10,7 @@ import dataclasses
 from typing import Annotated, Any, Final, Literal, Self
 
 from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.registry.sensors import LONGEST_LAG_MIN
 from glucoloop.registry.settings import About, settings_record, usual
 
 LONGEST_MOVE_HORIZON: Final = 50
@@ -45,6 +46,14 @@ NoisePace = Annotated[
         "0: the noise is as told.",
         at_least=0.0,
         at_most=1.0,
+    ),
+]
+SensorLag = Annotated[
+    float,
+    About(
+        "First-order lag of the sensor behind glucose that the estimator knows of, in minutes; 0: none.",
+        at_least=0.0,
+        at_most=LONGEST_LAG_MIN,
     ),
 ]
 FittedStep = Annotated[
@@ -138,6 +147,7 @@ class _Estimating(StateTuning, _Planned):
     )
     measurement_variance: MeasurementVariance = 1.45
     noise_pace: NoisePace = 0.0
+    sensor_lag_min: SensorLag = 0.0
 
     @property
     def process_noise(self) -> tuple[float, float, float]:
@@ -242,6 +252,7 @@ class MealMPCSettings(MealTuning):
         About("Largest unexplained appearance of glucose that is believed, to either side, in mg/min.", above=0.0),
     ] = 100.0
     noise_pace: NoisePace = 0.2
+    sensor_lag_min: SensorLag = 0.0
     ends_unseen: Annotated[
         float,
         About(

@@ -19,6 +19,7 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
@@ -51,6 +52,8 @@ class SituationDesignCase:
     """Limits of a bolus of the pump."""
     setpoint_mg_dl: float | None = None
     """Target of the controller, at which a model of the equations rests, or None for the patient's operating point."""
+    sensor_lag_min: float = 0.0
+    """Lag of the sensor that the controller knows of, 0 for none."""
 
     @property
     def basal_insulin_mU_min(self) -> float:
@@ -64,6 +67,10 @@ class SituationDesignCase:
             raise TypeError("the catalogue says that this controller uses no model, but its design asks for one")
         return self.model
 
+    def behind_lag(self, lag_min: float) -> SituationDesignCase:
+        """The same case with a sensor that lags; 0: no lag."""
+        return dataclasses.replace(self, sensor_lag_min=lag_min) if lag_min else self
+
     def linearised(self) -> LinearModel:
         """The patient linearised at rest at the setpoint."""
         return self._linear
@@ -75,11 +82,17 @@ class SituationDesignCase:
     # Kept, since a search designs many controllers on the same models.
     @functools.cached_property
     def _linear(self) -> LinearModel:
-        return linear_model(self.patient, sample_time_min=self.sample_time_min, setpoint_mg_dl=self.setpoint_mg_dl)
+        return linear_model(
+            self.patient,
+            sample_time_min=self.sample_time_min,
+            setpoint_mg_dl=self.setpoint_mg_dl,
+            sensor_lag_min=self.sensor_lag_min,
+        )
 
     @functools.cached_property
     def _nonlinear(self) -> FedModel:
-        return nonlinear_model(self.patient, sample_time_min=self.sample_time_min, setpoint_mg_dl=self.setpoint_mg_dl)
+        model = nonlinear_model(self.patient, sample_time_min=self.sample_time_min, setpoint_mg_dl=self.setpoint_mg_dl)
+        return behind_lag(model, self.sensor_lag_min) if self.sensor_lag_min else model
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
         """First-order model fitted to the response to a step.
@@ -91,8 +104,9 @@ class SituationDesignCase:
         )
 
     def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
-        """Diagonal of Q ``(states,)`` of a filter for the patient."""
-        return process_noise(self.patient, glucose, other, glucagon)
+        """Diagonal of Q ``(states,)`` of a filter for the models; a lag of the sensor has no noise of its own."""
+        of_patient = process_noise(self.patient, glucose, other, glucagon)
+        return np.append(of_patient, 0.0) if self.sensor_lag_min else of_patient
 
 
 def controller_of(

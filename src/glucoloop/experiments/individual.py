@@ -119,7 +119,8 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
 
 def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     """MPC with state estimation on each person's own linearisation."""
-    if case.tuning["offset_free"] not in _BY_FILTER or case.tuning["noise_pace"]:
+    tuned = case.tuning
+    if tuned["offset_free"] not in _BY_FILTER or tuned["noise_pace"] or tuned["sensor_lag_min"]:
         return one_by_one(situation, case, example)
     nominal = situation.nominal
     varies = varying(example.patient, nominal)

@@ -54,7 +54,8 @@ def individual_meal_mpc(
     by = case.tuning["individual_by"]
     if by == "basal":
         return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
-    known = by_record(situation, example) if by == "record" else _by_none
+    lag_min = float(case.tuning["sensor_lag_min"])
+    known = by_record(situation, example, lag_min) if by == "record" else _by_none
 
     def design(people: VirtualPeople) -> Controller:
         individual: Controller = controller.for_person(people.basal_insulin_mU_min, *known(people))
@@ -70,8 +71,8 @@ def pulses(sample_time_min: float) -> Floats:
     return np.convolve(starts, np.ones(held))[: starts.size]
 
 
-def by_record(situation: Situation, example: VirtualPeople) -> Known:
-    """Gain and lag of people from their records."""
+def by_record(situation: Situation, example: VirtualPeople, sensor_lag_min: float = 0.0) -> Known:
+    """Gain and lag of people from their records, which are read behind a lag of the sensor that is known."""
     shape = pulses(situation.sample_time_min)
     experiment = PulseExperiment(
         situation.nominal,
@@ -79,7 +80,8 @@ def by_record(situation: Situation, example: VirtualPeople) -> Known:
         record_sensor(situation, situation.noise_variance),
         sample_time_min=situation.sample_time_min,
     )
-    response = impulse_response(linear_model(situation.nominal, sample_time_min=situation.sample_time_min), shape.size)
+    nominal = linear_model(situation.nominal, sample_time_min=situation.sample_time_min, sensor_lag_min=sensor_lag_min)
+    response = impulse_response(nominal, shape.size)
 
     def known(people: VirtualPeople) -> tuple[Floats, Floats]:
         basal = people.basal_insulin_mU_min
@@ -104,9 +106,9 @@ def _by_none(people: VirtualPeople) -> tuple[Floats, Floats]:
 
 
 def impulse_response(model: LinearModel, memory: int) -> Floats:
-    """Response of glucose ``(memory,)`` to a rate of 1 mU/min that is held for one sample."""
+    """Response of readings ``(memory,)`` to a rate of 1 mU/min that is held for one sample."""
 
     def sample(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
-        return model.Phi @ x, model.C @ x
+        return model.Phi @ x, model.reading_row @ x
 
     return np.asarray(jax.lax.scan(sample, jnp.asarray(model.Gamma), None, length=memory)[1])

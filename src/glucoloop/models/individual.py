@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.nonlinear import FedModel, reading_of
 
 LAG_MIN: Final = 55.0
 """Dominant lag of glucose behind insulin that is stretched, min: Parker, Doyle and Peppas (1999), Sec. III."""
@@ -73,6 +73,10 @@ class IndividualModel:
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state, by the nominal model."""
         return self.nominal.glucose_mg_dl(x[:-1])
+
+    def reading_mg_dl(self, x: jax.Array) -> jax.Array:
+        """Reading of a sensor without noise, by the nominal model."""
+        return reading_of(self.nominal)(x[:-1])
 
 
 def individual_model(

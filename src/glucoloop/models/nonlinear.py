@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import jax
@@ -48,3 +49,16 @@ class FedModel(NonlinearModel, Protocol):
         `meals.absorption.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
         """
         ...
+
+
+def own_reading(model: NonlinearModel) -> Callable[[jax.Array], jax.Array] | None:
+    """Function from a state to the reading of a sensor without noise, or None where the sensor reads glucose.
+
+    A model whose sensor reads something else has it as a method ``reading_mg_dl``.
+    """
+    return getattr(model, "reading_mg_dl", None)
+
+
+def reading_of(model: NonlinearModel) -> Callable[[jax.Array], jax.Array]:
+    """Function from a state to the reading of a sensor without noise."""
+    return own_reading(model) or model.glucose_mg_dl

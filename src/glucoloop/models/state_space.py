@@ -40,6 +40,8 @@ class ContinuousModel:
         Output row.
     E : (n,) or None
         Disturbance matrix.
+    C_reading : (n,) or None
+        Output row of the sensor, or None where it reads glucose.
     state : (n,)
         Operating point x0.
     insulin_mU_min : ()
@@ -52,6 +54,7 @@ class ContinuousModel:
     B: Array
     C: Array
     E: Array | None = None
+    C_reading: Array | None = None
     state: Array
     insulin_mU_min: Array
     glucose_mg_dl: Array
@@ -71,6 +74,8 @@ class LinearModel:
         Output row.
     Psi : (n,) or None
         Effect of a disturbance held over one sample.
+    C_reading : (n,) or None
+        Output row of the sensor, or None where it reads glucose.
     state : (n,)
         Operating point x0.
     insulin_mU_min : ()
@@ -85,10 +90,16 @@ class LinearModel:
     Gamma: Array
     C: Array
     Psi: Array | None = None
+    C_reading: Array | None = None
     state: Array
     insulin_mU_min: Array
     glucose_mg_dl: Array
     sample_time_min: float = static()
+
+    @property
+    def reading_row(self) -> Array:
+        """Output row ``(n,)`` of the sensor."""
+        return self.C if self.C_reading is None else self.C_reading
 
 
 def linearise(
@@ -97,6 +108,8 @@ def linearise(
     state: ArrayLike,
     insulin_mU_min: ArrayLike,
     disturbance: ArrayLike | None = None,
+    *,
+    reading: Callable[[Array], Array] | None = None,
 ) -> ContinuousModel:
     """Differentiate a nonlinear model at a point, exactly, by forward-mode differentiation.
 
@@ -114,6 +127,8 @@ def linearise(
         Infusion u0.
     disturbance : (), optional
         Disturbance d0.
+    reading
+        ``r(x)``: the reading of the sensor, mg/dl; not given where it reads glucose.
 
     Returns
     -------
@@ -153,6 +168,7 @@ def linearise(
         B=jacobians[1],
         C=C,
         E=jacobians[2] if disturbance is not None else None,
+        C_reading=None if reading is None else jax.jacfwd(reading)(x),
         state=x,
         insulin_mU_min=u,
         glucose_mg_dl=y,
@@ -225,6 +241,7 @@ def discretise(model: ContinuousModel, sample_time_min: float) -> LinearModel:
         Gamma=held[:, 0],
         C=model.C,
         Psi=None if model.E is None else held[:, 1],
+        C_reading=model.C_reading,
         state=model.state,
         insulin_mU_min=model.insulin_mU_min,
         glucose_mg_dl=model.glucose_mg_dl,

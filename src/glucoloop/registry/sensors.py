@@ -15,6 +15,7 @@ from glucoloop.registry.entries import PartCatalogue, PartEntry
 from glucoloop.registry.settings import About, settings_record
 
 LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
+LONGEST_LAG_MIN: Final = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +66,21 @@ class CorrelatedNoiseSettings:
 
 
 @settings_record
+class LagSettings:
+    """Settings of the sensor `lag`."""
+
+    lag_min: Annotated[
+        float,
+        About(
+            "Time constant of the lag behind glucose, in minutes.",
+            above=0.0,
+            at_most=LONGEST_LAG_MIN,
+            called="lag of the sensor",
+        ),
+    ] = 10.0
+
+
+@settings_record
 class DeadTimeSettings:
     """Settings of the sensor `dead-time`."""
 
@@ -95,6 +111,12 @@ SENSORS: Final = PartCatalogue(
             summary="noise that is correlated from sample to sample, a first-order process",
             make="glucoloop.sensors:correlated_noise",
             record=CorrelatedNoiseSettings,
+        ),
+        SensorEntry(
+            name="lag",
+            summary="glucose behind a first-order lag, as under the skin",
+            make="glucoloop.sensors:lag",
+            record=LagSettings,
         ),
         SensorEntry(
             name="dead-time",

@@ -17,6 +17,7 @@ from glucoloop.sensors.faults import (
     stuck,
 )
 from glucoloop.sensors.ideal import IdealSensor
+from glucoloop.sensors.lag import Lag, lag
 from glucoloop.sensors.protocol import Reading, Sensor
 from glucoloop.sensors.white_noise import WhiteNoise, white_noise
 
@@ -25,6 +26,7 @@ __all__ = [
     "DeadTime",
     "Erring",
     "IdealSensor",
+    "Lag",
     "Reading",
     "Sensor",
     "WhiteNoise",
@@ -34,6 +36,7 @@ __all__ = [
     "dead_time",
     "drift",
     "erring",
+    "lag",
     "late",
     "missing",
     "nonsense",

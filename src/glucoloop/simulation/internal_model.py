@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals import fasting, meal_model_of
+from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.protocol import Inputs, Patient
@@ -17,14 +18,17 @@ from glucoloop.simulation.exponential import Exponential, ExponentialPlant
 from glucoloop.simulation.plant import SampleGrid
 
 
-@functools.partial(jax.jit, static_argnames="sample_time_min")
-def linear_model_at(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, sample_time_min: float) -> LinearModel:
+@functools.partial(jax.jit, static_argnames=("sample_time_min", "sensor_lag_min"))
+def linear_model_at(
+    patient: Patient, x: jax.Array, insulin_mU_min: jax.Array, sample_time_min: float, sensor_lag_min: float = 0.0
+) -> LinearModel:
     """Linearisation at a state and a rate; JAX can trace it, and map it over people."""
 
     def derivative(x: jax.Array, u: jax.Array, meal: jax.Array) -> jax.Array:
         return patient.derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=u, meal_mg_min=meal))
 
-    return discretise(linearise(derivative, patient.glucose_mg_dl, x, insulin_mU_min, jnp.zeros(())), sample_time_min)
+    model = linearise(derivative, patient.glucose_mg_dl, x, insulin_mU_min, jnp.zeros(()))
+    return discretise(linear_behind_lag(model, sensor_lag_min) if sensor_lag_min else model, sample_time_min)
 
 
 @checked
@@ -35,6 +39,7 @@ def linear_model(
     insulin_mU_min: float | None = None,
     sample_time_min: float = 5.0,
     setpoint_mg_dl: float | None = None,
+    sensor_lag_min: float = 0.0,
 ) -> LinearModel:
     """Exact linearisation of a patient at rest, sampled with a zero-order hold; its disturbance is the meal, mg/min.
 
@@ -46,12 +51,14 @@ def linear_model(
     sample_time_min : float
     setpoint_mg_dl : float, optional
         Glucose at which the model rests, in place of the infusion.
+    sensor_lag_min : float
+        First-order lag of the sensor, whose reading is one more state then; 0: it reads glucose.
 
     Raises
     ------
     ValueError
-        If the patient has no steady state under the infusion, no infusion holds the setpoint, both are given, or the
-        sample time is not positive.
+        If the patient has no steady state under the infusion, no infusion holds the setpoint, both are given, the
+        sample time is not positive, or the lag is negative or not finite.
     """
     if insulin_mU_min is not None and setpoint_mg_dl is not None:
         raise ValueError("an infusion and a setpoint were given, of which each tells where the model rests; give one")
@@ -60,7 +67,7 @@ def linear_model(
     else:
         insulin = jnp.asarray(insulin_mU_min, float)
         state = patient.steady_state(insulin)
-    model: LinearModel = linear_model_at(patient, state, insulin, sample_time_min)
+    model: LinearModel = linear_model_at(patient, state, insulin, sample_time_min, sensor_lag_min)
     return model
 
 

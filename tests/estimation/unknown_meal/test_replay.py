@@ -1,6 +1,7 @@
 """A record told to an estimator: as a controller would have told it, and columns that are none."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 
 from glucoloop.control import Observation, design_meal_mpc
-from glucoloop.estimation.unknown_meal import design_meal_kalman
+from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
+from glucoloop.models.sensor_lag import behind_lag
+from glucoloop.sensors.lag import lagged
 
 N = 30
 
@@ -57,6 +60,20 @@ def test_it_says_what_the_controller_was_told(two_states):
 @pytest.fixture(scope="module")
 def filtered(two_states):
     return design_meal_kalman(two_states)
+
+
+@pytest.mark.parametrize("design", [design_meal_kalman, functools.partial(design_meal_horizon, horizon=3)])
+def test_behind_a_known_lag_of_the_sensor_glucose_itself_is_estimated(two_states, design):
+    insulin = 20.0 + np.repeat([0.0, 4.0, -4.0, 0.0], 9)
+    x, glucose, behind = two_states.state, [80.0], [80.0]
+    for rate in insulin[:-1]:
+        x = two_states.advance(x, rate)
+        glucose.append(float(x[0]))
+        behind.append(float(lagged(behind[-1], glucose[-2], glucose[-1], 15.0, 5.0)))
+    assert np.abs(np.subtract(glucose, behind)).max() > 5.0
+    model, t_min = behind_lag(two_states, 15.0), 5.0 * np.arange(insulin.size)
+    told = estimate_meals(model, design(model, MealHabits(meals_per_h=0.01)), t_min, behind, insulin)
+    np.testing.assert_allclose(told.glucose_mg_dl, glucose, atol=0.2)
 
 
 def test_what_came_before_is_told_by_its_rate(two_states, filtered):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.meals.stomach import Stomach, steadily
-from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.nonlinear import FedModel, reading_of
 
 LARGEST_INNOVATION_MG_DL: Final = 30.0
 """Largest innovation by which a reading corrects an estimate."""
@@ -35,12 +35,12 @@ def fading(disturbance_mg_min: jax.Array, before: Stomach, after: Stomach) -> ja
 
 @pytree
 class Linearised:
-    """A model about its rest, with the disturbance as its last state: ``x+ = Phi x,  y = C x``."""
+    """A model about its rest, with the disturbance as its last state: ``x+ = Phi x``, and a reading ``C x``."""
 
     Phi: npt.NDArray[np.float64]
     """(n + 1, n + 1) transition matrix."""
     C: npt.NDArray[np.float64]
-    """(n + 1,) output row."""
+    """(n + 1,) output row of the sensor."""
     Gamma: npt.NDArray[np.float64]
     """(n,) effect of insulin."""
 
@@ -50,7 +50,7 @@ def _slopes(model: FedModel, x: jax.Array, u: jax.Array) -> tuple[jax.Array, ...
     def sample(x: jax.Array, u: jax.Array, d: jax.Array) -> jax.Array:
         return model.advance_fed(x, u, steadily(d))
 
-    return *jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, jnp.zeros(())), jax.jacfwd(model.glucose_mg_dl)(x)
+    return *jax.jacfwd(sample, argnums=(0, 1, 2))(x, u, jnp.zeros(())), jax.jacfwd(reading_of(model))(x)
 
 
 def linearised(model: FedModel) -> Linearised:

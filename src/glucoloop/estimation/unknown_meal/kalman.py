@@ -36,7 +36,7 @@ from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
 from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach, ramp_samples
-from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.nonlinear import FedModel, reading_of
 from glucoloop.units import MG_PER_G
 
 _NOTHING: Final = 0.1
@@ -112,10 +112,11 @@ class MealKalman:
         F = jax.jacfwd(carry)(state.mean)
         mean = carry(state.mean)
         P = F @ state.covariance @ F.T + self.process_noise
-        C = jnp.concatenate([jax.jacfwd(model.glucose_mg_dl)(mean[:-2]), jnp.zeros(2)])
+        reading = reading_of(model)
+        C = jnp.concatenate([jax.jacfwd(reading)(mean[:-2]), jnp.zeros(2)])
         seen = P @ C
         gain = jnp.where(sensed.known, seen / (C @ seen + self.measurement_variance), 0.0)
-        innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - model.glucose_mg_dl(mean[:-2]), 0.0)
+        innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - reading(mean[:-2]), 0.0)
         mean = mean + gain * jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
         P = P - jnp.outer(gain, seen)
         P = jnp.clip((P + P.T) / 2.0, -_LARGEST_COVARIANCE, _LARGEST_COVARIANCE)

@@ -55,7 +55,7 @@ from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach
-from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.nonlinear import FedModel, reading_of
 
 Numbers = npt.NDArray[np.float64]
 
@@ -226,7 +226,7 @@ class MealHorizon:
         self, model: FedModel, held: Hypothesis, p: jax.Array, noise: jax.Array, sensed: Sensed
     ) -> tuple[Hypothesis, jax.Array, jax.Array]:
         """Correct the states by the gain, the probabilities by Bayes' rule, and the size of the sensor's error."""
-        predicted = jax.vmap(model.glucose_mg_dl, in_axes=-1)(held.x) + held.error_mg_dl
+        predicted = jax.vmap(reading_of(model), in_axes=-1)(held.x) + held.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
         gain, variance = self.filters.at(noise)
         likelihood = jnp.exp(-0.5 * innovation**2 / variance) + _STRAY

@@ -1,0 +1,126 @@
+"""Internal models of a controller whose sensor lags: the reading is one more state, behind glucose.
+
+With glucose G and the reading r, ``lag r' = G - r``. A controller estimates the state from r and regulates G, so that
+its setpoint, its constraints and its forecasts are of glucose itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree
+from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.state_space import ContinuousModel
+from glucoloop.sensors.lag import lagged
+
+
+@pytree
+class LaggedModel:
+    """A nonlinear model and the reading behind a lag, its last state; implements `FedModel`.
+
+    Over a sample glucose is taken to change evenly between its values at both ends, as `sensors.lag` does.
+    """
+
+    inner: FedModel
+    lag_min: jax.Array
+
+    @property
+    def sample_time_min(self) -> float:
+        """Time between samples, that of the inner model."""
+        return self.inner.sample_time_min
+
+    @property
+    def insulin_mU_min(self) -> jax.Array:
+        """Infusion at the operating point, that of the inner model."""
+        return self.inner.insulin_mU_min
+
+    @property
+    def state(self) -> jax.Array:
+        """State at rest at the operating point, where the reading is glucose."""
+        rest = self.inner.state
+        return jnp.append(rest, self.inner.glucose_mg_dl(rest))
+
+    def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """Rate of change of the state, per minute."""
+        following = (self.glucose_mg_dl(x) - self.reading_mg_dl(x)) / self.lag_min
+        return jnp.append(self.inner.derivative(x[:-1], insulin_mU_min), following)
+
+    def _and_reading(self, x: jax.Array, later: jax.Array) -> jax.Array:
+        before, now = self.glucose_mg_dl(x), self.inner.glucose_mg_dl(later)
+        return jnp.append(later, lagged(self.reading_mg_dl(x), before, now, self.lag_min, self.sample_time_min))
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+        """State one sample on, under a held infusion."""
+        return self._and_reading(x, self.inner.advance(x[:-1], insulin_mU_min))
+
+    def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
+        """State one sample on, under a held infusion, with glucose from meals."""
+        return self._and_reading(x, self.inner.advance_fed(x[:-1], insulin_mU_min, appearance_mg_min))
+
+    def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
+        """Glucose of a state, before the lag."""
+        return self.inner.glucose_mg_dl(x[:-1])
+
+    def reading_mg_dl(self, x: jax.Array) -> jax.Array:
+        """Reading of a sensor without noise."""
+        return x[-1]
+
+
+def behind_lag(model: FedModel, lag_min: float) -> LaggedModel:
+    """A nonlinear model whose sensor lags.
+
+    Parameters
+    ----------
+    model : FedModel
+        Model of a person and of a sensor without a lag.
+    lag_min : float
+        Time constant of the lag, above 0.
+
+    Raises
+    ------
+    ValueError
+        For a lag that is not positive and finite.
+    """
+    _check(lag_min)
+    return LaggedModel(inner=model, lag_min=jnp.asarray(lag_min, float))
+
+
+def linear_behind_lag(model: ContinuousModel, lag_min: float) -> ContinuousModel:
+    """A linear model in continuous time whose sensor lags, which `discretise` then samples exactly.
+
+    Parameters
+    ----------
+    model : ContinuousModel
+        Model of a person and of a sensor without a lag.
+    lag_min : float
+        Time constant of the lag, above 0.
+
+    Raises
+    ------
+    ValueError
+        For a lag that is not positive and finite.
+    """
+    _check(lag_min)
+    n = model.C.shape[0]
+
+    def beside(row: jax.Array, value: ArrayLike = 0.0) -> jax.Array:
+        return jnp.append(row, value)
+
+    return dataclasses.replace(
+        model,
+        A=jnp.zeros((n + 1, n + 1)).at[:n, :n].set(model.A).at[n].set(beside(model.C, -1.0) / lag_min),
+        B=beside(model.B),
+        C=beside(model.C),
+        E=None if model.E is None else beside(model.E),
+        C_reading=beside(jnp.zeros(n), 1.0),
+        state=beside(model.state, model.glucose_mg_dl),
+    )
+
+
+def _check(lag_min: float) -> None:
+    if not 0.0 < lag_min < float("inf"):
+        raise ValueError(f"a lag of the sensor of {lag_min:g} min is not possible; give a finite time above 0")

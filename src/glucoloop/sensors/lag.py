@@ -1,0 +1,100 @@
+"""Sensor behind a first-order lag: glucose under the skin follows glucose in the blood some minutes later.
+
+The lag is that of one compartment, ``lag r' = G - r``. Between two samples glucose G is taken to change evenly, for
+which the equation is solved exactly.
+
+References
+----------
+K. Rebrin, G. M. Steil, W. P. van Antwerp, J. J. Mastrototaro, "Subcutaneous glucose predicts plasma glucose independent
+of insulin: implications for continuous monitoring", Am. J. Physiol. 277(3), 1999: the compartment.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
+from glucoloop.registry.sensors import LagSettings
+from glucoloop.sensors.ideal import IdealSensor
+from glucoloop.sensors.protocol import Reading, Sensor
+
+
+def lagged(
+    behind_mg_dl: jax.Array,
+    before_mg_dl: jax.Array,
+    now_mg_dl: jax.Array,
+    lag_min: ArrayLike,
+    sample_time_min: float,
+) -> jax.Array:
+    """Glucose behind a lag at the end of a sample, over which glucose changes evenly.
+
+    Parameters
+    ----------
+    behind_mg_dl : (...) array
+        Glucose behind the lag at the beginning of the sample.
+    before_mg_dl, now_mg_dl : (...) array
+        Glucose at the beginning and at the end of the sample.
+    lag_min : float
+        Time constant of the lag, above 0.
+    sample_time_min : float
+    """
+    z = sample_time_min / jnp.asarray(lag_min, float)
+    kept, mean = jnp.exp(-z), -jnp.expm1(-z) / z
+    return kept * behind_mg_dl + (mean - kept) * before_mg_dl + (1.0 - mean) * now_mg_dl
+
+
+@pytree
+class _State:
+    inner: Any
+    glucose: jax.Array
+    """Glucose at the latest sample."""
+    behind: jax.Array
+    """Glucose behind the lag at the latest sample."""
+
+
+@pytree
+class Lag:
+    """Shows the inner sensor glucose behind a first-order lag; make it with `lag`."""
+
+    inner: Sensor
+    lag_min: jax.Array | float
+    sample_time_min: float = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """State of a sensor that has read the given glucose for a long time."""
+        return _State(inner=self.inner.init(glucose_mg_dl, key), glucose=glucose_mg_dl, behind=glucose_mg_dl)
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Reading of the inner sensor, to which glucose comes through the lag."""
+        behind = lagged(state.behind, state.glucose, glucose_mg_dl, self.lag_min, self.sample_time_min)
+        inner, reading = self.inner.read(state.inner, behind, key)
+        return _State(inner=inner, glucose=glucose_mg_dl, behind=behind), reading
+
+
+@checked
+def lag(lag_min: float = 10.0, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Lag:
+    """Sensor behind a first-order lag.
+
+    Parameters
+    ----------
+    lag_min : float
+        Time constant of the lag, above 0 and up to 120 min.
+    inner : Sensor, optional
+        Sensor behind the lag, whose noise does not lag; an ideal one by default.
+    sample_time_min : float
+        Time between two readings.
+
+    Raises
+    ------
+    ValueError
+        For a lag outside its bounds, or a sample time that is not positive and finite.
+    """
+    LagSettings(lag_min)
+    if not 0.0 < sample_time_min < float("inf"):
+        raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite time above 0")
+    return Lag(inner=IdealSensor() if inner is None else inner, lag_min=lag_min, sample_time_min=sample_time_min)
