@@ -64,6 +64,10 @@ def test_nobody_is_kept_out_and_nothing_is_loaded(shown):
         assert view["wide"] <= view["width"]
 
 
+def test_the_lesson_that_was_chosen_is_seen_in_its_row(shown):
+    assert {view["chosen"] for view in shown["views"] if view["colorScheme"] == "dark"} == {"seen"}
+
+
 def test_every_control_is_reached_by_the_keyboard(shown):
     assert shown["used"]["reached"] == shown["used"]["controls"] > 20
 

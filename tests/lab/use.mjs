@@ -45,6 +45,12 @@ for (const width of [1280, 390])
       width, colorScheme, ...seen,
       violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html.slice(0, 120)).join("; ")}`),
       wide: await page.evaluate(() => document.documentElement.scrollWidth),
+      chosen: await page.evaluate(() => {
+        const lesson = document.querySelector("#lessons [aria-current]");
+        if (lesson === null) return "none";
+        const [row, own] = [document.getElementById("lessons"), lesson].map((element) => element.getBoundingClientRect());
+        return own.left >= row.left && own.right <= row.right ? "seen" : "hidden";
+      }),
     });
     await page.close();
   }

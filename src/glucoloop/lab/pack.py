@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import json
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -30,12 +29,11 @@ _LEFT: Final = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 
 def page() -> str:
     """The whole page as the text of an HTML file."""
-    code = {"drawing": _read("uPlot.iife.min.js"), "program": program()}
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
-        "STYLE": _read("uPlot.min.css") + _read("lab.css"),
+        "STYLE": _read("lab.css"),
         "START": _read("start.js"),
-        "CODE": _packed(json.dumps(code).encode()),
+        "CODE": _packed(program().encode()),
         "MODULE": _packed(MODULE.read_bytes()),
         "DATA": _packed(DATA.read_bytes()),
     }

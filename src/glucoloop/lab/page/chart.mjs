@@ -1,14 +1,20 @@
 // @ts-check
-/** The picture on the screen: axes by uPlot, and everything else drawn on its canvas. */
+/** The picture on the screen: two panels, each on a canvas. */
 
+import { corners, levels, times } from "./axes.mjs";
+import { element } from "./dom.mjs";
 import { texts } from "./texts.mjs";
 
 /** @typedef {import("./scene.mjs").Scene} Scene */
 /** @typedef {import("./scene.mjs").Panel} Panel */
-/** @typedef {import("./scene.mjs").Line} Line */
 
 const NARROW_PX = 600;
 const GUARD_PX = 5;
+/** Room around the inside of the axes, for their marks. */
+const [LEFT, RIGHT, TOP, BELOW] = [44, 18, 6, 30];
+const FONT = "12px system-ui, sans-serif";
+/** Least room for a mark of each axis, and length of its line. */
+const [LEVEL_PX, TIME_PX, MARK_PX] = [28, 54, 5];
 
 const NAMES = /** @type {const} */ (["--ink", "--paper", "--soft", "--rule", "--accent", "--band", "--guard", "--fault"]);
 
@@ -33,124 +39,101 @@ function styles() {
 /** @param {typeof NAMES[number]} name of a colour of the style sheet */
 const style = (name) => styles()[name];
 
-/** A panel with its axes, made again only when its size or colours change. */
+/** A panel with its axes on a canvas. */
 class Chart {
   /**
    * @param {HTMLElement} place
    * @param {{wide: number, narrow: number}} height in pixels
    */
   constructor(place, height) {
-    this.place = place;
     this.height = height;
-    this.made = "";
-    /** @type {any} */
-    this.plot = null;
+    this.canvas = element("canvas", {});
+    this.ctx = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    place.append(this.canvas);
     /** @type {{end: number, moment: number | null, panel: Panel} | null} */
     this.shown = null;
     /** Width of the place, which the browser would have to lay out the page for at each picture. */
     this.width = place.clientWidth;
+    this.size = { width: 0, height: 0, pixel: 0 };
     new ResizeObserver(() => {
+      if (this.width === place.clientWidth) return;
       this.width = place.clientWidth;
       if (this.shown !== null) this.draw(this.shown);
     }).observe(place);
   }
 
+  /** Inside of the axes, in pixels of the style sheet. */
+  get inside() {
+    const { width, height } = this.size;
+    return { left: LEFT, top: TOP, width: Math.max(1, width - LEFT - RIGHT), height: height - TOP - BELOW };
+  }
+
+  /** Give the canvas its size, which also clears it. */
+  fit() {
+    const { width, canvas } = this;
+    const height = width < NARROW_PX ? this.height.narrow : this.height.wide;
+    const pixel = devicePixelRatio;
+    const { size } = this;
+    if (size.width === width && size.height === height && size.pixel === pixel) {
+      this.ctx.clearRect(0, 0, width, height);
+      return;
+    }
+    this.size = { width, height, pixel };
+    canvas.width = Math.round(width * pixel);
+    canvas.height = Math.round(height * pixel);
+    canvas.style.width = `${width}px`;
+    canvas.style.height = `${height}px`;
+    this.ctx.scale(pixel, pixel);
+  }
+
   /** @param {{end: number, moment: number | null, panel: Panel}} shown */
   draw(shown) {
     this.shown = shown;
-    const { width } = this;
-    const height = width < NARROW_PX ? this.height.narrow : this.height.wide;
-    const make = [width, height, devicePixelRatio, style("--ink"), style("--paper")].join(" ");
-    if (make !== this.made) {
-      this.plot?.destroy();
-      this.plot = this.axes(width, height);
-      this.made = make;
-    } else {
-      this.plot.setData(this.ends());
-    }
+    this.fit();
+    const { ctx } = this;
+    const { left, top, width, height } = this.inside;
+    const [low, high] = shown.panel.range;
+    /** Places on the canvas of times and values. */
+    const x = (/** @type {number} */ t) => left + (t / shown.end) * width;
+    const y = (/** @type {number} */ value) => top + height - ((value - low) / (high - low)) * height;
+    ctx.font = FONT;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
+    this.behind(shown, x, y);
+    ctx.restore();
+    this.axes(shown, x, y);
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
+    this.curves(shown, x, y);
+    ctx.restore();
   }
 
-  /** @returns {[number[], null[]]} */
-  ends() {
-    return [[0, this.shown?.end ?? 1], [null, null]];
-  }
-
-  /** @param {number} width @param {number} height */
-  axes(width, height) {
-    const uPlot = /** @type {any} */ (globalThis).uPlot;
-    const axis = {
-      stroke: style("--ink"),
-      grid: { stroke: style("--rule"), width: 0.5 },
-      ticks: { stroke: style("--rule") },
-      font: "12px system-ui, sans-serif",
-    };
-    return new uPlot(
-      {
-        width,
-        height,
-        scales: {
-          x: { time: false, range: () => [0, this.shown?.end] },
-          y: { auto: true, range: () => this.shown?.panel.range },
-        },
-        padding: [6, 18, 0, 0],
-        legend: { show: false },
-        cursor: { show: false },
-        axes: [
-          { ...axis, size: 30, incrs: [5, 10, 15, 30, 60, 120, 180, 240], values: (/** @type {any} */ _, /** @type {number[]} */ times) => times.map((t) => (t === 0 ? texts.minutes(t) : `${t}`)) },
-          { ...axis, size: 44 },
-        ],
-        series: [{}, { points: { show: false } }],
-        hooks: {
-          drawClear: [(/** @type {any} */ plot) => this.within(plot, () => this.behind(plot))],
-          draw: [(/** @type {any} */ plot) => this.within(plot, () => this.curves(plot))],
-        },
-      },
-      this.ends(),
-      this.place,
-    );
-  }
-
-  /** Draw within the axes only. @param {any} plot @param {() => void} drawing */
-  within(plot, drawing) {
-    const { left, top, width, height } = plot.bbox;
-    plot.ctx.save();
-    plot.ctx.beginPath();
-    plot.ctx.rect(left, top, width, height);
-    plot.ctx.clip();
-    drawing();
-    plot.ctx.restore();
-  }
-
-  /** Places on the canvas of times and values. @param {any} plot */
-  places(plot) {
-    return {
-      x: (/** @type {number} */ t) => plot.valToPos(t, "x", true),
-      y: (/** @type {number} */ value) => plot.valToPos(value, "y", true),
-      pixel: devicePixelRatio,
-    };
-  }
-
-  /** @param {any} plot */
-  behind(plot) {
-    if (this.shown === null) return;
-    const { panel } = this.shown;
-    const { x, y, pixel } = this.places(plot);
-    const { left, top, width, height } = plot.bbox;
-    const { ctx } = plot;
+  /**
+   * What lies behind the axes: the band, faults, what the guard did, and areas.
+   * @param {{panel: Panel}} shown
+   * @param {(t: number) => number} x
+   * @param {(value: number) => number} y
+   */
+  behind({ panel }, x, y) {
+    const { ctx } = this;
+    const { left, top, width, height } = this.inside;
     if (panel.band !== null) {
       const [low, high] = panel.band;
       ctx.fillStyle = style("--band");
       ctx.fillRect(left, y(high), width, y(low) - y(high));
     }
-    ctx.font = `${12 * pixel}px system-ui, sans-serif`;
-    ctx.textAlign = "left"; // uPlot leaves that of its axes
+    ctx.textAlign = "left";
     ctx.textBaseline = "bottom";
     for (const { from, to, kind, text } of panel.spans) {
       ctx.fillStyle = style(kind === "guard" ? "--guard" : "--fault");
-      ctx.fillRect(x(from), top, x(to) - x(from), kind === "guard" ? GUARD_PX * pixel : height);
+      ctx.fillRect(x(from), top, x(to) - x(from), kind === "guard" ? GUARD_PX : height);
       if (kind === "guard") continue;
       ctx.fillStyle = style("--ink");
-      ctx.fillText(text, x(from) + 4 * pixel, top + height - 2 * pixel);
+      ctx.fillText(text, x(from) + 4, top + height - 2);
     }
     for (const area of panel.areas) {
       ctx.beginPath();
@@ -161,57 +144,84 @@ class Chart {
       ctx.fill();
       ctx.globalAlpha = 1;
     }
+  }
+
+  /**
+   * Grid and marks.
+   * @param {{end: number, panel: Panel}} shown
+   * @param {(t: number) => number} x
+   * @param {(value: number) => number} y
+   */
+  axes({ end, panel }, x, y) {
+    const { ctx } = this;
+    const { left, top, width, height } = this.inside;
+    const rows = levels(panel.range, Math.max(2, Math.floor(height / LEVEL_PX)));
+    const columns = times(end, Math.max(2, Math.floor(width / TIME_PX)));
+    ctx.beginPath();
+    for (const value of rows) {
+      ctx.moveTo(left - MARK_PX, y(value));
+      ctx.lineTo(left + width, y(value));
+    }
+    for (const t of columns) {
+      ctx.moveTo(x(t), top);
+      ctx.lineTo(x(t), top + height + MARK_PX);
+    }
+    ctx.strokeStyle = style("--rule");
+    ctx.lineWidth = 0.5;
+    ctx.stroke();
+    ctx.fillStyle = style("--ink");
+    ctx.textBaseline = "middle";
+    ctx.textAlign = "right";
+    for (const value of rows) ctx.fillText(`${value}`, left - 2 * MARK_PX, y(value));
+    ctx.textBaseline = "top";
+    ctx.textAlign = "center";
+    for (const t of columns) ctx.fillText(t === 0 ? texts.minutes(t) : `${t}`, x(t), top + height + 2 * MARK_PX);
+  }
+
+  /**
+   * Limits, curves, readings, and the moment that is explained.
+   * @param {{moment: number | null, panel: Panel}} shown
+   * @param {(t: number) => number} x
+   * @param {(value: number) => number} y
+   */
+  curves({ panel, moment }, x, y) {
+    const { ctx } = this;
+    const { left, top, width, height } = this.inside;
     ctx.strokeStyle = style("--soft");
-    ctx.lineWidth = pixel;
-    ctx.setLineDash([2 * pixel, 4 * pixel]);
+    ctx.lineWidth = 1;
+    if (moment !== null) {
+      ctx.beginPath();
+      ctx.moveTo(x(moment), top);
+      ctx.lineTo(x(moment), top + height);
+      ctx.stroke();
+    }
+    ctx.setLineDash([2, 4]);
     for (const level of panel.rules) {
       ctx.beginPath();
       ctx.moveTo(left, y(level));
       ctx.lineTo(left + width, y(level));
       ctx.stroke();
     }
-  }
-
-  /** @param {any} plot */
-  curves(plot) {
-    if (this.shown === null) return;
-    const { panel, moment } = this.shown;
-    const { x, y, pixel } = this.places(plot);
-    const { ctx } = plot;
-    const { top, height } = plot.bbox;
-    if (moment !== null) {
-      ctx.strokeStyle = style("--soft");
-      ctx.lineWidth = pixel;
-      ctx.beginPath();
-      ctx.moveTo(x(moment), top);
-      ctx.lineTo(x(moment), top + height);
-      ctx.stroke();
-    }
+    ctx.lineJoin = "round";
     // The present run comes last, so that it lies above the others.
     for (const line of [...panel.lines].reverse()) {
       ctx.strokeStyle = line.colour;
-      ctx.lineWidth = line.width * pixel;
-      ctx.setLineDash(line.dash.map((length) => length * pixel));
-      ctx.lineJoin = "round";
+      ctx.lineWidth = line.width;
+      ctx.setLineDash(line.dash);
       ctx.beginPath();
-      corners(line).forEach(([t, value]) => ctx.lineTo(x(t), y(value)));
+      corners(line, (t, value) => ctx.lineTo(x(t), y(value)));
       ctx.stroke();
     }
-    ctx.setLineDash([]);
     ctx.fillStyle = style("--soft");
-    const radius = (plot.width < NARROW_PX ? 1.2 : 2) * pixel;
+    const radius = width < NARROW_PX ? 1.2 : 2;
+    ctx.beginPath();
     for (let i = 0; i < panel.dots.x.length; i++) {
-      ctx.beginPath();
-      ctx.arc(x(panel.dots.x[i]), y(panel.dots.y[i]), radius, 0, 2 * Math.PI);
-      ctx.fill();
+      const [t, value] = [x(panel.dots.x[i]), y(panel.dots.y[i])];
+      ctx.moveTo(t + radius, value);
+      ctx.arc(t, value, radius, 0, 2 * Math.PI);
     }
+    ctx.fill();
   }
-}
-
-/** Corners of a line, which goes in steps where each value is held. @param {Line} line @returns {[number, number][]} */
-export function corners({ x, y, steps }) {
-  if (!steps) return x.map((t, i) => [t, y[i]]);
-  return x.flatMap((t, i) => /** @type {[number, number][]} */ (i === 0 ? [[t, y[0]]] : [[t, y[i - 1]], [t, y[i]]]));
 }
 
 /** The two panels. */
@@ -228,14 +238,13 @@ export class Picture {
     this.insulin.draw({ end, moment, panel: insulin });
   }
 
-  /** The element above the axes' inside, for pointers. @returns {HTMLElement[]} */
-  insides() {
-    return [this.glucose.plot.over, this.insulin.plot.over];
+  /** What pointers move over. */
+  get canvases() {
+    return [this.glucose.canvas, this.insulin.canvas];
   }
 
   /** Where the inside of the axes lies in its place, in pixels. */
-  inside() {
-    const { left, width } = this.glucose.plot.bbox;
-    return { left: left / devicePixelRatio, width: width / devicePixelRatio };
+  get inside() {
+    return this.glucose.inside;
   }
 }

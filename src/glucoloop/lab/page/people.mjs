@@ -118,7 +118,8 @@ export function peopleOf(lab) {
   const of = data.people;
   const nominal = data.patients[of.patient];
   const { lanes } = lab.kernels;
-  const rest = new Rest(lab);
+  /** @type {Rest | undefined} made when somebody is asked for */
+  let rest;
   /** @param {number} person @returns {Body} */
   const begun = (person) => {
     const values = of.parameters.map(({ word, lower, width }) => lower + width * uniform(of.seed, word, person));
@@ -133,6 +134,7 @@ export function peopleOf(lab) {
   /** @type {Map<number, Body[]>} */
   const made = new Map();
   return (first) => {
+    rest ??= new Rest(lab);
     const found = made.get(first) ?? rest.bring(Array.from({ length: lanes }, (_, lane) => begun(first + lane)));
     made.set(first, found);
     return found;

@@ -1,7 +1,7 @@
 // @ts-check
 /** The picture as a file: SVG text, which a browser can also make a PNG of. */
 
-import { corners } from "./chart.mjs";
+import { corners, levels, times } from "./axes.mjs";
 import { texts } from "./texts.mjs";
 
 /** @typedef {import("./scene.mjs").Scene} Scene */
@@ -13,22 +13,12 @@ const RIGHT = 16;
 const TITLE = 26;
 const BELOW = 26;
 const HEIGHTS = { glucose: 320, insulin: 170 };
-const STEPS_MIN = [5, 10, 15, 30, 60, 120, 180, 240];
-const MOST_TICKS = 11;
+const MOST_TIMES = 11;
+const LEVELS = 5;
 const INK = "#1d2126";
 const SOFT = "#575e66";
 const RULE = "#c9ced4";
 const FILLS = { guard: "#b34700", fault: "#f3d9c4" };
-
-/** Round numbers over a range, about five. @param {[number, number]} range */
-function levels([low, high]) {
-  const rough = (high - low) / 5;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 2.5, 5, 10].map((of) => of * power).find((of) => of >= rough) ?? rough;
-  const found = [];
-  for (let i = Math.ceil(low / step); i * step <= high + 1e-9 * step; i++) found.push(Number((i * step).toPrecision(12)));
-  return found;
-}
 
 const escaped = (/** @type {string} */ text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 const short = (/** @type {number} */ value) => `${Math.round(100 * value) / 100}`;
@@ -44,8 +34,7 @@ function drawn(panel, end, top, height) {
   const right = WIDTH - RIGHT;
   const x = (/** @type {number} */ t) => LEFT + (t / end) * (right - LEFT);
   const y = (/** @type {number} */ value) => top + height - ((value - low) / (high - low)) * height;
-  const every = STEPS_MIN.find((step) => end / step <= MOST_TICKS) ?? STEPS_MIN[STEPS_MIN.length - 1];
-  const points = (/** @type {[number, number][]} */ of) => of.map(([t, value]) => `${short(x(t))},${short(y(value))}`).join(" ");
+  const point = (/** @type {number} */ t, /** @type {number} */ value) => `${short(x(t))},${short(y(value))}`;
   const parts = [`<text x="${LEFT}" y="${top - 8}" fill="${SOFT}">${escaped(`${panel.title}; ${panel.legend}`)}</text>`];
   if (panel.band !== null) {
     const [from, to] = panel.band.map((value) => Math.min(Math.max(value, low), high));
@@ -58,15 +47,15 @@ function drawn(panel, end, top, height) {
     );
   }
   for (const area of panel.areas) {
-    const there = area.x.map((t, i) => /** @type {[number, number]} */ ([t, area.high[i]]));
-    const back = area.x.map((t, i) => /** @type {[number, number]} */ ([t, area.low[i]])).reverse();
-    parts.push(`<polygon points="${points([...there, ...back])}" fill="#0b5cad" fill-opacity="${area.opacity}"/>`);
+    const there = area.x.map((t, i) => point(t, area.high[i]));
+    const back = area.x.map((t, i) => point(t, area.low[i])).reverse();
+    parts.push(`<polygon points="${[...there, ...back].join(" ")}" fill="#0b5cad" fill-opacity="${area.opacity}"/>`);
   }
-  for (const value of levels(panel.range)) {
+  for (const value of levels(panel.range, LEVELS)) {
     parts.push(`<path d="M${LEFT} ${short(y(value))}H${right}" stroke="${RULE}" stroke-width="0.5"/>`);
     parts.push(`<text x="${LEFT - 6}" y="${short(y(value) + 4)}" text-anchor="end" fill="${INK}">${value}</text>`);
   }
-  for (let t = 0; t <= end; t += every) {
+  for (const t of times(end, MOST_TIMES)) {
     parts.push(`<path d="M${short(x(t))} ${top}v${height}" stroke="${RULE}" stroke-width="0.5"/>`);
     parts.push(`<text x="${short(x(t))}" y="${top + height + 17}" text-anchor="middle" fill="${INK}">${t}</text>`);
   }
@@ -75,8 +64,11 @@ function drawn(panel, end, top, height) {
   }
   for (const line of [...panel.lines].reverse()) {
     const dash = line.dash.length ? ` stroke-dasharray="${line.dash.join(" ")}"` : "";
+    /** @type {string[]} */
+    const points = [];
+    corners(line, (t, value) => points.push(point(t, value)));
     parts.push(
-      `<polyline points="${points(corners(line))}" fill="none" stroke="${line.colour}" stroke-width="${line.width}" stroke-linejoin="round"${dash}><title>${escaped(line.name)}</title></polyline>`,
+      `<polyline points="${points.join(" ")}" fill="none" stroke="${line.colour}" stroke-width="${line.width}" stroke-linejoin="round"${dash}><title>${escaped(line.name)}</title></polyline>`,
     );
   }
   for (let i = 0; i < panel.dots.x.length; i++) {

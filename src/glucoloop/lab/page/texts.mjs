@@ -62,7 +62,7 @@ export const texts = {
     units: "Units",
     glucoseUnit: "Glucose",
     insulinUnit: "Insulin",
-    remark: "The same definitions as the program, compiled to WebAssembly with portable arithmetic; this page asks the network nothing. Drawn with uPlot, MIT licence.",
+    remark: "The same definitions as the program, compiled to WebAssembly with portable arithmetic; this page asks the network nothing.",
   },
   ready: "Change anything; the picture follows at once.",
   fromLink: "This is the situation of the link.",

@@ -8,7 +8,9 @@ import { texts } from "../texts.mjs";
 /** @typedef {import("../session.mjs").Session} Session */
 /** @typedef {{title: string, hash: string, text: string, beside?: {name: string, hash: string}, people?: number}} Lesson */
 
-const link = (/** @type {{title: string, hash: string}} */ { title, hash }) => element("a", { href: hash }, title);
+/** A link to another situation of this page, which is not one to a part of it: so it has the name of the page's file. */
+const link = (/** @type {{title: string, hash: string}} */ { title, hash }) =>
+  element("a", { href: `./${location.pathname.split("/").at(-1)}${hash}` }, title);
 
 export function lessonsView() {
   for (const of of /** @type {const} */ (["lessons", "presets"])) byId(of).replaceChildren(...texts[of].map((one) => element("li", {}, link(one))));
@@ -23,9 +25,11 @@ export function lessonOf(hash) {
 /** Show what to look at above the picture, until another lesson is begun. @param {Lesson | undefined} lesson */
 export function tellLesson(lesson) {
   byId("lesson").hidden = lesson === undefined;
-  for (const own of document.querySelectorAll("#lessons a, #presets a")) {
-    if (own.getAttribute("href") === lesson?.hash) own.setAttribute("aria-current", "true");
-    else own.removeAttribute("aria-current");
+  for (const own of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll("#lessons a, #presets a"))) {
+    if (own.hash === lesson?.hash) {
+      own.setAttribute("aria-current", "true");
+      bringIntoRow(own);
+    } else own.removeAttribute("aria-current");
   }
   if (lesson === undefined) return;
   byId("lesson-title").textContent = lesson.title;
@@ -38,6 +42,14 @@ export function tellLesson(lesson) {
   if (next === undefined) return;
   after.setAttribute("href", next.hash);
   after.textContent = texts.nextLesson(next.title);
+}
+
+/** Bring a chosen lesson into the middle of its row, which a narrow screen does not show whole. @param {Element} own */
+function bringIntoRow(own) {
+  const row = byId("lessons");
+  if (!row.contains(own)) return;
+  const [of_row, of_own] = [row, own].map((element) => element.getBoundingClientRect());
+  row.scrollLeft += of_own.left + of_own.width / 2 - (of_row.left + of_row.width / 2);
 }
 
 /** Pin the run that a lesson sets beside its own, in place of all others. @param {Session} session @param {Lesson} lesson */

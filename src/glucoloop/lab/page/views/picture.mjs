@@ -26,11 +26,14 @@ export function pictureView(session) {
 
   /** @param {PointerEvent} event */
   const point = (event) => {
-    const { left, width } = /** @type {HTMLElement} */ (event.currentTarget).getBoundingClientRect();
-    session.explain(Math.floor((((event.clientX - left) / width) * session.end_min) / every));
+    const { left, width } = picture.inside;
+    const t_min = ((event.offsetX - left) / width) * session.end_min;
+    if (t_min >= 0 && t_min <= session.end_min) session.explain(Math.floor(t_min / every));
   };
-  /** Insides of the axes that are listened to already; new axes have new ones. @type {WeakSet<HTMLElement>} */
-  const heard = new WeakSet();
+  for (const canvas of picture.canvases) {
+    canvas.addEventListener("pointermove", point);
+    canvas.addEventListener("pointerdown", point);
+  }
 
   return () => {
     const of = scene(session, isDark());
@@ -39,12 +42,6 @@ export function pictureView(session) {
       byId(`${panel}-legend`).textContent = of[panel].legend;
     }
     picture.draw(of);
-    for (const inside of picture.insides()) {
-      if (heard.has(inside)) continue;
-      heard.add(inside);
-      inside.addEventListener("pointermove", point);
-      inside.addEventListener("pointerdown", point);
-    }
     const last = (session.run.trace.t_min.length - 1) * every;
     moment.max = `${last}`;
     moment.value = `${of.moment ?? 0}`;
@@ -56,7 +53,7 @@ export function pictureView(session) {
       texts.moment(trace.t_min[k], shown(trace.glucose_mg_dl[k], glucose), glucose.name, shown(trace.insulin_mU_min[k], insulin), insulin.name),
     );
     byId("told").textContent = told(session);
-    lane(session, picture.inside());
+    lane(session, picture.inside);
   };
 }
 

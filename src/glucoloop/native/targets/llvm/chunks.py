@@ -9,7 +9,7 @@ long for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -41,7 +41,12 @@ class ChunkPlan:
 
 
 def plan_chunks(
-    program: Program, layout: Layout, values: Sequence[Value], fused: dict[Value, Value], size: int = OPERATIONS_A_CHUNK
+    program: Program,
+    layout: Layout,
+    values: Sequence[Value],
+    fused: Mapping[Value, Value],
+    size: int = OPERATIONS_A_CHUNK,
+    vectors: Mapping[Value, Sequence[Value]] | None = None,
 ) -> ChunkPlan:
     """Divide a sequence of values, each after its arguments, into chunks.
 
@@ -55,12 +60,14 @@ def plan_chunks(
         Products that are computed together with a sum.
     size : int
         Operations in a chunk.
+    vectors : mapping, optional
+        Values that are needed where a loop over rows begins, by the first of its sums.
     """
     parts = [values[i : i + size] for i in range(0, len(values), size)] or [[]]
     home = {value: number for number, part in enumerate(parts) for value in part}
     last_use: dict[Value, int] = {}
     for value, number in home.items():
-        for argument in _arguments(program, value, fused):
+        for argument in (vectors or {}).get(value) or _arguments(program, value, fused):
             if argument in home:
                 last_use[argument] = max(number, last_use.get(argument, 0))
     leaving: dict[int, list[Value]] = {}
@@ -99,7 +106,7 @@ def plan_chunks(
     )
 
 
-def _arguments(program: Program, value: Value, fused: dict[Value, Value]) -> list[Value]:
+def _arguments(program: Program, value: Value, fused: Mapping[Value, Value]) -> list[Value]:
     """Values from which a value is computed, including those of a product that is fused with it."""
     found: list[Value] = []
     for argument in program.operations[value][1]:

@@ -17,6 +17,7 @@ from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, PERSON, SAMPLE, Value
 from glucoloop.native.targets.llvm.chunks import Chunk, plan_chunks
+from glucoloop.native.targets.llvm.rows import Rows, find_rows
 from glucoloop.native.targets.products import FUSED, fused_products
 
 _LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
@@ -74,6 +75,7 @@ class Emitter:
         self._alignment = lanes * (8 if self._double else 4) if apart else 8 if self._double else 4
         self._suffix = f"v{lanes}f{64 if self._double else 32}"
         self._out = _Lines()
+        self._tables: list[str] = []
         self._names: dict[Value, str] = {}
         self._member: str | None = None
         self._column = ""
@@ -93,8 +95,17 @@ class Emitter:
         arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
         self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
         values = [v for v in varying if v not in self._sources]
+        # A caller's numbers are at known places only if the function is apart.
+        rows = find_rows(program, values, results, self._persons | self._held) if apart else []
+        self._rows = {min(of.sums, key=values.index): of for of in rows}
+        """Rows by the first of them that is computed."""
+        self._sums = {v: i for i, v in enumerate(v for of in rows for v in of.sums)}
+        """Place of each row's value, which waits in memory."""
+        inner = {v for of in rows for v in of.inner} | (self._sums.keys() - self._rows.keys())
+        values = [v for v in values if v not in inner]
         self._group = 1 if apart or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
-        self._plan = plan_chunks(program, layout, values, self._taken)
+        vectors = {first: of.factors for first, of in self._rows.items()}
+        self._plan = plan_chunks(program, layout, values, self._taken, vectors=vectors)
 
     @property
     def held(self) -> int:
@@ -124,7 +135,7 @@ class Emitter:
             say(f"declare {v} @llvm.{name}.{s}({v})")
         say(f"declare {v} @llvm.fma.{s}({v}, {v}, {v})")
         say(f"declare {v} @llvm.copysign.{s}({v}, {v})")
-        return "\n".join(self._out.lines) + "\n"
+        return "\n".join([*self._out.lines, *self._tables]) + "\n"
 
     def _write(self, name: str, arrays: Sequence[str], numbers: Sequence[str], body: Callable[[], None]) -> None:
         taken = [*(f"ptr noalias %{array}" for array in arrays), *(f"i64 %{number}" for number in numbers)]
@@ -158,7 +169,10 @@ class Emitter:
     def _room(self, **sizes: int) -> None:
         """Room for the state before and after a sample, and for what waits between chunks."""
         states = len(self._layout.carry)
-        for name, size in {**sizes, "before": states, "after": states, "slots": self._plan.slots}.items():
+        inside = {"before": states, "after": states, "slots": self._plan.slots}
+        if self._sums:
+            inside["sums"] = len(self._sums)
+        for name, size in {**sizes, **inside}.items():
             self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._vector}], align 64")
 
     def _samples(self) -> None:
@@ -236,7 +250,9 @@ class Emitter:
 
     def _chunk(self, chunk: Chunk) -> None:
         for value in chunk.values:
-            if value not in self._names:
+            if value in self._rows:
+                self._loop_over(self._rows[value])
+            elif value not in self._names:
                 self._names[value] = self._operation(value)
         for value, slot in chunk.stored:
             self._store(self._as_number(value), self._cell("%slots", slot))
@@ -244,6 +260,39 @@ class Emitter:
             self._store(self._as_number(value), self._cell("%new", i))
         for value, i in chunk.written:
             self._store(self._as_number(value), self._place("outputs", i))
+
+    def _loop_over(self, rows: Rows) -> None:
+        """Sum the products of each row and keep the sums."""
+        say, out, v = self._out.say, self._out, self._vector
+        factors = [self._name(factor) for factor in rows.factors]
+        label, count = f"rows{self._sums[rows.sums[0]]}", len(rows.sums)
+        say(f"  br label %{label}_enter")
+        say(f"{label}_enter:")
+        say(f"  br label %{label}")
+        say(f"{label}:")
+        say(f"  %{label}_row = phi i64 [ 0, %{label}_enter ], [ %{label}_next, %{label} ]")
+
+        def listed(what: str, places: Sequence[int]) -> str:
+            """Address of the number of this row whose place is in a list."""
+            table = f"@{label}_{what}"
+            bytes_of = ", ".join(f"i32 {place * self._alignment}" for place in places)
+            self._tables.append(f"{table} = internal constant [{count} x i32] [{bytes_of}]")
+            at = out(f"getelementptr inbounds [{count} x i32], ptr {table}, i64 0, i64 %{label}_row")
+            distance = out(f"zext i32 {out(f'load i32, ptr {at}')} to i64")
+            return out(f"getelementptr inbounds i8, ptr %held, i64 {distance}")
+
+        total = self._load(listed("starts", rows.starts)) if rows.starts else None
+        first = listed("places", rows.places)
+        for column, factor in zip(rows.columns, factors, strict=True):
+            number = self._load(out(f"getelementptr inbounds {v}, ptr {first}, i64 {column}"))
+            product = out(f"fmul {v} {number}, {factor}")
+            total = product if total is None else out(f"fadd {v} {total}, {product}")
+        into = out(f"getelementptr inbounds {v}, ptr {self._cell('%sums', self._sums[rows.sums[0]])}, i64 %{label}_row")
+        self._store(f"{total}", into)
+        say(f"  %{label}_next = add i64 %{label}_row, 1")
+        say(f"  %{label}_more = icmp slt i64 %{label}_next, {count}")
+        say(f"  br i1 %{label}_more, label %{label}, label %{label}_end")
+        say(f"{label}_end:")
 
     # memory
 
@@ -289,6 +338,8 @@ class Emitter:
             return self._load(self._place("person", self._persons[value]))
         if value in self._held:
             return self._load(self._cell("%held", self._held[value]))
+        if value in self._sums:
+            return self._load(self._cell("%sums", self._sums[value]))
         source, i = self._sources.get(value, ("slots", -1))
         match source:
             case "carry":
