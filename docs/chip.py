@@ -46,7 +46,7 @@ LEVELS = (RUN, 1000)
 A_PROGRAM = 4e9
 """Instructions that an emulated program may take: a minute, so that a busy machine does not exceed the longest time of
 a program, and not much is lost when the command is stopped."""
-SLOW, SOFT = 3e6, 30.0
+SLOW, SOFT = 3e6, {"cortex-m4f": 30.0, "rv32": 80.0}
 """Guesses: instructions of a step of a slow controller, and what float64 costs where the chip has only float32."""
 
 
@@ -69,8 +69,8 @@ class Case:
 
     def guess(self, chip):
         """Instructions of a step, roughly."""
-        soft = self.precision == "float64" and chip not in (HERE, "cortex-m7")
-        return (SLOW if CONTROLLERS[self.controller].slow else 5e3) * (SOFT if soft else 1.0)
+        soft = SOFT.get(chip, 1.0) if self.precision == "float64" else 1.0
+        return (SLOW if CONTROLLERS[self.controller].slow else 5e3) * soft
 
 
 def kept(case):
@@ -109,6 +109,7 @@ def compare(cases, samples):
     """Bring every cell to so many samples, slow ones last and by turns."""
     cells = [(case, chip) for case in cases for chip in (HERE, *CHIPS)]
     slow = [(case, chip) for case, chip in cells if case.guess(chip) > 2 * SLOW]
+    slow.sort(key=lambda cell: cell[0].guess(cell[1]))
     go_on([cell for cell in cells if cell not in slow], samples)
     for level in sorted({min(level, samples) for level in (*LEVELS, samples)}):
         go_on(slow, level)
