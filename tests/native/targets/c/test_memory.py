@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.native.targets.c.compact.memory import Array, mark, placed
+from glucoloop.native.targets.c.compact.values import View
 
 LINES = 8
 a_life = st.tuples(st.integers(1, 4), st.integers(0, LINES - 1), st.integers(0, LINES - 1))
@@ -61,3 +62,8 @@ def test_no_array_overwrites_another_that_is_still_needed(given_lives):
             other_size, other_first, other_last = lives[other]
             if other_first <= last and other_last >= first:
                 assert place[other] + other_size <= place[number] or place[number] + size <= place[other]
+
+
+def test_no_index_is_multiplied_by_one():
+    last_row_first = View("w", "real", (3, 2), (2, 1), number=0).reversed(0).reversed(1)
+    assert re.sub("§.*§", "5", last_row_first.element(["i1", "i2"])) == "w[-2 * i1 - i2 + 5]"

@@ -64,7 +64,9 @@ class View:
             parts.append(mark(self.number, self.base))
         elif self.base or not parts:
             parts.append(str(self.base))
-        return f"{self.array}[{' + '.join(parts).replace('+ -', '- ')}]"
+        # MISRA C:2012, rule 2.2: a factor of 1 does nothing.
+        index = " + ".join(parts).replace("+ -1 * ", "- ").replace("+ -", "- ")
+        return f"{self.array}[{index}]"
 
     def value(self, indices: Sequence[str] = ()) -> str:
         """The text by which an element is read."""
