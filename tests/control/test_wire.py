@@ -48,6 +48,12 @@ def test_number_is_taken_as_it_is(number):
     assert {float(leaf) for leaf in jax.tree.leaves(told)} == {1.0, 104.0}
 
 
+def test_a_time_of_day_is_passed_on_where_it_is_given():
+    assert seen().time_of_day_min is None
+    assert float(seen(time_of_day_min=420).time_of_day_min) == 420.0
+    assert math.isnan(seen(time_of_day_min="07:00").time_of_day_min)
+
+
 @pytest.mark.parametrize("number", [-5.0, 0, 2000, 1e300, 5e-324])
 def test_what_is_plausible_is_not_for_the_reader_to_say(number):
     told = seen(number)

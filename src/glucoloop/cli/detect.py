@@ -39,7 +39,7 @@ HELP: Final = (
     "  glucoloop detect --population parker2000 --people 100 --meals-per-h 0.1 --out people\n\n"
     "  glucoloop detect --config detect/detect.toml"
 )
-_NO_OPTIONS: Final = ("carb_error_pct", "carb_bias_pct", "start")
+_NO_OPTIONS: Final = ("carb_error_pct", "carb_bias_pct")
 """Keys that concern announced meals."""
 
 

@@ -9,7 +9,6 @@ from typing import Any, Final, Literal
 from glucoloop.cohorts.trial import Trial, usual_shard_people
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, label_of, refuse_foreign, refuse_idle, under_shared
 from glucoloop.config.checked import checked
-from glucoloop.config.clock_text import time_of_day_text
 from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.meal_text import meal_text, parse_meal
@@ -32,6 +31,7 @@ from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
+from glucoloop.registry.clock_text import time_of_day_text
 from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import refuse_unknown_keys

@@ -28,6 +28,7 @@ from glucoloop.estimation.unknown_meal import (
     design_meal_horizon,
     design_meal_kalman,
 )
+from glucoloop.estimation.unknown_meal.daily import earlier
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.meals.announced import Announced, announce, serve
@@ -100,6 +101,11 @@ class MealMPC:
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
+    @property
+    def needs_time_of_day(self) -> bool:
+        """Whether decisions depend on the time of day; without it meals are expected at the rate `meals_per_h`."""
+        return self.estimator.daily is not None
+
     def with_basal(self, insulin_mU_min: jax.Array) -> MealMPC:
         """The same controller for a person with the given basal rate.
 
@@ -154,9 +160,10 @@ class MealMPC:
             insulin_mU_min=rates[0],
             reported=reported[0],
             announced_carbs_g=announced[0],
+            time_of_day_min=self._time_of_reading(observation),
         )
         held, estimate = self.estimator.step(self.model, state.estimator, sensed)
-        told = self.expected.without(estimate, 1.0 - self.anticipation)
+        told = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
         now = self._to_this_sample(told, rates[1:], announced[1:])
         moves, converged = self._plan(now, told, state.planned, observation.setpoint_mg_dl, delivered)
 
@@ -173,6 +180,12 @@ class MealMPC:
         )
         wanted = jnp.where(sound, delivered + moves[0], jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged), estimate
+
+    def _time_of_reading(self, observation: Observation) -> jax.Array | None:
+        """Time of day of which the reading speaks, None if it is not known or makes no difference."""
+        if not self.needs_time_of_day or observation.time_of_day_min is None:
+            return None
+        return earlier(observation.time_of_day_min, self.dead_time_samples * self.sample_time_min)
 
     def _sample(self, at: _Ahead, insulin: jax.Array, goes_on: jax.Array) -> _Ahead:
         """One sample of a forecast; `goes_on` is the probability that a meal under way is still served in it."""
@@ -403,7 +416,9 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         case.nonlinear(),
         settings,
         case.limits,
-        habits=MealHabits(meals_per_h=settings.meals_per_h, mean_carbs_g=settings.mean_carbs_g),
+        habits=MealHabits(
+            meals_per_h=settings.meals_per_h, mean_carbs_g=settings.mean_carbs_g, by_time=settings.meals_by_time
+        ),
         estimator=settings.estimator,
         meal_horizon=settings.meal_horizon,
         disturbance_variance=settings.disturbance_variance,

@@ -239,6 +239,13 @@ class MealMPCSettings(MealTuning):
     meals_per_h: Annotated[
         float, About("Expected number of meals per hour; more is quicker and less certain.", above=0.0)
     ] = 0.57
+    meals_by_time: Annotated[
+        str,
+        About(
+            "Expected number of meals per hour by the time of day, in place of meals_per_h: values with the times from "
+            "which they hold, like '0.6@06:30 0.02@22:00', or 24 numbers, one for each hour; empty: always the same."
+        ),
+    ] = ""
     mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0)] = 24.0
     disturbance_variance: Annotated[
         float, About("Variance of the change of unexplained glucose per sample, (mg/min)².", at_least=0.0)

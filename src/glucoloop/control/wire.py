@@ -26,6 +26,7 @@ def observation(
     valid: object = True,
     number: object = None,
     read_t_min: object = None,
+    time_of_day_min: object = None,
 ) -> Observation:
     """Observation of one person from received values of any kind; never raises.
 
@@ -49,6 +50,8 @@ def observation(
         Number of the reading; see `timing.receive`.
     read_t_min : object
         Time at which the reading was taken [min].
+    time_of_day_min : object
+        Minutes after midnight at the reading, for a controller that goes by them.
 
     Returns
     -------
@@ -74,6 +77,7 @@ def observation(
         announced_carbs_g=jnp.asarray(carbs if carbs > 0.0 else 0.0),
         number=None if number is None else jnp.asarray(_number(number)),
         read_t_min=None if read_t_min is None else jnp.asarray(_number(read_t_min)),
+        time_of_day_min=None if time_of_day_min is None else jnp.asarray(_number(time_of_day_min)),
     )
 
 

@@ -167,6 +167,11 @@ def design_of(
     def designed(tuning: Mapping[str, Value]) -> Controller:
         settings = entry.values(tuning)
         controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
+        if situation.start_min is None and getattr(controller, "needs_time_of_day", False):
+            raise ValueError(
+                f"the controller {case.controller} is to go by the time of day, of which it is not told; "
+                "give the time at the start, like --start 06:00 (start in a file)"
+            )
         return with_guard(controller, case.guard, situation.limits)
 
     return designed

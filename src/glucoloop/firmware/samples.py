@@ -158,6 +158,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
         allow_unusual=True,
         key=seed,
         meal_model=situation.gut,
+        start_min=situation.start_min,
     )
 
 

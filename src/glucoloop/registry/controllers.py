@@ -149,9 +149,11 @@ CONTROLLERS: Final = Catalogue(
             estimator_settings=(
                 "meal_horizon",
                 "meals_per_h",
+                "meals_by_time",
                 "mean_carbs_g",
                 "disturbance_variance",
                 "measurement_variance",
+                "sensor_lag_min",
             ),
         ),
         ControllerEntry(

@@ -6,7 +6,6 @@ import functools
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from glucoloop.config.clock_text import parse_time_of_day
 from glucoloop.config.key import Key
 from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
 from glucoloop.plausible import (
@@ -22,6 +21,7 @@ from glucoloop.plausible import (
     SAMPLE_TIME,
     SETPOINT,
 )
+from glucoloop.registry.clock_text import parse_time_of_day
 from glucoloop.registry.faults import FAULTS
 from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
 from glucoloop.registry.pumps import PUMPS, USUAL_PUMP

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, shares
+from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.meals.stomach import Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -24,26 +25,35 @@ class Expectation:
 
     The noisier the sensor, the less do readings at rest say against a meal, and the fewer meals may be expected. So
     each value is there for each of the sizes of the sensor's error in `estimation.noise_level`, on its first axis.
+    Where the rate of meals depends on the time of day, an axis of the rates comes before it.
     """
 
     eating: jax.Array
     x: jax.Array
     """State, as its difference from the model's rest."""
     stomach: Stomach
+    daily: DailyRates | None = None
 
-    def _at(self, noise_mg_dl: jax.Array) -> Expectation:
-        share = shares(noise_mg_dl)
-        here: Expectation = jax.tree.map(lambda leaf: jnp.tensordot(share, leaf, axes=1), self)
+    def _at(self, noise_mg_dl: jax.Array, time_of_day_min: jax.Array | None) -> Expectation:
+        share, now = shares(noise_mg_dl), self
+        if self.daily is not None:
+            now = self.daily.at(dataclasses.replace(self, daily=None), time_of_day_min)
+        here: Expectation = jax.tree.map(lambda leaf: jnp.tensordot(share, leaf, axes=1), now)
         return here
 
-    def without(self, estimate: MealEstimate, taken: jax.Array | float = 1.0) -> MealEstimate:
+    def without(
+        self,
+        estimate: MealEstimate,
+        taken: jax.Array | float = 1.0,
+        time_of_day_min: jax.Array | None = None,
+    ) -> MealEstimate:
         """Estimate without a share `taken` of the meal that is always expected.
 
         Expecting a little of a meal at every sample would hold glucose a little below the setpoint. The expectation is
         removed in proportion to the probability that there is no meal: all of it at rest, and nothing during a meal
         that is certain.
         """
-        here = self._at(estimate.noise_mg_dl)
+        here = self._at(estimate.noise_mg_dl, time_of_day_min)
         share = taken * (1.0 - estimate.eating) / (1.0 - here.eating)
         return dataclasses.replace(
             estimate,
@@ -55,9 +65,19 @@ class Expectation:
 
 def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
     """Expectation of an estimator whose readings are, sample by sample, those that it predicts for a person at rest."""
-    each = [_settled(estimator.at_noise(deviation), model) for deviation in LEVELS_MG_DL]
-    last: MealEstimate = jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
-    return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach)
+    each = [_at_levels(one, model) for one in estimator.at_each_rate()]
+    last = each[0] if estimator.daily is None else _stacked(each)
+    return Expectation(eating=last.eating, x=last.x - model.state, stomach=last.stomach, daily=estimator.daily)
+
+
+def _at_levels(estimator: MealEstimator, model: FedModel) -> MealEstimate:
+    """Last estimates at rest, for each size of the sensor's error."""
+    return _stacked([_settled(estimator.at_noise(deviation), model) for deviation in LEVELS_MG_DL])
+
+
+def _stacked(estimates: list[MealEstimate]) -> MealEstimate:
+    stacked: MealEstimate = jax.tree.map(lambda *leaves: jnp.stack(leaves), *estimates)
+    return stacked
 
 
 @jax.jit

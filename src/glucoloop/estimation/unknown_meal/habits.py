@@ -6,13 +6,16 @@ import math
 from dataclasses import dataclass
 
 from glucoloop.arguments import checked
+from glucoloop.estimation.unknown_meal.daily import DailyRates, daily_rates
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
+from glucoloop.registry.clock_text import time_of_day_text
+from glucoloop.registry.daily_text import DailyValues, parse_daily
 
 
 @checked
 @dataclass(frozen=True)
 class MealHabits:
-    """Prior of meals: they begin with the same probability at any time, and so do they end once they have begun.
+    """Prior of meals: how often they begin, which may depend on the time of day, and how soon they end.
 
     Parameters
     ----------
@@ -20,25 +23,73 @@ class MealHabits:
         Expected number of meals in an hour, above 0. A higher figure makes an estimator quicker and less certain.
     mean_carbs_g : float
         Mean size, above 0.
+    by_time : str
+        Expected number of meals in an hour by the time of day, where it is known, in place of `meals_per_h`: values and
+        times like ``"0.6@06:30 0.02@22:00"``, each from its time on, or 24 numbers, one for each hour from midnight on.
+        ``""``: the same at all times.
 
     Raises
     ------
     ValueError
-        Outside these bounds.
+        Outside these bounds, or for a text that is no table of a day.
+
+    Examples
+    --------
+    >>> MealHabits(by_time="0.6@06:30 0.02@22:00").rates_per_h
+    (0.57, 0.02, 0.6)
     """
 
     meals_per_h: float = 0.57
     mean_carbs_g: float = 24.0
+    by_time: str = ""
 
     def __post_init__(self) -> None:
         for value, what in ((self.meals_per_h, "meals per hour"), (self.mean_carbs_g, "g of a mean meal")):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{value:g} {what} are not possible; give a finite value above 0")
+        for start_min, value in self._by_time:
+            if not value > 0.0:
+                raise ValueError(
+                    f"{value:g} meals per hour from {time_of_day_text(start_min)} on are not possible; give a finite "
+                    "value above 0, like 0.01 where hardly anybody eats"
+                )
+
+    @property
+    def _by_time(self) -> DailyValues:
+        if not self.by_time:
+            return ()
+        try:
+            return parse_daily(self.by_time)
+        except ValueError as error:
+            raise ValueError(f"meals by the time of day cannot be read: {error}") from None
+
+    @property
+    def rates_per_h(self) -> tuple[float, ...]:
+        """Expected numbers of meals in an hour that occur: `meals_per_h`, and those of `by_time`."""
+        return self._daily[1]
+
+    @property
+    def daily(self) -> DailyRates | None:
+        """Periods of the day with their rates among `rates_per_h`; None if the rate is the same at all times."""
+        return self._daily[0]
+
+    @property
+    def _daily(self) -> tuple[DailyRates | None, tuple[float, ...]]:
+        by_time = self._by_time
+        return daily_rates(by_time, self.meals_per_h) if by_time else (None, (self.meals_per_h,))
 
     def begins(self, sample_time_min: float) -> float:
-        """Probability that a meal begins in a sample."""
-        return -math.expm1(-self.meals_per_h * sample_time_min / 60.0)
+        """Probability that a meal begins in a sample, at a time of day that is not known."""
+        return _begins(self.meals_per_h, sample_time_min)
+
+    def begins_at_rates(self, sample_time_min: float) -> tuple[float, ...]:
+        """Probability that a meal begins in a sample, for each of `rates_per_h`."""
+        return tuple(_begins(rate, sample_time_min) for rate in self.rates_per_h)
 
     def ends(self, sample_time_min: float) -> float:
         """Probability that a meal under way ends in a sample."""
         return -math.expm1(-SERVED_G_PER_MIN * sample_time_min / self.mean_carbs_g)
+
+
+def _begins(meals_per_h: float, sample_time_min: float) -> float:
+    return -math.expm1(-meals_per_h * sample_time_min / 60.0)

@@ -16,7 +16,7 @@ A. H. Jazwinski, Stochastic Processes and Filtering Theory, Academic Press, 1970
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
+from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -75,6 +76,12 @@ class MealKalman:
     ends: jax.Array
     """Probability that a meal ends in a sample."""
     waking: Waking
+    daily: ClassVar[DailyRates | None] = None
+    """Rates of meals by the time of day: none, for the filter has no prior of meals."""
+
+    def at_each_rate(self) -> tuple[MealKalman, ...]:
+        """The same filter: it has no rate of meals."""
+        return (self,)
 
     def at_noise(self, deviation_mg_dl: float) -> MealKalman:
         """The same filter: it takes all noise for white."""

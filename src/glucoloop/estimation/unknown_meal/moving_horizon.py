@@ -43,6 +43,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
+from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -103,7 +104,7 @@ class MealHorizon:
     largest_disturbance_mg_min: jax.Array | float
     """Largest disturbance that is believed, to either side."""
     begins: jax.Array
-    """(levels,) probability that a meal begins in a sample, for each of `LEVELS_MG_DL`."""
+    """(levels,) probability that a meal begins in a sample, for each of `LEVELS_MG_DL`, or (rates, levels)."""
     ends: jax.Array
     """Probability that a meal under way ends in a sample."""
     ends_unseen: jax.Array | float
@@ -113,11 +114,20 @@ class MealHorizon:
     returns: jax.Array | float
     """Probability that insulin arrives again in a sample."""
     waking: Waking
+    daily: DailyRates | None = None
+    """Rates of meals by the time of day, or None for one rate."""
     horizon: int = static()
+
+    def at_each_rate(self) -> tuple[MealHorizon, ...]:
+        """The same estimator at each of its rates of meals, held all day; itself alone where there is one."""
+        if self.daily is None:
+            return (self,)
+        return tuple(dataclasses.replace(self, begins=begins, daily=None) for begins in self.begins)
 
     def at_noise(self, deviation_mg_dl: float) -> MealHorizon:
         """The same estimator for a sensor whose correlated error has a known standard deviation."""
-        begins = jnp.broadcast_to(jnp.sum(shares(jnp.asarray(deviation_mg_dl)) * self.begins), self.begins.shape)
+        begins = jnp.sum(shares(jnp.asarray(deviation_mg_dl)) * self.begins, axis=-1, keepdims=True)
+        begins = jnp.broadcast_to(begins, self.begins.shape)
         return dataclasses.replace(self, filters=self.filters.fixed(deviation_mg_dl), begins=begins)
 
     def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
@@ -143,7 +153,8 @@ class MealHorizon:
         announced, served = serve(state.announced, model.sample_time_min)
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
         # being served an announced meal does not begin another one.
-        usual = jnp.sum(shares(state.noise_mg_dl) * self.begins)
+        at_levels = self.begins if self.daily is None else self.daily.at(self.begins, sensed.time_of_day_min)
+        usual = jnp.sum(shares(state.noise_mg_dl) * at_levels)
         begins = jnp.where(sensed.known & (served == 0.0), usual, 0.0)
         ends = jnp.where(sensed.known, self.ends, self.ends_unseen)
         fails = jnp.where(sensed.reported, self.fails, _FAILS_UNREPORTED)
@@ -333,14 +344,16 @@ def design_meal_horizon(
     Q = np.zeros((n + 1, n + 1))
     Q[n, n] = disturbance_variance
     h = model.sample_time_min
+    begins = np.outer(habits.begins_at_rates(h), np.exp(-noise_patience * np.asarray(LEVELS_MG_DL)))
     return MealHorizon(
         filters=noisy_filters(linear.Phi, linear.C, Q, measurement_variance, pace=noise_pace),
         largest_disturbance_mg_min=largest_disturbance_mg_min,
-        begins=jnp.asarray(habits.begins(h) * np.exp(-noise_patience * np.asarray(LEVELS_MG_DL))),
+        begins=jnp.asarray(begins[0] if habits.daily is None else begins),
         ends=jnp.asarray(habits.ends(h)),
         ends_unseen=jnp.asarray(max(ends_unseen, habits.ends(h))),
         fails=-math.expm1(-failures_per_h * h / 60.0),
         returns=-math.expm1(-h / failure_min),
         waking=waking(linear, measurement_variance),
+        daily=habits.daily,
         horizon=horizon,
     )

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import jax
 
 from glucoloop._pytree import pytree
+from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.meals.announced import Announced
 from glucoloop.meals.stomach import Stomach
 from glucoloop.models.nonlinear import FedModel
@@ -49,10 +50,21 @@ class Sensed:
     """Whether the pump has reported that rate."""
     announced_carbs_g: jax.Array
     """Carbohydrate of an announced meal that begins during the coming sample."""
+    time_of_day_min: jax.Array | None = None
+    """Minutes after midnight at the reading, or None if they are not known or make no difference."""
 
 
 class MealEstimator(Protocol):
     """Estimator from readings to meals. It is designed once; `step` never raises. The state is any pytree."""
+
+    @property
+    def daily(self) -> DailyRates | None:
+        """Rates of meals by the time of day, None for an estimator on which the time makes no difference."""
+        ...
+
+    def at_each_rate(self) -> tuple[MealEstimator, ...]:
+        """The same estimator at each of its rates of meals, held all day; itself alone where there is one."""
+        ...
 
     def at_noise(self, deviation_mg_dl: float) -> MealEstimator:
         """The same estimator for a sensor whose correlated error has a known standard deviation."""

@@ -13,7 +13,9 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
+from glucoloop.meals.scenario import check_time_of_day
 from glucoloop.models.nonlinear import FedModel
+from glucoloop.units import MIN_PER_DAY
 
 _ON_GRID = 1e-6  # of a sample; times nearer than this are the same time
 
@@ -49,6 +51,7 @@ def replay(
     announced_g: jax.Array,
     initial_insulin_mU_min: jax.Array,
     dead_time_samples: int = 0,
+    start_min: jax.Array | float | None = None,
 ) -> MealEstimates:
     """Estimates along a record; JAX can trace this function and map it over people.
 
@@ -67,18 +70,22 @@ def replay(
         Rate under which the person rested before.
     dead_time_samples : int
         Delay of the readings. Each estimate is of the moment at which its reading was taken.
+    start_min : () array, optional
+        Time of day at which the times are 0, in minutes after midnight; None if it is not known.
     """
     late, samples = dead_time_samples, t_min.shape[0]
     initial = jnp.asarray(initial_insulin_mU_min, float)
     since = jnp.concatenate([jnp.broadcast_to(initial, (1 + late,)), insulin_mU_min])[:samples]
     announced = jnp.concatenate([jnp.zeros(late), announced_g])[:samples]
     known = jnp.isfinite(readings_mg_dl)
+    clock = None if start_min is None else (start_min + t_min - late * model.sample_time_min) % MIN_PER_DAY
     sensed = Sensed(
         glucose_mg_dl=jnp.where(known, readings_mg_dl, 0.0),
         known=known,
         insulin_mU_min=since,
         reported=jnp.ones(samples, bool),
         announced_carbs_g=announced,
+        time_of_day_min=clock,
     )
 
     def one(state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
@@ -119,6 +126,7 @@ def estimate_meals(
     *,
     initial_insulin_mU_min: float | None = None,
     dead_time_samples: int = 0,
+    start_min: float | None = None,
 ) -> MealEstimates:
     """Estimate the meals in a record of readings and doses.
 
@@ -141,6 +149,9 @@ def estimate_meals(
         Rate under which the person rested before the first sample; the model's own by default.
     dead_time_samples : int
         Delay of the readings. Each estimate is of the moment at which its reading was taken.
+    start_min : float, optional
+        Time of day at which `t_min` is 0, in minutes after midnight, for habits that depend on it; not known by
+        default.
 
     Returns
     -------
@@ -150,7 +161,7 @@ def estimate_meals(
     ------
     ValueError
         For columns that differ in length or hold nothing, times that are not the sample time apart, a rate or an
-        amount that is negative or no number, or a negative dead time.
+        amount that is negative or no number, a negative dead time, or a start that is no time of day.
 
     Examples
     --------
@@ -179,6 +190,8 @@ def estimate_meals(
         raise ValueError(
             f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
         )
+    if start_min is not None:
+        check_time_of_day(start_min)
     _refuse_times(times, model.sample_time_min)
     initial = float(model.insulin_mU_min) if initial_insulin_mU_min is None else float(initial_insulin_mU_min)
     _refuse_amounts("an insulin rate", "mU/min", np.append(initial, insulin[:-1]))
@@ -192,6 +205,7 @@ def estimate_meals(
         jnp.asarray(announced),
         jnp.asarray(initial),
         dead_time_samples=dead_time_samples,
+        start_min=start_min,
     )
     return told
 

@@ -210,6 +210,7 @@ class Estimator:
         if not isinstance(controller, HoldsEstimator):
             raise TypeError(f"{ESTIMATING.name} of the catalogue holds no estimator of meals")
         self._controller = controller
+        self._start_min = trial.start_min
         self._t_min, self._late = jnp.asarray(grid.t_min), trial.dead_time_samples if known else 0
 
     def over(self, days: Days, *, size: int) -> MealEstimates:
@@ -224,6 +225,7 @@ class Estimator:
                 jnp.asarray(days.basal_insulin_mU_min[place]),
                 jnp.asarray(days.reading_mg_dl[:, place]),
                 jnp.asarray(rates[:, place]),
+                self._start_min,
                 late=self._late,
             )
             asked: MealEstimates = jax.tree.map(lambda leaf: np.asarray(leaf)[..., :n], told)
@@ -232,13 +234,20 @@ class Estimator:
 
 @functools.partial(jax.jit, static_argnames="late")
 def _of_days(
-    controller: HoldsEstimator, t_min: jax.Array, basal: jax.Array, readings: jax.Array, insulin: jax.Array, late: int
+    controller: HoldsEstimator,
+    t_min: jax.Array,
+    basal: jax.Array,
+    readings: jax.Array,
+    insulin: jax.Array,
+    start_min: float | None,
+    late: int,
 ) -> MealEstimates:
     """Estimates of the controller's estimator, with each person's basal rate, along days that trail."""
 
     def of_day(basal: jax.Array, readings: jax.Array, insulin: jax.Array) -> MealEstimates:
         own = controller.with_basal(basal)
-        return replay(own.model, own.estimator, t_min, readings, insulin, jnp.zeros_like(readings), basal, late)
+        none = jnp.zeros_like(readings)
+        return replay(own.model, own.estimator, t_min, readings, insulin, none, basal, late, start_min)
 
     told: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
     return told
