@@ -25,15 +25,18 @@ import { whyView } from "./views/why.mjs";
 const { unpacked, worker } = /** @type {any} */ (globalThis);
 /** When the controls and the link follow the picture. */
 const LATER_MS = 60;
+/** When the workers are made, so that they are there when people are asked for. */
+const WORKERS_MS = 1500;
 
 export async function start() {
   fillTexts();
   const { content: version } = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=glucoloop-version]"));
-  const [module, packed] = await Promise.all([unpacked("module"), unpacked("data")]);
+  const [module, packed] = await Promise.all([unpacked("module").then((bytes) => WebAssembly.compile(/** @type {BufferSource} */ (bytes))), unpacked("data")]);
   /** @type {import("./situation.mjs").Data} */
   const data = JSON.parse(new TextDecoder().decode(packed));
   const session = new Session(new Lab(await load(module, "float64"), data), data, version);
-  const tryOnPeople = crowdView(session, new Many({ module, data }, worker));
+  const many = new Many({ module, data }, worker);
+  const tryOnPeople = crowdView(session, many);
   lessonsView();
   folderView(session);
   /** What follows a control at the next frame, and what may come a moment later. */
@@ -102,6 +105,7 @@ export async function start() {
     setTimeout(() => {
       showRest();
       document.documentElement.dataset.ready = "true";
+      setTimeout(() => many.begun(), WORKERS_MS);
     });
   });
 }

@@ -9,10 +9,13 @@ import { LoopOfVector } from "./loop.mjs";
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
 
-/** People whom a worker simulates before it tells of them, and those whom the page does between two answers. */
-const AT_A_TIME = 24;
+/** The most people whom a worker simulates before it tells of them, and those whom the page does between two answers. */
+const AT_A_TIME = 64;
 const FEW = 8;
 const MOST_WORKERS = 8;
+/** Turns that each worker has at least, so that all end at the same time; people in a turn are a multiple of a vector's. */
+const TURNS = 6;
+const MULTIPLE = 4;
 
 /**
  * Normal numbers of the noise of a person's sensor: the page has those of ten seeds, which people share.
@@ -59,20 +62,25 @@ export function some(lab, people, situation, first, count) {
 /** Simulates people; what is asked last is done, and what was asked before is left. */
 export class Many {
   /**
-   * @param {{module: Uint8Array, data: Data}} given to each worker
+   * @param {{module: WebAssembly.Module, data: Data}} given to each worker
    * @param {() => Worker} worker makes one, or throws
    */
   constructor(given, worker) {
     this.given = given;
     this.make = worker;
-    /** @type {Worker[] | null} */
-    this.workers = null;
+    /** @type {Promise<Worker[]> | null} */
+    this.making = null;
+    /** Whether workers simulate. */
+    this.working = false;
     this.asked = 0;
   }
 
-  /** Workers, made at the first need; none if the browser refuses them. */
-  async begun() {
-    if (this.workers !== null) return this.workers;
+  /** Workers, made once; none if the browser refuses them. @returns {Promise<Worker[]>} */
+  begun() {
+    return (this.making ??= this.makeWorkers());
+  }
+
+  async makeWorkers() {
     const { given, make } = this;
     const count = Math.min(MOST_WORKERS, globalThis.navigator?.hardwareConcurrency ?? 2);
     /** @param {unknown} _ @returns {Promise<Worker>} */
@@ -84,11 +92,10 @@ export class Many {
         worker.postMessage(given);
       });
     try {
-      this.workers = await Promise.all(Array.from({ length: count }, made));
+      return await Promise.all(Array.from({ length: count }, made));
     } catch {
-      this.workers = [];
+      return [];
     }
-    return this.workers;
   }
 
   /**
@@ -102,12 +109,18 @@ export class Many {
     const own = ++this.asked;
     const { sample_time_min } = this.given.data;
     const crowd = new Crowd(count, Math.round(situation.duration_min / sample_time_min), sample_time_min);
-    let [next, done] = [0, 0];
-    /** @param {number} size @param {(first: number, count: number) => Promise<Crowd>} simulated */
-    const work = async (size, simulated) => {
-      while (next < count && own === this.asked) {
-        const first = next;
-        next += size;
+    const workers = await this.begun();
+    this.working = workers.length > 0;
+    const size = this.working ? MULTIPLE * Math.ceil(Math.min(AT_A_TIME, count / (TURNS * workers.length)) / MULTIPLE) : FEW;
+    /** Who is left of the people of each worker: always the same, so that it need not draw others the next time. */
+    const left = Array.from({ length: Math.max(1, workers.length) }, () => /** @type {number[]} */ ([]));
+    for (let first = 0; first < count; first += size) left[(first / size) % left.length].push(first);
+    let done = 0;
+    /** @param {number[]} turns @param {(first: number, count: number) => Promise<Crowd>} simulated */
+    const work = async (turns, simulated) => {
+      while (own === this.asked) {
+        const first = turns.shift() ?? left.reduce((most, other) => (other.length > most.length ? other : most)).pop();
+        if (first === undefined) return;
         const part = await simulated(first, Math.min(size, count - first));
         if (own !== this.asked) return;
         crowd.join(part, first);
@@ -115,11 +128,10 @@ export class Many {
         progress(done);
       }
     };
-    const workers = await this.begun();
-    if (workers.length) await Promise.all(workers.map((worker) => work(AT_A_TIME, (first, count) => answered(worker, { situation, first, count }))));
-    else {
+    await Promise.all(workers.map((worker, i) => work(left[i], (first, count) => answered(worker, { situation, first, count }))));
+    if (!this.working) {
       const { lab, people } = here();
-      await work(FEW, async (first, count) => {
+      await work(left[0], async (first, count) => {
         await new Promise((resolve) => setTimeout(resolve));
         return some(lab, people, situation, first, count);
       });

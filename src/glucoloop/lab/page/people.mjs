@@ -44,18 +44,20 @@ export function uniform(seed, word, person) {
 }
 
 /**
- * The product of square matrices, row by row.
+ * The product of square matrices, row by row. What is zero in the first, as most of a chain of compartments, costs nothing.
  * @param {Float64Array} a
  * @param {Float64Array} b
  * @param {number} size
  * @param {Float64Array} into neither of the two
  */
 function product(a, b, size, into) {
-  for (let i = 0; i < size; i++)
-    for (let j = 0; j < size; j++) {
-      let sum = 0;
-      for (let k = 0; k < size; k++) sum += a[i * size + k] * b[k * size + j];
-      into[i * size + j] = sum;
+  into.fill(0);
+  for (let row = 0; row < a.length; row += size)
+    for (let k = 0; k < size; k++) {
+      const factor = a[row + k];
+      if (factor === 0) continue;
+      const from = k * size;
+      for (let j = 0; j < size; j++) into[row + j] += factor * b[from + j];
     }
 }
 
@@ -69,7 +71,9 @@ export function driven(rates, { step_min, doublings, path }) {
   const size = rates[0].length;
   const all = size * size;
   const matrix = () => new Float64Array(all);
-  const X = Float64Array.from({ length: all }, (_, i) => (rates[Math.floor(i / size)]?.[i % size] ?? 0) * (step_min / 2 ** doublings));
+  const X = matrix();
+  rates.forEach((line, i) => X.set(line, i * size));
+  for (let i = 0; i < all; i++) X[i] *= step_min / 2 ** doublings;
   let [power, next] = [matrix(), matrix()];
   for (let i = 0; i < size; i++) power[i * (size + 1)] = 1;
   /** e^X, and the moments of the path, by Taylor's series. */
@@ -102,9 +106,10 @@ export function driven(rates, { step_min, doublings, path }) {
   const entries = size * (size - 1);
   const found = new Float64Array(4 * entries);
   found.set(E.subarray(0, entries));
-  path.forEach(([of0, of1, of2], row) => {
+  for (let row = 0; row < path.length; row++) {
+    const [of0, of1, of2] = path[row];
     for (let i = 0; i < entries; i++) found[(row + 1) * entries + i] = of0 * m0[i] + of1 * m1[i] + of2 * m2[i];
-  });
+  }
   return found;
 }
 
@@ -193,7 +198,7 @@ class Rest {
       const gap = into[lane];
       for (let i = 0; i < states; i++) gap[i] = carry[i * lanes + lane] / scale[i] - unknowns[lane][i];
       gap[states] = outputs[lane] / nominal.setpoint_mg_dl - 1;
-      for (let i = 0; i < size; i++) largest = Math.max(largest, Math.abs(gap[i]));
+      for (let i = 0; i < size; i++) if (!(Math.abs(gap[i]) <= largest)) largest = Math.abs(gap[i]);
     }
     return largest;
   }
@@ -217,7 +222,7 @@ class Rest {
       }
     }
     people.forEach((person, lane) => {
-      person.x = Float64Array.from({ length: size - 1 }, (_, i) => unknowns[lane][i] * scale[i]);
+      person.x = unknowns[lane].slice(0, size - 1).map((value, i) => value * scale[i]);
       person.basal_insulin_mU_min = unknowns[lane][size - 1] * scale[size - 1];
       // The basal rate is the last but one number of a patient, the setpoint the last.
       /** @type {number[]} */ (person.numbers)[person.numbers.length - 2] = person.basal_insulin_mU_min;
@@ -247,10 +252,14 @@ function update(H, m, t) {
   const row = new Float64Array(n);
   let length = 0;
   for (let i = 0; i < n; i++) {
-    length += m[i] * (m[i] - t[i]);
-    for (let j = 0; j < n; j++) row[j] += m[i] * H[i * n + j];
+    const [move, at] = [m[i], i * n];
+    length += move * (move - t[i]);
+    for (let j = 0; j < n; j++) row[j] += move * H[at + j];
   }
-  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) H[i * n + j] += (t[i] * row[j]) / length;
+  for (let i = 0; i < n; i++) {
+    const [left, at] = [t[i], i * n];
+    for (let j = 0; j < n; j++) H[at + j] += (left * row[j]) / length;
+  }
 }
 
 /** Inverse of a matrix that is given by its columns. @param {Float64Array[]} columns @returns {Float64Array} row by row */

@@ -49,7 +49,7 @@ export function crowdView(session, many) {
     byId("people-box").hidden = false;
     session.changed();
     const told = texts.peopleTold(count, score.people_below_70, score.people_below_54);
-    say(many.workers?.length ? told : `${told} ${texts.noWorkers}`);
+    say(many.working ? told : `${told} ${texts.noWorkers}`);
   }
 
   /** @param {typeof tried[number]} of */

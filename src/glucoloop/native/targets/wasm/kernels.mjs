@@ -189,11 +189,11 @@ export class Kernels {
 }
 
 /**
- * @param {Uint8Array} module
+ * @param {Uint8Array | WebAssembly.Module} module its bytes, or what they were compiled to elsewhere
  * @param {"float64" | "float32"} precision
  * @returns {Promise<Kernels>}
  */
 export async function load(module, precision) {
-  const { instance } = await WebAssembly.instantiate(/** @type {BufferSource} */ (module), {});
-  return new Kernels(instance, precision);
+  const compiled = module instanceof WebAssembly.Module ? module : await WebAssembly.compile(/** @type {BufferSource} */ (module));
+  return new Kernels(await WebAssembly.instantiate(compiled, {}), precision);
 }
