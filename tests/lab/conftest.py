@@ -9,6 +9,7 @@ import pytest
 
 from glucoloop.lab.pack import DATA, PAGE
 from glucoloop.native.targets.wasm.module import HOST
+from glucoloop.registry.faults import fault, fault_entry
 
 NODE = shutil.which("node")
 
@@ -49,14 +50,31 @@ FAULTS = {
     ("mpc-se", True): ("stuck", "compression", "battery"),
 }
 """Faults that the loops with each controller may have, the first innermost."""
+OTHERS = {
+    ("pid", False): ("missing", "late", "missed-pulses"),
+    ("imc", False): ("out-of-order", "repeated", "spikes", "battery"),
+}
+"""Faults in the place of some of these, drawn apart, so that nothing else of the corpus depends on them."""
+PROGRAM = {"late": {"delay_min": 20.0}, "out-of-order": {"among": 5}}
+"""Settings that are part of a loop's program in glucoloop."""
 NOTICED = ("mpc", True)
 """Loops whose pump reports an occlusion."""
 
 
 @pytest.fixture(scope="session")
 def loops_faults():
-    """Names of the faults of the loops with each controller, guarded or not, and whether an occlusion is reported."""
-    return {which: (names, which == NOTICED) for which, names in FAULTS.items()}
+    """Faults of the loops with each controller, guarded or not, with the settings by which they do nothing."""
+
+    def idle(name, noticed):
+        never = (
+            {"noticed": True} if noticed and name == "occlusion" else {"share": 0.0} if name == "missed-pulses" else {}
+        )
+        return {**fault_entry(name).idle, **PROGRAM.get(name, {}), **never}
+
+    return {
+        which: [fault(name, idle(name, which == NOTICED)) for name in names]
+        for which, names in {**FAULTS, **OTHERS}.items()
+    }
 
 
 @pytest.fixture(scope="session")
@@ -107,6 +125,12 @@ def corpus(data):
                 "duration_min": 600.0,
             }
         )
+    rng = np.random.default_rng(18)
+    for situation in found:
+        names = OTHERS.get((situation["controller"], situation["guard"]))
+        if names is not None:
+            chosen = [name for name in names if rng.integers(2)]
+            situation["faults"] = [faulty(name, data["faults"][name], rng, False) for name in chosen]
     return found
 
 
@@ -117,19 +141,19 @@ def drawn(setting, rng):
     return round(value) if setting["whole"] else round(value, 2)
 
 
-def faulty(name, entry, rng, noticed):
+def faulty(entry_name, entry, rng, noticed):
     """A fault with times and settings of its own."""
     settings = {
         name: drawn(setting, rng)
         for name, setting in entry["settings"].items()
         if name != "noticed" and rng.integers(2)
-    }
+    } | PROGRAM.get(entry_name, {})
     if "noticed" in entry["settings"] and noticed:
         settings["noticed"] = True
     lasting = float(rng.integers(5, 240)) if rng.integers(4) else None
     start = float(rng.integers(0, 480)) if entry["timed"] else 0.0
     return {
-        "name": name,
+        "name": entry_name,
         "start_min": start,
         "duration_min": lasting if entry["timed"] else None,
         "settings": settings,

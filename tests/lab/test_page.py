@@ -60,7 +60,15 @@ def test_every_module_is_in_the_file(text):
     assert set(re.findall(r' = need\("([\w-]+)"\);$', program, re.M)) <= set(there)
 
 
-@pytest.mark.parametrize("line", ['import "./other.mjs";', "export default 3;", 'import * as all from "./a.mjs";'])
+@pytest.mark.parametrize(
+    "line",
+    [
+        'import "./other.mjs";',
+        "export default 3;",
+        'import * as all from "./a.mjs";',
+        'import { a as b } from "./a.mjs";',
+    ],
+)
 def test_an_import_or_export_of_another_form_is_refused(line):
     with pytest.raises(ValueError, match=r"^own\.mjs has .*; name what is imported or exported$"):
         _as_function(f"const a = 1;\n{line}\n", Path("own.mjs"))

@@ -95,7 +95,7 @@ console.log(JSON.stringify({ whole: of(whole), joined: of(joined), drawn: words.
 
 @pytest.mark.skipif(NODE is None, reason="needs node")
 def test_parts_join_and_people_are_drawn_as_in_python():
-    modules = [(PAGE / name).as_uri() for name in ("crowd.mjs", "people.mjs")]
+    modules = [(PAGE / name).as_uri() for name in ("crowd.mjs", "threefry.mjs")]
     command = [NODE, "--input-type=module", "-e", JOINED, *modules]
     found = json.loads(subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout)
     assert found["joined"] == found["whole"]

@@ -7,15 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Observation
 from glucoloop.lab.body import SAMPLE_TIME_MIN, STEP_MIN, STEPS
-from glucoloop.lab.devices import _Passed, part_name
+from glucoloop.lab.devices import _Passed, fault_parts, part_name
 from glucoloop.lab.parts import GUARDED
 from glucoloop.native.interpreter import Interpreter
 
 OBSERVED = [field.name for field in dataclasses.fields(Observation)][:5]
 NO_DRAW = 0.5
 """What stands for the draw of an onset that is given."""
+OF_PUMP = 0x50554D50
+"""Number by which `simulation.loop` sets the pump's draws apart."""
 TRACED = ("glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status")
 
 
@@ -119,7 +122,11 @@ class Loops:
     """
 
     def __init__(self, parts, data, situations, answers, around, faults):
-        self.parts, self.situations = parts, situations
+        # The page has one function for all late readings, glucoloop one for each delay and choice.
+        apart = (fault_parts(fault) for fault in faults if fault.name in ("late", "out-of-order"))
+        self.parts = {**parts, **{name: part for of in apart for name, part in of.items()}}
+        self.situations, parts = situations, self.parts
+        self.keys = [jax.random.split(random_key(of["seed"]))[1] for of in situations]
         patients = [data["patients"][situation["patient"]] for situation in situations]
         family, first = patients[0]["family"], situations[0]
         name = first["controller"].replace("-", "_") + (GUARDED if first["guard"] else "")
@@ -150,6 +157,14 @@ class Loops:
         self.basal = np.array([of["basal_insulin_mU_min"] for of in patients])
         self.setpoint = np.array([of["setpoint_mg_dl"] for of in patients])
 
+    def draws(self, part, keys):
+        """Numbers that a part draws at each sample, ``(samples, numbers, situations)``."""
+        if "drawn" not in part.names["own"]:
+            return np.zeros((self.samples, 0, len(keys)))
+        drawing, samples = part.lowered.drawing, jnp.arange(self.samples)
+        each = [jax.vmap(lambda k, key=key: jnp.stack(drawing(jax.random.fold_in(key, k))))(samples) for key in keys]
+        return np.stack([np.asarray(numbers) for numbers in each], axis=-1)
+
     def samples_of(self, made, moved):
         """Generator that asks for the patients after each step, and returns the trace; see `traces_of`."""
         parts = self.parts
@@ -159,6 +174,8 @@ class Loops:
         waking = [portable(parts[f"{name}_start"]) for name, _ in self.faults]
         faulty = [portable(parts[name]) for name, _ in self.faults]
         draw = np.full(self.basal.size, NO_DRAW)
+        draws = [self.draws(parts[name], self.keys) for name, _ in self.faults]
+        pulses = self.draws(parts[self.pump], [jax.random.fold_in(key, OF_PUMP) for key in self.keys])
         x, glucose, reported = self.x * (1.0 + moved), self.glucose * (1.0 + moved), self.basal
 
         def awake():
@@ -173,8 +190,8 @@ class Loops:
             reading = noise(self.of_noise, None, own)[1][0]
             line, (reading, valid) = [*line, reading], (line[0] if line else reading, np.ones_like(glucose))
             after = []
-            for (_, numbers), show, state in zip(self.faults, faulty, states, strict=True):
-                state, (reading, valid) = show(numbers, state, np.array([reading, valid]))
+            for (_, numbers), show, state, drawn in zip(self.faults, faulty, states, draws, strict=True):
+                state, (reading, valid) = show(numbers, state, np.array([reading, valid, *drawn[k]]))
                 after.append(state)
             return after, line[1:], reading, valid
 
@@ -193,7 +210,7 @@ class Loops:
         for k in range(self.samples):
             states, line, reading, valid = read(k, states, line)
             memory, decision = decide(self.of_controller, memory, observed(reading, valid))
-            in_pump, (insulin, reported, status) = pump(self.of_pump, in_pump, decision)
+            in_pump, (insulin, reported, status) = pump(self.of_pump, in_pump, np.array([*decision, *pulses[k]]))
             happened = [glucose, reading, decision[0], insulin, status]
             inside = []
             for moments in self.moments[k]:

@@ -27,7 +27,9 @@ from glucoloop.sensors import Reading, white_noise
 
 OFFERED: Final = (
     "missing",
+    "late",
     "repeated",
+    "out-of-order",
     "spikes",
     "stuck",
     "drift",
@@ -37,10 +39,13 @@ OFFERED: Final = (
     "nonsense",
     "resolution",
     "battery",
+    "missed-pulses",
     "occlusion",
     "unheard",
 )
-"""Faults of the page. The others of the catalogue draw random numbers, or have delays that are part of the program."""
+"""Faults of the page: all of the catalogue."""
+_OF_ANOTHER: Final = ("out-of-order",)
+"""Faults that have no function of their own."""
 NOTICED: Final = "noticed"
 
 
@@ -73,27 +78,31 @@ class _Passed:
 def sensor_parts() -> dict[str, Part]:
     """Noise, and the faults of a sensor, each with its state at the start."""
     found = {"noise": noise_part()}
+    for entry in offered():
+        if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
+            own = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
+            found |= fault_parts(fault(entry.name, {"start_min": 0.0, **own}))
+    return found
+
+
+def fault_parts(told: Fault) -> dict[str, Part]:
+    """The two functions of a fault of a sensor: its state at the start, and its step."""
     zero = jnp.zeros(())
     shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
-    for entry in offered():
-        if entry.part != "sensor":
-            continue
-        told = fault(entry.name, {"start_min": 0.0})
-        numbers = jax.tree.map(jnp.asarray, put_around(_Passed(valid=shown.valid), told, SAMPLE_TIME_MIN))
+    numbers = jax.tree.map(jnp.asarray, put_around(_Passed(valid=shown.valid), told, SAMPLE_TIME_MIN))
 
-        def init(sensor: Any, glucose_mg_dl: Any, rng: Any) -> Any:
-            return sensor.init(glucose_mg_dl, rng)
+    def init(sensor: Any, glucose_mg_dl: Any, rng: Any) -> Any:
+        return sensor.init(glucose_mg_dl, rng)
 
-        def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-            del shared
-            around = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
-            state, reading = around.read(carry, own.glucose_mg_dl, rng)
-            return state, reading
+    def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared
+        around = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
+        state, reading = around.read(carry, own.glucose_mg_dl, rng)
+        return state, reading
 
-        state = jax.eval_shape(numbers.init, zero, jax.random.key(0))
-        name = part_name(told)
-        found |= {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, shown)}
-    return found
+    state = jax.eval_shape(numbers.init, zero, jax.random.key(0))
+    name = part_name(told)
+    return {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, shown)}
 
 
 def noise_part() -> Part:

@@ -101,6 +101,9 @@ OFFERED_GUARD: Final = {
 }
 """Limits of the guard on the page, likewise."""
 OFFERED_FAULTS: Final[dict[str, tuple[float, float, float]]] = {
+    "delay_min": (5.0, 60.0, 5.0),
+    "among": (2, 8, 1),
+    "share": (0.0, 1.0, 0.05),
     "times": (2, 12, 1),
     "size_mg_dl": (-200.0, 200.0, 5.0),
     "mg_dl_h": (-60.0, 60.0, 1.0),

@@ -22,7 +22,7 @@ MODULE: Final = PAGE / "lab.wasm"
 DATA: Final = PAGE / "lab.json"
 _FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
 """Modules with which the page and its workers begin."""
-_IMPORT: Final = re.compile(r'^import (?P<names>\{[^}]*\}) from "(?P<path>\.\.?/[^"]+)";$', re.MULTILINE)
+_IMPORT: Final = re.compile(r'^import (?P<names>\{(?:(?! as )[^}])*\}) from "(?P<path>\.\.?/[^"]+)";$', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 _LEFT: Final = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 

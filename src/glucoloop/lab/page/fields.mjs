@@ -53,7 +53,8 @@ function episodes({ start_min, duration_min }, every) {
  * Name and numbers of the function of a fault.
  * @param {Fault} fault
  * @param {Data} data
- * @returns {{name: string, numbers: Numbers}}
+ * @returns {{name: string, numbers: Numbers, earlier: number, random: boolean}} and how many of the earlier readings the
+ *   fault can give, one of which is drawn if it is random
  */
 export function ofFault(fault, data) {
   const every = data.sample_time_min;
@@ -61,7 +62,7 @@ export function ofFault(fault, data) {
   /** @type {Record<string, any>} */
   const settings = {};
   for (const [name, { usual }] of Object.entries(entry.settings)) settings[name] = fault.settings[name] ?? usual;
-  const { noticed, mg_dl_h, tau_min, step_mU_min, least_mU_min, ...others } = settings;
+  const { noticed, mg_dl_h, tau_min, step_mU_min, least_mU_min, delay_min, among, share, ...others } = settings;
   /** @type {Numbers} */
   const numbers = { ...(entry.timed ? episodes(fault, every) : {}), ...others };
   if (mg_dl_h !== undefined) numbers.mg_dl_sample = (mg_dl_h * every) / 60;
@@ -70,8 +71,13 @@ export function ofFault(fault, data) {
     numbers.step_mU_min = step_mU_min;
     numbers.least_mU_min = Math.ceil(least_mU_min / step_mU_min - HAIR) * step_mU_min;
   }
-  const name = `${entry.part}_${fault.name.replaceAll("-", "_")}${noticed ? "_noticed" : ""}`;
-  return { name, numbers };
+  if (share !== undefined) {
+    Object.assign(numbers, { "episodes.earliest": Infinity, "episodes.latest": Infinity, "episodes.length": 1 });
+    numbers["episodes.probability"] = share;
+  }
+  const earlier = delay_min !== undefined ? Math.ceil(delay_min / every - HAIR) : among !== undefined ? among - 1 : 0;
+  const program = earlier > 0 ? "late" : fault.name.replaceAll("-", "_");
+  return { name: `${entry.part}_${program}${noticed ? "_noticed" : ""}`, numbers, earlier, random: among !== undefined };
 }
 
 /**

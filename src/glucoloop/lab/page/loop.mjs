@@ -4,6 +4,7 @@
 import { design } from "./design.mjs";
 import { ofController, ofFault, ofPump } from "./fields.mjs";
 import { familyOf, tuningOf } from "./situation.mjs";
+import { drawForPump, drawForSensor } from "./threefry.mjs";
 
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Kernels} Kernels */
 /** @typedef {import("./situation.mjs").Situation} Situation */
@@ -128,12 +129,12 @@ export class Stage {
     }
   }
 
-  /** Place of the numbers of a name among those of a person. @param {string} name */
-  place(name) {
+  /** Place of the numbers of a name among those of a person, or of another group. @param {string} name @param {"person" | "carry"} [group] */
+  place(name, group = "person") {
     let at = 0;
-    for (const other in this.fields.person) {
+    for (const other in this.fields[group]) {
       if (other === name) return at;
-      at += this.fields.person[other];
+      at += this.fields[group][other];
     }
     throw new RangeError(`the function takes no ${name}`);
   }
@@ -258,8 +259,8 @@ export class Lab {
   /**
    * @param {Situation} situation that `checked` returned
    * @param {Body} [body] another person than the nominal patient
-   * @param {{memory?: boolean, normals?: ArrayLike<number>}} [asked] whether the trace tells what the controller keeps, and
-   *   other noise than that of the seed
+   * @param {{memory?: boolean, seed?: number}} [asked] whether the trace tells what the controller keeps, and another seed
+   *   of the random numbers than that of the situation
    * @returns {Trace}
    */
   simulate(situation, body = this.data.patients[situation.patient], asked = {}) {
@@ -298,7 +299,7 @@ export class Lab {
       }
       if (asked.memory) memory.push(loop.memory());
     };
-    loop.begin(new Array(lanes).fill(body), asked.normals && new Array(lanes).fill(asked.normals));
+    loop.begin(new Array(lanes).fill(body), new Array(lanes).fill(asked.seed ?? situation.seed));
     if (asked.memory) memory.push(loop.memory());
     loop.run(tell);
     if (asked.memory) trace.memory = memory;
@@ -326,6 +327,51 @@ export function put(plant, people) {
   plant.prepared.hold();
 }
 
+/** The earlier readings of a fault that gives one of them; its function is shown the one that is chosen. */
+class Past {
+  /**
+   * @param {Stage} stage
+   * @param {number} earlier readings that are kept
+   * @param {boolean} random whether one of them or the newest is drawn at each sample; otherwise it is the oldest
+   */
+  constructor(stage, earlier, random) {
+    this.stage = stage;
+    this.earlier = earlier;
+    this.random = random;
+    this.readings = new Float64Array(earlier * stage.lanes);
+    this.valid = new Float64Array(earlier * stage.lanes);
+    this.at = { reading: stage.place("past.glucose_mg_dl", "carry"), valid: stage.place("past.valid", "carry") };
+  }
+
+  /** @param {Float64Array} glucose that was read for a long time */
+  fill(glucose) {
+    for (let i = 0; i < this.readings.length; i++) this.readings[i] = glucose[i % glucose.length];
+    this.valid.fill(1);
+  }
+
+  /**
+   * Show the chosen reading, and keep the newest.
+   * @param {number} k sample
+   * @param {Float64Array} newest
+   * @param {Float64Array} valid
+   * @param {number[]} seeds
+   * @param {boolean} moves whether the newest is kept
+   */
+  show(k, newest, valid, seeds, moves) {
+    const { stage, earlier, at } = this;
+    const { carry, lanes } = stage;
+    for (let lane = 0; lane < lanes; lane++) {
+      const ago = this.random ? earlier - Math.floor((earlier + 1) * drawForSensor(seeds[lane], k)) : earlier;
+      const from = ((k - ago + earlier) % earlier) * lanes + lane;
+      carry[at.reading * lanes + lane] = ago === 0 ? newest[lane] : this.readings[from];
+      carry[at.valid * lanes + lane] = ago === 0 ? valid[lane] : this.valid[from];
+      if (!moves) continue;
+      this.readings[(k % earlier) * lanes + lane] = newest[lane];
+      this.valid[(k % earlier) * lanes + lane] = valid[lane];
+    }
+  }
+}
+
 /** What stands for the draw of an onset that is given. */
 const DRAWN = 0.5;
 
@@ -350,8 +396,9 @@ export class LoopOfVector {
     this.faults = situation.faults
       .filter((fault) => data.faults[fault.name].part === "sensor")
       .map((fault, place) => {
-        const { name, numbers } = ofFault(fault, data);
-        return { numbers, start: lab.stage(`${name}_start`, place), stage: lab.stage(name, place) };
+        const { name, numbers, earlier, random } = ofFault(fault, data);
+        const [start, stage] = [lab.stage(`${name}_start`, place), lab.stage(name, place)];
+        return { numbers, start, stage, past: earlier > 0 ? new Past(stage, earlier, random) : null };
       });
     this.start = lab.stage(`${name}_start`);
     this.controller = lab.stage(`${name}_step`);
@@ -372,8 +419,9 @@ export class LoopOfVector {
     this.reading = new Float64Array(lanes);
     this.valid = new Float64Array(lanes);
     this.reported = new Float64Array(lanes);
-    /** @type {ArrayLike<number>[]} */
-    this.normals = [];
+    /** Seeds of the people's random numbers. @type {number[]} */
+    this.seeds = [];
+    this.drawsPump = "drawn" in this.pump.fields.own;
   }
 
   /** What the controller keeps of the first person. */
@@ -390,12 +438,13 @@ export class LoopOfVector {
    * @param {boolean} moves whether the readings on their way move
    */
   read(k, moves) {
-    const { noise, faults, glucose, reading, valid, late, line, normals } = this;
+    const { noise, faults, glucose, reading, valid, late, line, seeds } = this;
+    const { normals } = this.lab.data;
     const lanes = reading.length;
     if (noise !== null) {
       for (let lane = 0; lane < lanes; lane++) {
         noise.own[lane] = glucose[lane];
-        noise.own[lanes + lane] = normals[lane][k];
+        noise.own[lanes + lane] = normals[seeds[lane]][k];
       }
       noise.step();
     }
@@ -406,8 +455,9 @@ export class LoopOfVector {
       reading[lane] = late > 0 ? line[place + lane] : newest[lane];
       if (late > 0 && moves) line[place + lane] = newest[lane];
     }
-    for (const { stage } of faults) {
+    for (const { stage, past } of faults) {
       const { own, outputs } = stage;
+      past?.show(k, reading, valid, seeds, moves);
       for (let lane = 0; lane < lanes; lane++) {
         own[lane] = reading[lane];
         own[lanes + lane] = valid[lane];
@@ -436,7 +486,8 @@ export class LoopOfVector {
   wake() {
     const { faults, glucose } = this;
     const lanes = glucose.length;
-    for (const { start, stage } of faults) {
+    for (const { start, stage, past } of faults) {
+      past?.fill(glucose);
       for (let lane = 0; lane < lanes; lane++) {
         start.own[lane] = glucose[lane];
         start.own[lanes + lane] = DRAWN;
@@ -449,12 +500,12 @@ export class LoopOfVector {
   /**
    * Begin with one vector of people.
    * @param {Body[]} people one for each lane
-   * @param {ArrayLike<number>[]} [normals] of each person, for the noise of the readings; those of the seed for all
+   * @param {number[]} seeds of each person's random numbers
    */
-  begin(people, normals) {
+  begin(people, seeds) {
     const { lab, situation, patient, start, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
     const { lanes } = lab.kernels;
-    this.normals = normals ?? new Array(lanes).fill(lab.data.normals[situation.seed]);
+    this.seeds = seeds;
     put(plant, people);
     if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
       const name = `controller.${situation.guard ? "inner." : ""}basal_mU_min`;
@@ -485,7 +536,7 @@ export class LoopOfVector {
    * @param {(sample: number, happened: Happened) => void} tell
    */
   run(tell) {
-    const { samples, steps, moments, controller, pump, plant, glucose, reported } = this;
+    const { samples, steps, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
     const lanes = glucose.length;
     const { inside } = familyOf(this.situation, this.lab.data);
     const within = new Float64Array(inside.length * lanes);
@@ -502,6 +553,7 @@ export class LoopOfVector {
       this.observe(controller);
       controller.step();
       for (let i = 0; i < 2 * lanes; i++) pump.own[i] = controller.outputs[i]; // rate and status
+      if (drawsPump) for (let lane = 0; lane < lanes; lane++) pump.own[2 * lanes + lane] = drawForPump(seeds[lane], k);
       pump.step();
       for (let lane = 0; lane < lanes; lane++) {
         reported[lane] = pump.outputs[lanes + lane];

@@ -18,13 +18,13 @@ const TURNS = 6;
 const MULTIPLE = 4;
 
 /**
- * Normal numbers of the noise of a person's sensor: the page has those of ten seeds, which people share.
+ * Seed of a person's random numbers: the page has the noise of ten, which people share.
  * @param {Data} data
  * @param {Situation} situation
  * @param {number} person
  */
-export function normalsOf(data, { seed }, person) {
-  return data.normals[(seed + person) % data.normals.length];
+export function seedOf(data, { seed }, person) {
+  return (seed + person) % data.normals.length;
 }
 
 /**
@@ -47,7 +47,7 @@ export function some(lab, people, situation, first, count) {
     const vector = people(first + begin);
     loop.begin(
       vector,
-      vector.map((_, lane) => normalsOf(data, situation, first + begin + lane)),
+      vector.map((_, lane) => seedOf(data, situation, first + begin + lane)),
     );
     loop.run((k, happened) => {
       for (let lane = 0; lane < lanes && begin + lane < count; lane++) {

@@ -5,6 +5,7 @@
  */
 
 import { put } from "./loop.mjs";
+import { uniform } from "./threefry.mjs";
 
 /** @typedef {import("./loop.mjs").Body} Body */
 /** @typedef {import("./loop.mjs").Lab} Lab */
@@ -19,29 +20,6 @@ const AT_REST = 1e-13;
 /** Relative step of the differences. */
 const STEP = 1e-6;
 const SMALL = 1e-3;
-
-const PARITY = 0x1bd11bda;
-const ROTATIONS = [[13, 15, 26, 6], [17, 29, 16, 24]];
-
-/**
- * Uniform number between 0 and 1 of a person, by Threefry-2x32 as in `glucoloop.threefry`.
- * @param {number} seed
- * @param {number} word of the drawn quantity
- * @param {number} person
- */
-export function uniform(seed, word, person) {
-  const keys = [seed, word, seed ^ word ^ PARITY];
-  let [x, y] = [(person + seed) | 0, word | 0];
-  for (let group = 0; group < 5; group++) {
-    for (const rotation of ROTATIONS[group % 2]) {
-      x = (x + y) | 0;
-      y = ((y << rotation) | (y >>> (32 - rotation))) ^ x;
-    }
-    x = (x + keys[(group + 1) % 3]) | 0;
-    y = (y + keys[(group + 2) % 3] + group + 1) | 0;
-  }
-  return ((x >>> 0) * 2 ** 20 + (y >>> 12) + 0.5) * 2 ** -52;
-}
 
 /**
  * The product of square matrices, row by row. What is zero in the first, as most of a chain of compartments, costs nothing.

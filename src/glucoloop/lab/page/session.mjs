@@ -1,7 +1,7 @@
 // @ts-check
 /** What the page has at the moment: the situation with its run, runs that are pinned, units, and what undo goes back to. */
 
-import { normalsOf } from "./many.mjs";
+import { seedOf } from "./many.mjs";
 import { peopleOf, personOf } from "./people.mjs";
 import { predicted, termsOf } from "./prediction.mjs";
 import { checked, usual } from "./situation.mjs";
@@ -100,7 +100,7 @@ export class Session {
   ofPerson(situation) {
     const { lab, data, person } = this;
     if (person === null || situation.patient !== data.people.patient) return null;
-    const trace = lab.simulate(situation, personOf(lab, this.peopleHere, person), { normals: normalsOf(data, situation, person) });
+    const trace = lab.simulate(situation, personOf(lab, this.peopleHere, person), { seed: seedOf(data, situation, person) });
     return { name: texts.person(person), situation, trace };
   }
 
