@@ -227,6 +227,7 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
         | `samples.h`, `selftest.c`, `Makefile` | recorded samples and the self-test |
         | `chip.c`, `chip.h`, `chip.ld` | start of the emulated chip, for the self-test alone |
         | `run.toml`, `manifest.json` | how the controller was designed, sizes, and what was checked |
+        | `SHA256SUMS` | digests of the files, for `sha256sum -c SHA256SUMS` |
 
         ## Status
 
