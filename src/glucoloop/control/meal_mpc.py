@@ -32,7 +32,7 @@ from glucoloop.estimation.unknown_meal.daily import earlier
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.meals.announced import Announced, announce, serve
-from glucoloop.meals.stomach import Stomach, digest
+from glucoloop.meals.stomach import Gut, Stomach, digest, gut_of
 from glucoloop.models.individual import IndividualModel, individual_model
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.optimize.moves_qp import limit_moves
@@ -70,6 +70,7 @@ class _Ahead:
     announced: Announced
     eating: jax.Array
     disturbance: jax.Array
+    gut: Gut
 
 
 @pytree
@@ -192,10 +193,12 @@ class MealMPC:
         h = self.sample_time_min
         eating = at.eating * goes_on
         announced, served = serve(at.announced, h)
-        stomach, appearance = digest(at.stomach, eating + served, h)
+        stomach, appearance = digest(at.stomach, eating + served, h, at.gut)
         x = self.model.advance_fed(at.x, insulin, appearance.at[0].add(at.disturbance))
         disturbance = fading(at.disturbance, at.stomach, stomach)
-        return _Ahead(x=x, stomach=stomach, announced=announced, eating=eating, disturbance=disturbance)
+        return dataclasses.replace(
+            at, x=x, stomach=stomach, announced=announced, eating=eating, disturbance=disturbance
+        )
 
     def _to_this_sample(self, estimate: MealEstimate, rates: jax.Array, announced: jax.Array) -> _Ahead:
         """Predict through the known dead time, under the rates that were delivered since."""
@@ -205,6 +208,7 @@ class MealMPC:
             announced=estimate.announced,
             eating=estimate.eating,
             disturbance=estimate.disturbance_mg_min,
+            gut=gut_of(estimate.gut_min, self.sample_time_min),
         )
         for i in range(self.dead_time_samples):
             at = self._sample(at, rates[i], 1.0 - self.ends)
@@ -286,15 +290,17 @@ def design_meal_mpc(
     *,
     habits: MealHabits | None = None,
     estimator: str = "moving-horizon",
-    meal_horizon: int = 10,
+    meal_horizon: int = 6,
+    fast_horizon: int = 4,
     disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
     largest_disturbance_mg_min: float = 100.0,
-    noise_pace: float = 0.2,
+    noise_pace: float = 0.05,
     ends_unseen: float = 0.3,
-    noise_patience: float = 0.5,
+    noise_patience: float = 1.0,
     failures_per_h: float = 0.002,
     failure_min: float = 90.0,
+    fast_meals: float = 0.1,
     dead_time_samples: int = 0,
 ) -> MealMPC:
     """Predictive control on a nonlinear model, with estimated and announced meals.
@@ -335,6 +341,8 @@ def design_meal_mpc(
     estimator : {"moving-horizon", "kalman"}
     meal_horizon : int
         Samples over which the moving-horizon estimator searches for the beginning or the end of a meal.
+    fast_horizon : int
+        The same for a meal through a fast gut.
     disturbance_variance : float
         Variance of the change of the unexplained appearance per sample, in the moving-horizon estimator, (mg/min)^2.
     measurement_variance : float
@@ -344,7 +352,7 @@ def design_meal_mpc(
     noise_pace : float
         Pace at which the moving-horizon estimator learns the size of a correlated error of the sensor, mg/dl per pair
         of innovations, 0 to 1.
-    ends_unseen, noise_patience, failures_per_h, failure_min : float
+    ends_unseen, noise_patience, failures_per_h, failure_min, fast_meals : float
         As for `design_meal_horizon`.
     dead_time_samples : int
         Dead time of the readings that the controller knows of.
@@ -376,6 +384,7 @@ def design_meal_mpc(
             own,
             habits,
             horizon=meal_horizon,
+            fast_horizon=fast_horizon,
             disturbance_variance=disturbance_variance,
             measurement_variance=measurement_variance,
             largest_disturbance_mg_min=largest_disturbance_mg_min,
@@ -384,6 +393,7 @@ def design_meal_mpc(
             noise_patience=noise_patience,
             failures_per_h=failures_per_h,
             failure_min=failure_min,
+            fast_meals=fast_meals,
         )
     return MealMPC(
         model=own,
@@ -421,6 +431,7 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         ),
         estimator=settings.estimator,
         meal_horizon=settings.meal_horizon,
+        fast_horizon=settings.fast_horizon,
         disturbance_variance=settings.disturbance_variance,
         measurement_variance=settings.measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
         largest_disturbance_mg_min=settings.largest_disturbance_mg_min,
@@ -429,5 +440,6 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         noise_patience=settings.noise_patience,
         failures_per_h=settings.failures_per_h,
         failure_min=settings.failure_min,
+        fast_meals=settings.fast_meals,
         dead_time_samples=case.dead_time_samples,
     )

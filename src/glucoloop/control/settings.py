@@ -221,7 +221,7 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             below=1.0,
         ),
-    ] = 0.5
+    ] = 0.05
     iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
 
 
@@ -234,8 +234,9 @@ class MealMPCSettings(MealTuning):
         About("Estimator of meals: their beginning and end, over a horizon; or their rate, by a Kalman filter."),
     ] = "moving-horizon"
     meal_horizon: Annotated[
-        int, About("Samples over which the beginning or end of a meal is searched for, L.", at_least=1)
-    ] = 10
+        int, About("Samples over which the beginning or end of a meal is searched for, L.", at_least=2)
+    ] = 6
+    fast_horizon: Annotated[int, About("The same for meals through a fast gut, F.", at_least=2)] = 4
     meals_per_h: Annotated[
         float, About("Expected number of meals per hour; more is quicker and less certain.", above=0.0)
     ] = 0.57
@@ -258,7 +259,7 @@ class MealMPCSettings(MealTuning):
         float,
         About("Largest unexplained appearance of glucose that is believed, to either side, in mg/min.", above=0.0),
     ] = 100.0
-    noise_pace: NoisePace = 0.2
+    noise_pace: NoisePace = 0.05
     sensor_lag_min: SensorLag = 0.0
     ends_unseen: Annotated[
         float,
@@ -272,12 +273,16 @@ class MealMPCSettings(MealTuning):
             "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
             at_least=0.0,
         ),
-    ] = 0.5
+    ] = 1.0
     failures_per_h: Annotated[
         float,
         About("Expected number of times per hour at which insulin ceases to arrive, unreported.", at_least=0.0),
     ] = 0.002
     failure_min: Annotated[float, About("Mean time until insulin arrives again, in min.", above=0.0)] = 90.0
+    fast_meals: Annotated[
+        float,
+        About("Share of the meals that go through a gut of 30 min in place of 60 min.", at_least=0.0, below=1.0),
+    ] = 0.1
     individual_by: Annotated[
         Literal["record", "basal", "none"],
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),

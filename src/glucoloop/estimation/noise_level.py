@@ -40,6 +40,12 @@ CORRELATION: Final = 0.7
 """Correlation c of the error between samples of 5 min, as Breton and Kovatchev (2008) found it."""
 _MOST: Final = 9.0
 """Most that the square of an innovation counts."""
+_FIRST_MG_DL: Final = 2.0
+"""Estimate of s before the first reading, where it is learned in haste."""
+_FIRST_PACE: Final = 0.3
+"""Pace of the first readings there, mg/dl."""
+HASTE_LEFT: Final = 0.9
+"""Share of the haste that is left after a reading."""
 
 
 @pytree
@@ -121,9 +127,27 @@ class NoisyFilters:
             pace=jnp.zeros(()),
         )
 
+    @property
+    def first_deviation(self) -> jax.Array:
+        """Estimate of s before the first reading: 0 if it is not learned."""
+        return jnp.where(jnp.asarray(self.pace) > 0.0, _FIRST_MG_DL, LEVELS_MG_DL[0])
+
     def learn(self, deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array) -> jax.Array:
         """Estimate of s after an innovation, which is given in its standard deviations."""
         return learned(deviation_mg_dl, innovation, known, self.pace)
+
+    def learn_in_haste(
+        self, deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array, haste: jax.Array
+    ) -> jax.Array:
+        """Estimate of s after an innovation, which is given in its standard deviations.
+
+        A small innovation to either side says that s is too large, and a large one below the prediction, which counts
+        twice, that it is too small. `haste` is the share of the pace for the first readings.
+        """
+        pace = jnp.where(jnp.asarray(self.pace) > 0.0, self.pace + haste * (_FIRST_PACE - self.pace), 0.0)
+        change = jnp.minimum(innovation**2, _MOST) - 1.0
+        change = jnp.where(change <= 0.0, change, jnp.where(innovation < 0.0, 2.0 * change, 0.0))
+        return jnp.clip(deviation_mg_dl + jnp.where(known, pace * change, 0.0), LEVELS_MG_DL[0], LEVELS_MG_DL[-1])
 
 
 def noisy_filters(

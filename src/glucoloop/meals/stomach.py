@@ -14,17 +14,20 @@ spread over it. A meal of less than 10.8 g, whose ramps are shorter there, empti
 
 from __future__ import annotations
 
-import math
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN, RAMP_MIN
 from glucoloop.units import MG_PER_G
 
 SERVED_G_PER_MIN: Final = PLATEAU_MG_MIN / MG_PER_G
+FAST_GUT_MIN: Final = 30.0
+"""Time constant of a fast gut; that of Lehmann and Deutsch is 60 min."""
 
 
 @pytree
@@ -33,10 +36,38 @@ class Stomach:
 
     served: jax.Array
     """(n, ...) share of each of the last n samples, which make 30 min, in which a meal was served; the oldest first."""
-    emptying_mg_min: jax.Array
-    """(...) present rate of emptying E."""
     gut_mg: jax.Array
     """(...) present content of the gut q."""
+
+    @property
+    def emptying_mg_min(self) -> jax.Array:
+        """(...) present rate of emptying E."""
+        return _emptying_mg_min(self.served, 0.0)
+
+
+@pytree
+class Gut:
+    """Speed of stomach and gut; see `gut_of`."""
+
+    time_constant_min: Any
+    fast: Any
+    """0 for the ramps of Lehmann and Deutsch, 1 for ramps of half their length; between them the mean."""
+    keeps: Any
+    """Share of its content that is left after a sample in which nothing is added."""
+    keeps_half: Any
+    """The same after half a sample."""
+
+
+def gut_of(time_constant_min: ArrayLike, sample_time_min: float) -> Gut:
+    """Stomach and gut of a time constant T of 30 to 60 min, so that ``q' = E - q / T``; the ramps shorten with it."""
+    # NumPy computes once what is known when the program is made.
+    xp: Any = jnp if isinstance(time_constant_min, jax.Array) else np
+    return Gut(
+        time_constant_min=time_constant_min,
+        fast=(GUT_TIME_CONSTANT_MIN - time_constant_min) / (GUT_TIME_CONSTANT_MIN - FAST_GUT_MIN),
+        keeps=xp.exp(-sample_time_min / time_constant_min),
+        keeps_half=xp.exp(-sample_time_min / 2.0 / time_constant_min),
+    )
 
 
 def ramp_samples(sample_time_min: float) -> int:
@@ -47,12 +78,12 @@ def ramp_samples(sample_time_min: float) -> int:
 def empty_stomach(like: jax.Array, sample_time_min: float) -> Stomach:
     """Stomach and gut of a person who has eaten nothing."""
     nothing = jnp.zeros_like(like)
-    return Stomach(
-        served=jnp.zeros((ramp_samples(sample_time_min), *nothing.shape)), emptying_mg_min=nothing, gut_mg=nothing
-    )
+    return Stomach(served=jnp.zeros((ramp_samples(sample_time_min), *nothing.shape)), gut_mg=nothing)
 
 
-def digest(stomach: Stomach, served: jax.Array, sample_time_min: float) -> tuple[Stomach, jax.Array]:
+def digest(
+    stomach: Stomach, served: jax.Array, sample_time_min: float, gut: Gut | None = None
+) -> tuple[Stomach, jax.Array]:
     """Digestion over one sample.
 
     Parameters
@@ -61,6 +92,8 @@ def digest(stomach: Stomach, served: jax.Array, sample_time_min: float) -> tuple
     served : (...) array
         Share of the sample in which a meal is served; more than 1 where meals overlap.
     sample_time_min : float
+    gut : Gut, optional
+        Gut of Lehmann and Deutsch, of 60 min, by default.
 
     Returns
     -------
@@ -70,17 +103,26 @@ def digest(stomach: Stomach, served: jax.Array, sample_time_min: float) -> tuple
         Legendre moments of the rate of appearance, as `appearance_moments` gives them: those of the parabola through
         its beginning, middle and end.
     """
-    h, T = sample_time_min, GUT_TIME_CONSTANT_MIN
-    E = stomach.emptying_mg_min
-    to = E + PLATEAU_MG_MIN / stomach.served.shape[0] * (served - stomach.served[0])
+    gut = gut_of(GUT_TIME_CONSTANT_MIN, sample_time_min) if gut is None else gut
+    h, T = sample_time_min, gut.time_constant_min
+    E = _emptying_mg_min(stomach.served, gut.fast)
+    later = jnp.concatenate([stomach.served[1:], jnp.broadcast_to(served, E.shape)[None]])
+    to = _emptying_mg_min(later, gut.fast)
     slope = (to - E) / h
     fading = stomach.gut_mg - T * E + T * T * slope  # q = T (E + slope t) - T^2 slope + fading e^(-t/T)
-    middle = T * (E + slope * h / 2.0) - T * T * slope + fading * math.exp(-h / 2.0 / T)
-    end = T * to - T * T * slope + fading * math.exp(-h / T)
+    middle = T * (E + slope * h / 2.0) - T * T * slope + fading * gut.keeps_half
+    end = T * to - T * T * slope + fading * gut.keeps
     a, b, c = stomach.gut_mg / T, middle / T, end / T
     moments = jnp.stack([(a + 4.0 * b + c) / 6.0, (c - a) / 6.0, (a + c - 2.0 * b) / 15.0])
-    later = jnp.concatenate([stomach.served[1:], jnp.broadcast_to(served, E.shape)[None]])
-    return Stomach(served=later, emptying_mg_min=to, gut_mg=end), moments
+    return Stomach(served=later, gut_mg=end), moments
+
+
+def _emptying_mg_min(served: jax.Array, fast: jax.Array | float) -> jax.Array:
+    """Rate of emptying after ``(n, ...)`` shares of the last samples: their mean, or if fast that of the later half."""
+    half = served.shape[0] // 2
+    before, late = jnp.sum(served[:half], axis=0), jnp.sum(served[half:], axis=0)
+    usual = (before + late) / served.shape[0]
+    return PLATEAU_MG_MIN * (usual + fast * (late / (served.shape[0] - half) - usual))
 
 
 def steadily(appearance_mg_min: jax.Array) -> jax.Array:

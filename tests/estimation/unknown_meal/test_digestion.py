@@ -8,16 +8,16 @@ import pytest
 from glucoloop.meals import Eaten, LehmannDeutsch, absorb, appearance_mg_min, appearance_moments
 from glucoloop.meals.announced import MEALS, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import PLATEAU_MG_MIN
-from glucoloop.meals.stomach import SERVED_G_PER_MIN, digest, empty_stomach
+from glucoloop.meals.stomach import FAST_GUT_MIN, SERVED_G_PER_MIN, digest, empty_stomach, gut_of
 
 H = 5.0
 
 
-def digested(served):
+def digested(served, gut=None):
     """Moments ``(samples, 3)`` and emptying ``(samples,)`` at the end of each sample, of what is served in each."""
 
     def one(stomach, share):
-        stomach, moments = digest(stomach, share, H)
+        stomach, moments = digest(stomach, share, H, gut)
         return stomach, (moments, stomach.emptying_mg_min)
 
     last, told = jax.lax.scan(one, empty_stomach(jnp.zeros(()), H), jnp.asarray(served, float))
@@ -43,6 +43,25 @@ def test_a_meal_on_the_grid_is_that_of_lehmann_and_deutsch(samples_served, begin
     np.testing.assert_allclose(moments[begins + 6] @ [1.0, 0.0, -2.5], middle, rtol=1e-9)
     np.testing.assert_allclose(empties.max(), PLATEAU_MG_MIN, rtol=1e-12)
     np.testing.assert_allclose(empties[begins + samples_served + 5 :], 0.0, atol=1e-9)
+
+
+def test_a_fast_gut_is_that_of_lehmann_and_deutsch_with_half_the_ramp_and_half_the_time():
+    served = np.zeros(60)
+    served[3:11] = 1.0
+    _, moments, _ = digested(served, gut_of(FAST_GUT_MIN, H))
+    eaten = Eaten(t_min=jnp.array([15.0]), carbs_g=jnp.array([8 * H * SERVED_G_PER_MIN]), eating_min=jnp.zeros(1))
+    kinks = absorb(LehmannDeutsch(ramp_min=15.0, gut_time_constant_min=30.0), eaten)
+    truth = np.array([appearance_moments(H * k, H, kinks)[0] for k in range(served.size)])
+    cubic = 24.0 * H**3 / (360.0 * 30.0**2)  # as above
+    np.testing.assert_allclose(moments[:, 0], truth, rtol=1e-4, atol=0.01 * cubic)
+
+
+def test_a_gut_between_two_is_emptied_whole_too():
+    served = np.concatenate([np.random.default_rng(1).uniform(0.0, 2.0, 60), np.zeros(100)])
+    last, moments, _ = digested(served, gut_of(jnp.asarray(42.0), H))
+    np.testing.assert_allclose(
+        H * moments[:, 0].sum() + float(last.gut_mg), H * PLATEAU_MG_MIN * served.sum(), rtol=1e-6
+    )
 
 
 def test_a_small_meal_empties_evenly_and_whole():

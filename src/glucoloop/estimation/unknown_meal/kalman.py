@@ -111,7 +111,7 @@ class MealKalman:
 
         def carry(mean: jax.Array) -> jax.Array:
             E = mean[-1]
-            stomach = Stomach(served=_steady(E, h), emptying_mg_min=E, gut_mg=mean[-2])
+            stomach = Stomach(served=_steady(E, h), gut_mg=mean[-2])
             after, appearance = digest(stomach, E / PLATEAU_MG_MIN, h)
             x = model.advance_fed(mean[:-2], sensed.insulin_mU_min, known_appearance + appearance)
             return jnp.concatenate([x, jnp.stack([after.gut_mg, E])])
@@ -150,7 +150,6 @@ class MealKalman:
             x=state.mean[:-2],
             stomach=Stomach(
                 served=known.served + _steady(E, sample_time_min),
-                emptying_mg_min=known.emptying_mg_min + E,
                 gut_mg=known.gut_mg + state.mean[-2],
             ),
             announced=state.announced,
@@ -159,6 +158,7 @@ class MealKalman:
             carbs_g=state.carbs_g,
             remaining_g=eating * SERVED_G_PER_MIN * sample_time_min * (1.0 - self.ends) / self.ends,
             noise_mg_dl=jnp.zeros_like(E),
+            gut_min=jnp.full_like(E, GUT_TIME_CONSTANT_MIN),
             lost=jnp.zeros_like(E),
         )
 

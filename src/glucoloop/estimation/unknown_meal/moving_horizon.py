@@ -6,10 +6,12 @@ model carries on with the meal that it stands for, and with a probability, which
 
     fasting    no meal for L samples, or more             begun j ago    j = 1 .. L
     eating     a meal for L samples, or more              ended j ago    j = 1 .. L
+    fast gut   a meal for F samples, or more              begun j ago, ended j ago    j = 1 .. F
     lost       no insulin arrives, fasting or eating
 
-Events older than L samples no longer distinguish hypotheses: those that meet are merged to their mean. In the last two
-the line is blocked or the pump has stopped, whatever it reports. They are entered from all others and left to those
+Events older than L samples no longer distinguish hypotheses: those that meet are merged to their mean. A meal may go
+through a gut that passes it on in half the time; that it rises and ends faster tells the two guts apart. In the last
+two the line is blocked or the pump has stopped, whatever it reports. They are entered from all others and left to those
 without a recent event, so that the state then has no insulin on board that never came.
 Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor whose
 size is learned; see `estimation.noise_level`. The disturbance is glucose that appears for no known reason; it takes up
@@ -42,7 +44,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
+from glucoloop.estimation.noise_level import HASTE_LEFT, LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
 from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
@@ -55,12 +57,15 @@ from glucoloop.estimation.unknown_meal.disturbed import (
 from glucoloop.estimation.unknown_meal.habits import MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
 from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
-from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach
+from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
+from glucoloop.meals.stomach import FAST_GUT_MIN, SERVED_G_PER_MIN, Stomach, digest, empty_stomach, gut_of
 from glucoloop.models.nonlinear import FedModel, reading_of
 
 Numbers = npt.NDArray[np.float64]
 
 LONGEST_HORIZON: Final = 100
+_LEAST_GUT_MG: Final = 60.0
+"""Content of a gut that is small beside a meal's and counts as that of Lehmann and Deutsch."""
 _LEAST: Final = 1e-12
 """Probability below which no hypothesis falls, so that each can come back."""
 _FAILS_UNREPORTED: Final = 0.5
@@ -89,10 +94,12 @@ class MealHorizonState:
 
     hypotheses: Hypothesis
     probability: jax.Array
-    """(2 L + 4,) probability of each hypothesis."""
+    """(2 L + 2 F + 5,) probability of each hypothesis."""
     announced: Announced
     noise_mg_dl: jax.Array
     """Estimated standard deviation of the correlated error of the sensor."""
+    haste: jax.Array
+    """Share, 1 at first, of the pace at which that is learned from the first readings."""
 
 
 @pytree
@@ -114,9 +121,14 @@ class MealHorizon:
     returns: jax.Array | float
     """Probability that insulin arrives again in a sample."""
     waking: Waking
+    fast_meals: jax.Array | float
+    """Share of the meals that go through a fast gut."""
+    digests: float = static()
+    """Probability that a meal through a fast gut ceases in a sample to differ from none, once it has long ended."""
     daily: DailyRates | None = None
     """Rates of meals by the time of day, or None for one rate."""
     horizon: int = static()
+    fast_horizon: int = static()
 
     def at_each_rate(self) -> tuple[MealHorizon, ...]:
         """The same estimator at each of its rates of meals, held all day; itself alone where there is one."""
@@ -140,12 +152,13 @@ class MealHorizon:
             carbs_g=jnp.zeros_like(disturbance),
             error_mg_dl=jnp.zeros_like(disturbance),
         )
-        number = 2 * self.horizon + 4
+        number = self._hypotheses
         return MealHorizonState(
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
             probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
             announced=nothing_announced(disturbance),
-            noise_mg_dl=jnp.zeros_like(disturbance),
+            noise_mg_dl=jnp.broadcast_to(self.filters.first_deviation, disturbance.shape),
+            haste=jnp.ones_like(disturbance),
         )
 
     def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
@@ -161,19 +174,38 @@ class MealHorizon:
         returns = jnp.where(sensed.reported, self.returns, 0.0)
         hypotheses, probability = self._age(state.hypotheses, state.probability, begins, ends, fails, returns)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
-        hypotheses, probability, noise = self._correct(model, hypotheses, probability, state.noise_mg_dl, sensed)
-        announced = announce(announced, sensed.announced_carbs_g)
-        state = MealHorizonState(hypotheses=hypotheses, probability=probability, announced=announced, noise_mg_dl=noise)
+        told = state.noise_mg_dl, state.haste
+        hypotheses, probability, noise = self._correct(model, hypotheses, probability, told, sensed)
+        state = MealHorizonState(
+            hypotheses=hypotheses,
+            probability=probability,
+            announced=announce(announced, sensed.announced_carbs_g),
+            noise_mg_dl=noise,
+            haste=jnp.where(sensed.known, HASTE_LEFT, 1.0) * state.haste,
+        )
         return state, self._estimate(state, model.sample_time_min)
+
+    @property
+    def _hypotheses(self) -> int:
+        """Number of hypotheses, whose order is that of the table above, those of the fast gut before those lost."""
+        return 2 * self.horizon + 2 * self.fast_horizon + 5
 
     def _eating(self) -> Numbers:
         """Indicator of the hypotheses in which a meal is being served."""
-        L = self.horizon
-        return np.concatenate([[0.0], np.ones(L), [1.0], np.zeros(L), [0.0, 1.0]])
+        L, F = self.horizon, self.fast_horizon
+        return np.repeat([0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0], [1, L + 1, L, F + 1, F, 1, 1])
+
+    def _fast(self) -> Numbers:
+        """Indicator of the hypotheses in which the gut is fast."""
+        return np.repeat([0.0, 1.0, 0.0], [2 * self.horizon + 2, 2 * self.fast_horizon + 1, 2])
 
     def _arrives(self) -> Numbers:
         """Indicator of the hypotheses in which insulin arrives."""
-        return np.repeat([1.0, 0.0], [2 * self.horizon + 2, 2])
+        return np.repeat([1.0, 0.0], [self._hypotheses - 2, 2])
+
+    def _gut_min(self) -> Numbers:
+        """Time constant of the gut in each hypothesis."""
+        return np.array([FAST_GUT_MIN if fast else GUT_TIME_CONSTANT_MIN for fast in self._fast()])
 
     def _age(
         self,
@@ -185,43 +217,71 @@ class MealHorizon:
         returns: jax.Array | float,
     ) -> tuple[Hypothesis, jax.Array]:
         """Age all events by a sample: the oldest hypotheses are merged, and new events may happen."""
-        L = self.horizon
-        eats, arrives = self._eating(), self._arrives()
+        L, F = self.horizon, self.fast_horizon
+        eats, arrives, fast = self._eating(), self._arrives(), self._fast()
         fasting, feasting = arrives * (1.0 - eats), arrives * eats
         lost, lost_eating = (1.0 - arrives) * (1.0 - eats), (1.0 - arrives) * eats
-        number = np.arange(2 * L + 4)
-        long_fasting, long_feasting = np.isin(number, [0, 2 * L + 1]) * 1.0, np.isin(number, [L, L + 1]) * 1.0
-        stays = 1.0 - returns
+        number, first_fast, last_fast = np.arange(self._hypotheses), 2 * L + 2, 2 * L + 2 * F + 2
+
+        def those(*which: int) -> Numbers:
+            return np.isin(number, which).astype(float)
+
+        stays, remains = 1.0 - returns, 1.0 - self.digests
         # What each hypothesis passes to each of those that are merged of several. The second, in which a meal has just
-        # begun, may have no probability; its state is that of all who could begin one.
+        # begun, may have no probability; its state is that of all who could begin one, by either gut.
         passes = p * jnp.stack(
             [
-                (long_fasting + returns * lost) * (1.0 - begins),
+                (those(0, 2 * L + 1) + self.digests * those(last_fast) + returns * lost) * (1.0 - begins),
                 fasting,
-                (long_feasting + returns * lost_eating) * (1.0 - ends),
-                feasting * ends,
+                (those(L, L + 1) + returns * lost_eating) * (1.0 - ends),
+                (1.0 - fast) * feasting * ends,
+                those(first_fast + F - 1, first_fast + F) * (1.0 - ends),
+                fast * feasting * ends,
+                (those(last_fast - 1) + remains * those(last_fast)) * (1.0 - begins),
                 fails * fasting + stays * (lost + ends * lost_eating),
                 fails * feasting + stays * (1.0 - ends) * lost_eating,
             ]
         )
         total = jnp.sum(passes, axis=1)
-        merged = total * jnp.where(np.arange(len(total)) == 1, begins, 1.0)
         mixing = passes / total[:, None]
 
-        def joined(merged: jax.Array, begun: jax.Array, ended: jax.Array) -> jax.Array:
-            return jnp.concatenate([merged[..., :2], begun, merged[..., 2:4], ended, merged[..., 4:]], axis=-1)
+        def joined(leaf: jax.Array, merged: jax.Array, *begun: jax.Array) -> jax.Array:
+            """All hypotheses, where those that are not merged come from the one a sample younger."""
+            slow, quick = begun
+            return jnp.concatenate(
+                [
+                    merged[..., :1],
+                    slow,
+                    leaf[..., 1:L],
+                    merged[..., 2:4],
+                    leaf[..., L + 2 : 2 * L + 1],
+                    quick,
+                    leaf[..., first_fast : first_fast + F - 1],
+                    merged[..., 4:6],
+                    leaf[..., first_fast + F + 1 : last_fast - 1],
+                    merged[..., 6:],
+                ],
+                axis=-1,
+            )
 
         def aged(leaf: jax.Array) -> jax.Array:
-            return joined(leaf @ mixing.T, leaf[..., 1:L], leaf[..., L + 2 : 2 * L + 1])
+            merged = leaf @ mixing.T
+            return joined(leaf, merged, merged[..., 1:2], merged[..., 1:2])
 
-        passed = joined(merged, p[1:L] * (1.0 - ends), p[L + 2 : 2 * L + 1] * (1.0 - begins))
+        begun = begins * total[1:2]
+        passed = joined(
+            p * (1.0 - jnp.where(eats > 0.0, ends, begins)),
+            total,
+            (1.0 - self.fast_meals) * begun,
+            self.fast_meals * begun,
+        )
         later: Hypothesis = jax.tree.map(aged, held)
-        return dataclasses.replace(later, carbs_g=jnp.where(number == 1, 0.0, later.carbs_g)), passed
+        return dataclasses.replace(later, carbs_g=jnp.where(those(1, first_fast) > 0.0, 0.0, later.carbs_g)), passed
 
     def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
         """Carry each hypothesis through the sample that has passed."""
         h, eats = model.sample_time_min, self._eating()
-        stomach, appearance = digest(held.stomach, announced + eats, h)
+        stomach, appearance = digest(held.stomach, announced + eats, h, gut_of(self._gut_min(), h))
         appearance = appearance.at[0].add(held.disturbance_mg_min)
         arrived = insulin * self._arrives()
         x = jax.vmap(model.advance_fed, in_axes=(-1, -1, -1), out_axes=-1)(held.x, arrived, appearance)
@@ -234,15 +294,16 @@ class MealHorizon:
         )
 
     def _correct(
-        self, model: FedModel, held: Hypothesis, p: jax.Array, noise: jax.Array, sensed: Sensed
+        self, model: FedModel, held: Hypothesis, p: jax.Array, told: tuple[jax.Array, jax.Array], sensed: Sensed
     ) -> tuple[Hypothesis, jax.Array, jax.Array]:
         """Correct the states by the gain, the probabilities by Bayes' rule, and the size of the sensor's error."""
         predicted = jax.vmap(reading_of(model), in_axes=-1)(held.x) + held.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
+        noise, haste = told
         gain, variance = self.filters.at(noise)
         likelihood = jnp.exp(-0.5 * innovation**2 / variance) + _STRAY
         moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
-        noise = self.filters.learn(noise, jnp.sum(p * moved) / jnp.sqrt(variance), sensed.known)
+        noise = self.filters.learn_in_haste(noise, jnp.sum(p * moved) / jnp.sqrt(variance), sensed.known, haste)
         p = p * likelihood
         p = jnp.maximum(p / jnp.sum(p), _LEAST)
         largest = self.largest_disturbance_mg_min
@@ -274,23 +335,32 @@ class MealHorizon:
             carbs_g=carbs_g,
             remaining_g=eating * per_sample * (1.0 - self.ends) / self.ends,
             noise_mg_dl=state.noise_mg_dl,
+            gut_min=self._time_constant(p * state.hypotheses.stomach.gut_mg),
             lost=jnp.sum(p * (1.0 - self._arrives())),
         )
+
+    def _time_constant(self, gut_mg: jax.Array) -> jax.Array:
+        """Time constant of one gut from which as much appears as from the contents in all hypotheses."""
+        little = _LEAST_GUT_MG / GUT_TIME_CONSTANT_MIN
+        held, appears = jnp.sum(gut_mg), jnp.sum(gut_mg / self._gut_min())
+        return jnp.clip((held + _LEAST_GUT_MG) / (appears + little), FAST_GUT_MIN, GUT_TIME_CONSTANT_MIN)
 
 
 def design_meal_horizon(
     model: FedModel,
     habits: MealHabits | None = None,
     *,
-    horizon: int = 10,
+    horizon: int = 6,
+    fast_horizon: int = 4,
     disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
     largest_disturbance_mg_min: float = 100.0,
-    noise_pace: float = 0.2,
+    noise_pace: float = 0.05,
     ends_unseen: float = 0.3,
-    noise_patience: float = 0.5,
+    noise_patience: float = 1.0,
     failures_per_h: float = 0.002,
     failure_min: float = 90.0,
+    fast_meals: float = 0.1,
 ) -> MealHorizon:
     """Design the estimator for a model.
 
@@ -300,6 +370,8 @@ def design_meal_horizon(
     habits : MealHabits, optional
     horizon : int
         L, samples over which the beginning or the end of a meal is searched for, 2 to 100.
+    fast_horizon : int
+        F, the same for meals through a fast gut.
     disturbance_variance : float
         Variance of the change of the disturbance from sample to sample, (mg/min)^2, above 0.
     measurement_variance : float
@@ -317,6 +389,8 @@ def design_meal_horizon(
         Expected number of times in an hour at which insulin ceases to arrive without a report of it, 0 or more.
     failure_min : float
         Mean time until it arrives again, above 0.
+    fast_meals : float
+        Share of the meals that go through a gut of 30 min in place of 60 min, 0 to below 1.
 
     Raises
     ------
@@ -324,10 +398,11 @@ def design_meal_horizon(
         Outside these bounds, or for a model whose disturbance cannot be told from glucose.
     """
     habits = MealHabits() if habits is None else habits
-    if isinstance(horizon, bool) or not isinstance(horizon, int) or not 2 <= horizon <= LONGEST_HORIZON:
-        raise ValueError(
-            f"a meal horizon of {horizon} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
-        )
+    for samples, of in ((horizon, "a meal horizon"), (fast_horizon, "a horizon of meals through a fast gut")):
+        if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= LONGEST_HORIZON:
+            raise ValueError(
+                f"{of} of {samples} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
+            )
     check_variances(disturbance_variance, measurement_variance)
     if not 0.0 < largest_disturbance_mg_min < np.inf:
         raise ValueError(
@@ -337,6 +412,8 @@ def design_meal_horizon(
     for value, what in ((noise_patience, "patience with noise"), (failures_per_h, "rate of failures per hour")):
         if not 0.0 <= value < np.inf:
             raise ValueError(f"a {what} of {value:g} is not possible; give a finite value of 0 or more")
+    if not 0.0 <= fast_meals < 1.0:
+        raise ValueError(f"a share of {fast_meals:g} of meals through a fast gut is not possible; give 0 to below 1")
     if not 0.0 < failure_min < np.inf:
         raise ValueError(f"failures of {failure_min:g} min are not possible; give a finite time above 0")
     linear = linearised(model)
@@ -355,5 +432,8 @@ def design_meal_horizon(
         returns=-math.expm1(-h / failure_min),
         waking=waking(linear, measurement_variance),
         daily=habits.daily,
+        fast_meals=fast_meals,
+        digests=-math.expm1(-h / GUT_TIME_CONSTANT_MIN),
         horizon=horizon,
+        fast_horizon=fast_horizon,
     )

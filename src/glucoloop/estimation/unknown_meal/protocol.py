@@ -33,6 +33,8 @@ class MealEstimate:
     """Carbohydrate of that meal that is likely still to come."""
     noise_mg_dl: jax.Array
     """Standard deviation of the correlated error of the sensor; 0 by an estimator that does not learn it."""
+    gut_min: jax.Array
+    """Time constant of the gut."""
     lost: jax.Array
     """Probability that insulin does not arrive, whatever the pump reports; 0 by an estimator that does not doubt it."""
 

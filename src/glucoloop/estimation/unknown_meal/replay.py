@@ -105,7 +105,7 @@ def replay(
         eating=told.eating,
         carbs_g=told.carbs_g,
         remaining_g=told.remaining_g,
-        emptying_mg_min=told.stomach.emptying_mg_min,
+        emptying_mg_min=jax.vmap(lambda stomach: stomach.emptying_mg_min)(told.stomach),
         disturbance_mg_min=told.disturbance_mg_min,
         lost=told.lost,
     )
