@@ -31,10 +31,15 @@ export function choices(list, choices) {
   list.replaceChildren(...choices.map(([value, text]) => element("option", { value }, text)));
 }
 
+/** Put a text where it is not there yet; to put it there again would make the browser lay out the page. @param {Element} place @param {string} text */
+export function tell(place, text) {
+  if (place.textContent !== text) place.textContent = text;
+}
+
 /** Say a sentence above the picture, which screen readers read out. @param {string} text @param {boolean} [refused] */
 export function say(text, refused = false) {
   const said = byId("said");
-  said.textContent = text;
+  tell(said, text);
   said.classList.toggle("refused", refused);
 }
 

@@ -2,7 +2,7 @@
 /** Numbers of the present run and of the pinned ones, and what the guard did. */
 
 import { isDark } from "../chart.mjs";
-import { button, byId, element } from "../dom.mjs";
+import { button, byId, element, tell } from "../dom.mjs";
 import { summary } from "../loop.mjs";
 import { colours, dashes, guardActs } from "../scene.mjs";
 import { MOST_PINNED } from "../session.mjs";
@@ -16,31 +16,42 @@ import { shown } from "../units.mjs";
 export function numbersView(session) {
   button("pin").addEventListener("click", () => session.pin());
   button("undo").addEventListener("click", () => session.undo());
+  /** Unit, colours and other runs for which the rows were made. @type {unknown[]} */
+  let shownOf = [];
   return () => {
     button("undo").disabled = session.before.length === 0;
     button("pin").disabled = session.pinned.length >= MOST_PINNED;
     const glucose = session.units.glucose.name;
-    byId("number-names").replaceChildren(
-      ...texts.columns(glucose).map((name) => {
-        const [what, unit] = name.split("\n");
-        return element("th", { scope: "col" }, what, ...(unit ? [element("br"), unit] : []));
-      }),
-    );
-    byId("numbers").replaceChildren(...session.runs.map((run, place) => row(session, run, place)));
+    const { runs } = session;
+    const now = [glucose, isDark(), ...runs.slice(1)];
+    // The rows stay as they are, but for the numbers of the present run, until a run comes or goes.
+    if (now.length !== shownOf.length || now.some((of, i) => of !== shownOf[i])) {
+      shownOf = now;
+      byId("number-names").replaceChildren(
+        ...texts.columns(glucose).map((name) => {
+          const [what, unit] = name.split("\n");
+          return element("th", { scope: "col" }, what, ...(unit ? [element("br"), unit] : []));
+        }),
+      );
+      byId("numbers").replaceChildren(...runs.map((run, place) => row(session, run, place)));
+    }
+    const [name, ...cells] = byId("numbers").children[0].children;
+    tell(/** @type {Element} */ (name.lastElementChild), nameOf(runs[0]));
+    valuesOf(session, runs[0]).forEach((value, i) => tell(cells[i], value));
     acts(session);
   };
 }
 
-/** @param {Session} session @param {Run} run @param {number} place */
-function row(session, run, place) {
+/** @param {Run} run */
+function nameOf({ situation, name }) {
+  return situation === null ? name : texts.runOf(name, situation.controller, situation.guard);
+}
+
+/** @param {Session} session @param {Run} run */
+function valuesOf(session, run) {
   const told = summary(run.trace);
   const { glucose } = session.units;
-  const swatch = element("span", { class: "swatch" });
-  swatch.style.borderColor = colours(isDark())[place];
-  swatch.style.borderTopStyle = dashes(place).length ? "dashed" : "solid";
-  const of = run.situation;
-  const name = of === null ? run.name : texts.runOf(run.name, of.controller, of.guard);
-  const values = [
+  return [
     shown(told.mean_mg_dl, glucose),
     shown(told.minimum_mg_dl, glucose),
     shown(told.peak_mg_dl, glucose),
@@ -48,6 +59,13 @@ function row(session, run, place) {
     told.time_below_70_pct.toFixed(1),
     (told.insulin_total_mU / 1000).toFixed(2),
   ];
+}
+
+/** @param {Session} session @param {Run} run @param {number} place */
+function row(session, run, place) {
+  const swatch = element("span", { class: "swatch" });
+  swatch.style.borderColor = colours(isDark())[place];
+  swatch.style.borderTopStyle = dashes(place).length ? "dashed" : "solid";
   const last = element("td");
   if (place > 0) {
     const unpin = element("button", { type: "button", "aria-label": texts.unpin(run.name) }, texts.unpinShort);
@@ -57,8 +75,8 @@ function row(session, run, place) {
     });
     last.append(unpin);
   }
-  const cells = values.map((value) => element("td", {}, value));
-  return element("tr", {}, element("th", { scope: "row" }, swatch, name), ...cells, last);
+  const cells = valuesOf(session, run).map((value) => element("td", {}, value));
+  return element("tr", {}, element("th", { scope: "row" }, swatch, element("span", {}, nameOf(run))), ...cells, last);
 }
 
 /** @param {Session} session */
@@ -72,5 +90,8 @@ function acts(session) {
     const total = of.reduce((sum, { from, to }) => sum + to - from, 0);
     return element("li", {}, texts.acts(data.statuses[status], total, of));
   });
-  byId("acts").replaceChildren(...(lines.length ? lines : [element("li", {}, texts.noActs)]));
+  const told = lines.length ? lines : [element("li", {}, texts.noActs)];
+  const place = byId("acts");
+  if (place.childElementCount === told.length) told.forEach((line, i) => tell(place.children[i], `${line.textContent}`));
+  else place.replaceChildren(...told);
 }

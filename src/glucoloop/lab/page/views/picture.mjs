@@ -2,7 +2,7 @@
 /** The picture with the meals above it, which are dragged, and the moment that is explained. */
 
 import { isDark, Picture } from "../chart.mjs";
-import { byId, element, input, say } from "../dom.mjs";
+import { byId, element, input, say, tell } from "../dom.mjs";
 import { summary } from "../loop.mjs";
 import { scene } from "../scene.mjs";
 import { texts } from "../texts.mjs";
@@ -38,8 +38,8 @@ export function pictureView(session) {
   return () => {
     const of = scene(session, isDark());
     for (const panel of /** @type {const} */ (["glucose", "insulin"])) {
-      byId(`${panel}-title`).textContent = of[panel].title;
-      byId(`${panel}-legend`).textContent = of[panel].legend;
+      tell(byId(`${panel}-title`), of[panel].title);
+      tell(byId(`${panel}-legend`), of[panel].legend);
     }
     picture.draw(of);
     const last = (session.run.trace.t_min.length - 1) * every;
@@ -87,7 +87,7 @@ function lane(session, { left, width }) {
   meals.forEach((meal, i) => {
     const button = /** @type {HTMLButtonElement} */ (place.children[i]);
     button.style.left = `${left + (meal.t_min / end) * width}px`;
-    button.textContent = texts.grams(meal.carbs_g);
+    tell(button, texts.grams(meal.carbs_g));
     button.setAttribute("aria-label", texts.meal(i + 1, meal.carbs_g, meal.t_min));
   });
 }

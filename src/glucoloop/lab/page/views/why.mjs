@@ -1,7 +1,7 @@
 // @ts-check
 /** Why this dose: what happened at the moment that is explained. */
 
-import { byId } from "../dom.mjs";
+import { byId, tell } from "../dom.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
 
@@ -10,7 +10,7 @@ export function whyView(session) {
   return () => {
     const k = session.moment;
     if (k === null) {
-      byId("why").textContent = texts.noMoment;
+      tell(byId("why"), texts.noMoment);
       return;
     }
     const { trace } = session.run;
@@ -25,7 +25,7 @@ export function whyView(session) {
       insulin_unit: insulin.name,
     });
     const reason = expectation(session) || terms(session);
-    byId("why").textContent = [told, session.data.statuses[trace.status[k]], reason].filter(Boolean).join(" ");
+    tell(byId("why"), [told, session.data.statuses[trace.status[k]], reason].filter(Boolean).join(" "));
   };
 }
 
