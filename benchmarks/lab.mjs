@@ -18,6 +18,7 @@ import { checked, usual } from "../src/glucoloop/lab/page/situation.mjs";
 
 const MOVES = 200;
 const PEOPLE = 400;
+const SETTLED_MS = 4000;
 const DAY = { duration_min: 1440, noise_variance: 1.45, meals: [{ t_min: 420, carbs_g: 45 }, { t_min: 720, carbs_g: 70 }] };
 const page = new URL("../src/glucoloop/lab/page/", import.meta.url);
 const data = JSON.parse(readFileSync(new URL("lab.json", page), "utf8"));
@@ -106,11 +107,12 @@ async function moved(browser, address, slider) {
   return times.slice(20);
 }
 
-/** Try a tuning on people; the first time makes the workers and the people. */
+/** Try a tuning on people, some seconds after the page was opened, when its workers are there; the first time makes the people. */
 async function tried(browser, address, count) {
   const tab = await browser.newPage();
   await tab.goto(address);
   await tab.waitForFunction(() => document.documentElement.dataset.ready);
+  await tab.waitForTimeout(SETTLED_MS);
   const times = [];
   for (let i = 0; i < 4; i++) {
     times.push(await tab.evaluate(async (count) => {
