@@ -1,10 +1,10 @@
 """Nights of the meal-aware controller, which expects meals at all hours or by the time of day.
 
     python benchmarks/meals_by_time.py
-    python benchmarks/meals_by_time.py --table '0.57@06:00 0.05@22:00' --runs 100
+    python benchmarks/meals_by_time.py --table '0.57@06:00 0.05@22:00' --runs 100 --carbs 15
 
 Nights begin at 22:00. A false alarm is a rise of the probability of a meal above one half on a night without a meal;
-a meal of 50 g at 2:00 is found when it rises above that for the first time afterwards.
+a meal at 2:00, of 50 g if not said otherwise, is found when it rises above that for the first time afterwards.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", default="0.57@06:00 0.02@22:00")
     parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--carbs", type=float, default=50.0, help="g of the meal")
     asked = parser.parse_args()
     situation = Situation(noise_variance=VARIANCE, start_min=EVENING_MIN)
     case, person = usual_case("meal-mpc", situation), situation.nominal
@@ -63,7 +64,7 @@ def main() -> None:
                 )
                 return trace.glucose_mg_dl, estimates.eating
 
-            for what, carbs_g in (("no meal", 0.0), ("50 g at 2:00", 50.0)):
+            for what, carbs_g in (("no meal", 0.0), (f"{asked.carbs:g} g at 2:00", asked.carbs)):
                 glucose, eating = map(np.asarray, night(keys, np.full(asked.runs, carbs_g)))
                 above = eating > 0.5
                 rises = above[:, 1:] & ~above[:, :-1]
