@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from glucoloop.estimation.noise_level import LEVELS_MG_DL
 from glucoloop.estimation.unknown_meal import MealHabits, Sensed, design_meal_horizon
 from glucoloop.estimation.unknown_meal.expectation import expectation
+from glucoloop.meals.stomach import FAST_GUT_MIN, digest, empty_stomach, gut_of
 
 H, N = 5.0, 72
+A, G = ((0.92, -0.6), (0.0, 0.8)), (0.04, 0.0)  # of the person in conftest.py
 RARE = MealHabits(0.05, 36.0)
 STEPS = jax.jit(
     lambda model, estimator, first, sensed: jax.lax.scan(
@@ -220,6 +222,22 @@ def test_a_true_meal_is_found_and_sized(two_states, record_of, quiet, samples):
     late = 10 + samples - 1 + 12
     assert sized[late] == pytest.approx(1.8 * samples, abs=1.8)
     assert eating[late] < 0.05
+
+
+def test_evidence_tells_a_fast_gut_from_the_usual_one(two_states, record_of):
+    """Digested at half the time the same food is over sooner, which a record shows long before it ends."""
+    insulin, eaten = np.full(N, 20.0), served(10)
+    stomach, x, fast = empty_stomach(jnp.zeros(()), H), np.zeros(2), []
+    for share in eaten:
+        stomach, moments = digest(stomach, jnp.asarray(share), H, gut_of(FAST_GUT_MIN, H))
+        x = np.asarray(A) @ x + np.asarray(G) * float(moments[0])
+        fast.append(80.0 + x[0])
+    estimator = design_meal_horizon(two_states, RARE, measurement_variance=0.1)
+    of_fast, of_usual = (told(two_states, estimator, readings)[0] for readings in (fast, record_of(eaten, insulin)))
+    assert of_fast.gut_min[18] < 35.0 < 50.0 < of_usual.gut_min[18]
+    held = [float(of.stomach.gut_mg[30]) for of in (of_fast, of_usual)]
+    assert held[0] < 0.5 * held[1]
+    assert 30.0 <= of_fast.gut_min.min() <= of_usual.gut_min.max() <= 60.0
 
 
 def test_without_readings_a_meal_is_taken_to_end(two_states, record_of, quiet):
