@@ -17,7 +17,7 @@ from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, PERSON, SAMPLE, Value
 from glucoloop.native.targets.llvm.chunks import Chunk, plan_chunks
-from glucoloop.native.targets.llvm.rows import Rows, find_rows
+from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.products import FUSED, fused_products
 
 _LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
@@ -261,7 +261,7 @@ class Emitter:
         for value, i in chunk.written:
             self._store(self._as_number(value), self._place("outputs", i))
 
-    def _loop_over(self, rows: Rows) -> None:
+    def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""
         say, out, v = self._out.say, self._out, self._vector
         factors = [self._name(factor) for factor in rows.factors]

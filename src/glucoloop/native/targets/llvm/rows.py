@@ -20,7 +20,7 @@ LEAST_COLUMNS: Final = 3
 
 
 @dataclass(frozen=True)
-class Rows:
+class MatrixRows:
     """Sums of products, one for each row of a matrix."""
 
     sums: Sequence[Value]
@@ -47,7 +47,7 @@ class _Sum:
 
 def find_rows(
     program: Program, order: Sequence[Value], results: Sequence[Value], places: Mapping[Value, int]
-) -> list[Rows]:
+) -> list[MatrixRows]:
     """Find rows that a loop can carry out.
 
     Parameters
@@ -97,7 +97,7 @@ def find_rows(
         if len(sums) < LEAST_ROWS or len(terms_of_first) < LEAST_COLUMNS:
             continue
         rows.append(
-            Rows(
+            MatrixRows(
                 sums=sums,
                 factors=[factor for _, factor in terms_of_first],
                 columns=[place - terms_of_first[0][0] for place, _ in terms_of_first],
