@@ -221,7 +221,7 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             below=1.0,
         ),
-    ] = 0.05
+    ] = 0.4
     iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
 
 
