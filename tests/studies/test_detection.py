@@ -113,6 +113,7 @@ def asked():
             "estimators": ["moving-horizon"],
             "meals_per_h": 0.05,
             "disturbance_variance": 0.1,
+            "fast_meals": 0.0,  # nobody's gut is another than the model's, and without noise nothing else tells so
         }
     )
 
