@@ -22,6 +22,7 @@ from glucoloop.sensors import IdealSensor, dead_time, white_noise
 from glucoloop.simulation import Adaptive, linear_model, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import PER_NOMINAL, Cohort, People
+from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.exponential import ExponentialPlant, design, meal_moments, substeps_of
 from glucoloop.simulation.loop import Loop, begin, sample
 
@@ -331,6 +332,20 @@ def test_both_engines_agree(noisy):
     np.testing.assert_allclose(runs["native"].insulin_mU_min, runs["xla"].insulin_mU_min, rtol=0.0, atol=1e-9)
     for a, b in zip(*(jax.tree.leaves(run.fold) for run in runs.values()), strict=True):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.long
+def test_the_last_glucose_is_computed_while_no_other_thread_computes(noisy, monkeypatch):
+    people, made, _ = noisy
+    cohort = made["native"]
+    last = cohort._glucose_people
+
+    def alone(*given):
+        assert one_at_a_time._is_owned()  # two programs of JAX in two threads can wait for one another without end
+        return last(*given)
+
+    monkeypatch.setattr(cohort, "_glucose_people", alone)
+    cohort.run(people)
 
 
 @pytest.mark.long

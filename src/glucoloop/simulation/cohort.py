@@ -241,7 +241,8 @@ class Cohort:
         last, outputs = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
         glucose, delivered, *decisions = outputs
         reading, status = decisions or (None, None)
-        end = np.asarray(self._glucose_people(own, last.loop.x))
+        with one_at_a_time:
+            end = np.asarray(self._glucose_people(own, last.loop.x))
         return CohortRun(
             fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
             glucose_mg_dl=np.concatenate([glucose, end[None]]),

@@ -37,6 +37,7 @@ from glucoloop.registry.guard import complete_guard
 from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.people_plant import varying
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.stacking import move_slots
@@ -245,21 +246,24 @@ class MismatchedLoops:
         )  # fmt: skip
 
         def block(places: npt.NDArray[np.intp], asked: int) -> tuple[Floats, Floats]:
-            people = People(
-                patient=_at(whole.patient, self._single, places),
-                x=whole.x[:, places],
-                insulin_mU_min=whole.insulin_mU_min[places],
-                key=whole.key[places],
-                controller=_at(many, one, places),
-                sensor=_at(self._sensor, self._one_sensor, places),
-                pump=_at(self._pump, self._one_pump, places),
-                meals=jax.tree.map(lambda leaf: leaf[:, places], self._meals),
-            )
+            with one_at_a_time:
+                people = People(
+                    patient=_at(whole.patient, self._single, places),
+                    x=whole.x[:, places],
+                    insulin_mU_min=whole.insulin_mU_min[places],
+                    key=whole.key[places],
+                    controller=_at(many, one, places),
+                    sensor=_at(self._sensor, self._one_sensor, places),
+                    pump=_at(self._pump, self._one_pump, places),
+                    meals=jax.tree.map(lambda leaf: leaf[:, places], self._meals),
+                )
+                jax.block_until_ready(vars(people))
             done = cohort.run(people)
             progress(asked)
             return np.asarray(done.glucose_mg_dl, float)[:, :asked], np.asarray(done.insulin_mU_min, float)[:, :asked]
 
-        parts = in_blocks(block, np.arange(self._row.size), min(_TOGETHER, self._row.size))
+        threads = None if cohort.engine == "native" else 1  # JAX has its own
+        parts = in_blocks(block, np.arange(self._row.size), min(_TOGETHER, self._row.size), threads)
         glucose, insulin = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
         return dict(self._measured(glucose, insulin))
 
