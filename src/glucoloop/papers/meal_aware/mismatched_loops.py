@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.bounds import OptimalDoses, bound_of_situation
-from glucoloop.cohorts.blocks import in_blocks
+from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.config.trial import read_trial
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.episodes import once
@@ -48,7 +48,6 @@ _SETPOINT_MG_DL: Final = 81.0
 """Setpoint of the example from which the loop is compiled."""
 _NO_RATE_MU_MIN: Final = 20.0
 """Rate at the start of a person whom no rate holds at the setpoint, and whose run does not count."""
-_TOGETHER: Final = 256  # few enough that Ctrl-C is heeded soon
 
 Design = Callable[[float, float], Controller]
 """Function that designs a controller for a setpoint and a noise variance."""
@@ -257,13 +256,16 @@ class MismatchedLoops:
                     pump=_at(self._pump, self._one_pump, places),
                     meals=jax.tree.map(lambda leaf: leaf[:, places], self._meals),
                 )
-                jax.block_until_ready(vars(people))
+                for leaf in jax.tree.leaves(vars(people)):
+                    if isinstance(leaf, jax.Array):
+                        leaf.block_until_ready()
             done = cohort.run(people)
             progress(asked)
             return np.asarray(done.glucose_mg_dl, float)[:, :asked], np.asarray(done.insulin_mU_min, float)[:, :asked]
 
         threads = None if cohort.engine == "native" else 1  # JAX has its own
-        parts = in_blocks(block, np.arange(self._row.size), min(_TOGETHER, self._row.size), threads)
+        together = min(block_size(cohort.engine), self._row.size)
+        parts = in_blocks(block, np.arange(self._row.size), together, threads)
         glucose, insulin = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
         return dict(self._measured(glucose, insulin))
 
