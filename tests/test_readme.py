@@ -11,7 +11,8 @@ from glucoloop.cli.app import app
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
-PAGES = [README, *(page for page in sorted(ROOT.glob("docs/**/*.md")) if "_generated" not in page.parts)]
+# Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
+PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
