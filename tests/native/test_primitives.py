@@ -53,11 +53,20 @@ def with_a_pullback(x):
 
 with_a_pullback.defvjp(lambda x: (x * 3.0, None), lambda _, g: (g,))
 
+
+@jax.custom_batching.custom_vmap
+def with_a_map(x):
+    return x * 3.0
+
+
+with_a_map.def_vmap(lambda size, mapped, x: (with_a_map(x), True))
+
 CALLS = {
     "jit": jax.jit(lambda x: x * 3.0),
     "remat2": jax.checkpoint(lambda x: x * 3.0),
     "custom_jvp_call": with_a_derivative,
     "custom_vjp_call": with_a_pullback,
+    "custom_vmap_call": with_a_map,
 }
 
 

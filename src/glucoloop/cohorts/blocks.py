@@ -17,10 +17,7 @@ import numpy.typing as npt
 T = TypeVar("T")
 
 _SIZES: Final = {"native": 512, "xla": 64}
-"""Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is.
-
-JAX with two threads did not come back from linear equations of 256 people at once, under NLQDMC/SE.
-"""
+"""Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is."""
 
 
 def block_size(engine: str) -> int:

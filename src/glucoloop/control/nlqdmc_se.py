@@ -22,7 +22,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
-from glucoloop.estimation.kalman import steady_state_seen
+from glucoloop.estimation import steady_state_seen
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
 from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response

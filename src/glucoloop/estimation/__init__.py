@@ -8,11 +8,10 @@ from glucoloop.estimation.kalman import (
     kalman_step,
     predict,
     riccati_step,
-    steady_state_covariance,
     steady_state_gain,
-    steady_state_seen,
     update,
 )
+from glucoloop.estimation.steady_state import steady_state_covariance, steady_state_seen
 
 __all__ = [
     "Innovation",

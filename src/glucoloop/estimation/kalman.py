@@ -5,23 +5,15 @@
 
 The gain is that of the filter form, ``x(k|k) = x(k|k-1) + K (y(k) - C x(k|k-1))``; the predictor form's is ``Phi K``.
 
-The functions that run at every sample (`predict`, `update`, `kalman_step`, `riccati_step`, `steady_state_covariance`,
-`steady_state_seen`) have one output, so the innovation variance is a scalar and no matrix is inverted in the update;
-several independent sensors are several updates. They serve one person and, with a trailing axis on any of their
-arguments, a cohort.
+The functions that run at every sample (`predict`, `update`, `kalman_step`, `riccati_step`) have one output, so the
+innovation variance is a scalar and no matrix is inverted in the update; several independent sensors are several
+updates. They serve one person and, with a trailing axis on any of their arguments, a cohort.
 
-References
-----------
-B. D. O. Anderson and J. B. Moore, Optimal Filtering, Prentice-Hall, 1979, chapters 3 and 4.
-E. K.-W. Chu, H.-Y. Fan, W.-W. Lin and C.-S. Wang, Structure-preserving algorithms for periodic discrete-time algebraic
-Riccati equations, Int. J. Control 77(8), 2004, 767-788 (the doubling algorithm).
+Reference: B. D. O. Anderson and J. B. Moore, Optimal Filtering, Prentice-Hall, 1979, chapters 3 and 4.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg  # type: ignore[import-untyped, unused-ignore]
@@ -371,149 +363,3 @@ def filter_gain(P: ArrayLike, C: ArrayLike, R: ArrayLike) -> Array:
     C = jnp.asarray(C)
     seen = jnp.einsum("ij...,j...->i...", jnp.asarray(P), C)
     return seen / (jnp.einsum("i...,i...->...", _people(C, seen), seen) + jnp.asarray(R))
-
-
-def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
-    """Steady prediction covariance by the structured doubling algorithm, traceable by JAX.
-
-    Parameters
-    ----------
-    Phi, Q : (n, n) or (n, n, B)
-        Transition matrix and covariance of the process noise.
-    C : (n,) or (n, B)
-        Output row.
-    R : () or (B,)
-        Variance of a reading, positive.
-    doublings
-        Largest number of doublings: `d` of them stand for 2^d steps of the Riccati equation from zero. With a
-        closed-loop spectral radius rho the error is of the order of ``rho^(2^(d+1))``: 10 are exact for rho up to 0.98.
-
-    Returns
-    -------
-    (n, n) or (n, n, B)
-        The prediction covariance, symmetric; `filter_gain` makes the gain from it.
-
-    Raises
-    ------
-    ValueError
-        If `doublings` is less than 1.
-
-    Notes
-    -----
-    Made for a controller that linearises again at every sample. It carries no state from sample to sample, so nothing
-    can drift, and it needs no warm start. Values are not validated here: for an undetectable model the result grows
-    without bound, and `steady_state_gain` says why.
-
-    Doublings end when more of them would change nothing. Let ``P_N`` be the covariance after N steps from zero. If
-    ``P_2N - P_N <= e P_N`` (in the sense of definite matrices), then ``P - P_2N <= e^2 / (1 - e) P_N`` for the steady
-    P, and after another doubling about ``e^4`` is left. The variances of the states are compared, with the fourth root
-    of the machine epsilon for e, and one doubling follows.
-    """
-    return _steady(_last_covariance, Phi, C, Q, R, doublings)
-
-
-def steady_state_seen(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
-    """Product ``P C'`` of the steady prediction covariance, which is all that a gain needs.
-
-    The parameters are those of `steady_state_covariance`. The filter-form gain is ``P C' / (C P C' + R)``.
-
-    Returns
-    -------
-    (n,) or (n, B)
-        Covariance of the error of each state with that of the predicted output.
-
-    Raises
-    ------
-    ValueError
-        If `doublings` is less than 1.
-    """
-    return _steady(_last_seen, Phi, C, Q, R, doublings)
-
-
-_Doubled = tuple[Array, Array, Array]
-"""``Phi'`` of the closed loop, ``g`` and the covariance ``h``, after some number of steps."""
-
-
-def _steady(
-    last: Callable[[_Doubled, Array], Array], Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, doublings: int
-) -> Array:
-    """Result of the last doubling, of one person or, with a trailing axis on any of the arguments, of a cohort."""
-    if doublings < 1:
-        raise ValueError(f"At least 1 doubling is needed, but {doublings} were asked for.")
-    given = [(jnp.asarray(array), rank) for array, rank in ((Phi, 2), (C, 1), (Q, 2), (R, 0))]
-
-    def of_one(Phi: Array, C: Array, Q: Array, R: Array) -> Array:
-        return last(_doubled(Phi.T, C, Q, R, doublings - 1), C)
-
-    if all(array.ndim == rank for array, rank in given):
-        return of_one(*(array for array, _ in given))
-    axes = tuple(-1 if array.ndim > rank else None for array, rank in given)
-    return jax.vmap(of_one, in_axes=axes, out_axes=-1)(*(array for array, _ in given))
-
-
-def _doubled(a: Array, row: Array, h: Array, variance: Array, doublings: int) -> _Doubled:
-    """Result of up to 2^doublings steps from zero, where ``a`` is ``Phi'`` and ``h`` is Q.
-
-    ``g`` begins as ``C' C / R``. While its rank is small it is kept as ``u s^-1 u'``, of which each doubling makes u
-    twice as wide.
-    """
-    n = h.shape[0]
-    eye = jnp.eye(n, dtype=a.dtype)
-    u, s, done = row[:, None], variance[None, None], 0
-    going = jnp.ones((), bool)
-    while done < doublings and 2 * u.shape[1] <= n:
-        seen = h @ u
-        more = s + u.T @ seen
-        ahead = a - u @ _solved(more, seen.T @ a)
-        u, s = jnp.concatenate([u, a @ u], axis=1), jax.scipy.linalg.block_diag(s, more)
-        h, going = _grown(h, a.T @ h @ ahead)
-        a, done = a @ ahead, done + 1
-    g = u @ _solved(s, u.T)
-
-    def double(carry: _Doubled) -> tuple[_Doubled, Array]:
-        a, g, h = carry
-        both = _solved(eye + g @ h, jnp.concatenate([a, g], axis=1))
-        ahead, gain = both[:, :n], both[:, n:]
-        g = g + a @ gain @ a.T
-        h, going = _grown(h, a.T @ h @ ahead)
-        return (a @ ahead, 0.5 * (g + g.T), h), going
-
-    def keep(carry: _Doubled) -> tuple[_Doubled, Array]:
-        return carry, jnp.zeros((), bool)
-
-    def unless_done(_: int, state: tuple[_Doubled, Array]) -> tuple[_Doubled, Array]:
-        carry, going = state
-        further: tuple[_Doubled, Array] = jax.lax.cond(going, double, keep, carry)
-        return further
-
-    doubled: _Doubled = jax.lax.fori_loop(0, doublings - done, unless_done, ((a, g, h), going))[0]
-    return doubled
-
-
-def _grown(h: Array, more: Array) -> tuple[Array, Array]:
-    """Covariance with what a doubling adds, and whether that was much; no if it is no number, so that time is saved."""
-    total = h + more
-    total = 0.5 * (total + total.T)
-    much = jnp.finfo(h.dtype).eps ** 0.25
-    every = h.shape[0] + 1
-    return total, jnp.any(more.ravel()[::every] > much * total.ravel()[::every])
-
-
-def _last_covariance(doubled: _Doubled, C: Array) -> Array:
-    del C
-    a, g, h = doubled
-    h = h + a.T @ h @ _solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, a)
-    return 0.5 * (h + h.T)
-
-
-def _last_seen(doubled: _Doubled, C: Array) -> Array:
-    a, g, h = doubled
-    ahead = _solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, (a @ C)[:, None])[:, 0]
-    return h @ C + a.T @ (h @ ahead)
-
-
-def _solved(matrix: Array, right: Array) -> Array:
-    """Solution of linear equations, with the rows exchanged directly: `jnp.linalg.solve` transposes them twice."""
-    factors, _, order = jax.lax.linalg.lu(matrix)
-    below = jax.lax.linalg.triangular_solve(factors, right[order], left_side=True, lower=True, unit_diagonal=True)
-    return jax.lax.linalg.triangular_solve(factors, below, left_side=True)

@@ -22,6 +22,7 @@ CALLS: Final = {
     "remat2": "jaxpr",
     "custom_jvp_call": "call_jaxpr",
     "custom_vjp_call": "call_jaxpr",
+    "custom_vmap_call": "call",
 }
 """The primitives that call another function, and the parameter which holds that function."""
 
