@@ -30,6 +30,30 @@ export const LEVELS_PCT = [5, 25, 50, 75, 95];
 export const RULE = { below_70_pct: 5, change_mU_min: 2 };
 const [LOW, HIGH, VERY_LOW] = [70, 180, 54];
 
+/**
+ * Order numbers, in part: at each of some places stands the number that would if all were sorted.
+ * C. A. R. Hoare, "Algorithm 65: find", Comm. ACM 4(7), 1961.
+ * @param {Float32Array} numbers
+ * @param {number[]} places
+ * @param {number} first of those that are ordered
+ * @param {number} last
+ */
+function order(numbers, places, first, last) {
+  if (first >= last || places.length === 0) return;
+  const pivot = numbers[(first + last) >> 1];
+  let [i, j] = [first, last];
+  while (i <= j) {
+    while (numbers[i] < pivot) i++;
+    while (numbers[j] > pivot) j--;
+    if (i > j) break;
+    const kept = numbers[i];
+    numbers[i++] = numbers[j];
+    numbers[j--] = kept;
+  }
+  order(numbers, places.filter((place) => place <= j), first, j);
+  order(numbers, places.filter((place) => place >= i), i, last);
+}
+
 /** Collects what happens to people, sample by sample. */
 export class Crowd {
   /**
@@ -100,13 +124,13 @@ export class Crowd {
     const { people, samples, every, glucose } = this;
     /** @type {number[][]} */
     const levels = LEVELS_PCT.map(() => []);
+    const places = LEVELS_PCT.map((level) => (level / 100) * (people - 1));
+    const around = places.map((place) => [Math.floor(place), Math.min(Math.floor(place) + 1, people - 1)]);
     for (let k = 0; k <= samples; k++) {
-      const sorted = glucose.slice(k * people, (k + 1) * people).sort();
-      LEVELS_PCT.forEach((level, i) => {
-        const place = (level / 100) * (people - 1);
-        const below = Math.floor(place);
-        const above = Math.min(below + 1, people - 1);
-        levels[i].push(sorted[below] + (place - below) * (sorted[above] - sorted[below]));
+      const sorted = glucose.slice(k * people, (k + 1) * people);
+      order(sorted, around.flat(), 0, people - 1);
+      around.forEach(([below, above], i) => {
+        levels[i].push(sorted[below] + (places[i] - below) * (sorted[above] - sorted[below]));
       });
     }
     return { name, t_min: Array.from({ length: samples + 1 }, (_, k) => k * every), levels };

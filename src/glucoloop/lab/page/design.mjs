@@ -212,6 +212,21 @@ export function design(name, tuning, patient, sample_time_min, kept) {
 
 /** @typedef {Float64Array} Square a square matrix, row by row */
 
+const NAMES = /** @type {const} */ (["A", "G", "P", "W", "V", "U", "PV", "more", "transposed", "moved"]);
+/** Matrices that are used at each solution again, by their size. @type {Map<number, Record<typeof NAMES[number] | "rows", Square>>} */
+const workspaces = new Map();
+
+/** @param {number} n */
+function workspace(n) {
+  let found = workspaces.get(n);
+  if (found === undefined) {
+    const made = Object.fromEntries(NAMES.map((name) => [name, new Float64Array(n * n)]));
+    found = /** @type {Record<typeof NAMES[number] | "rows", Square>} */ ({ ...made, rows: new Float64Array(3 * n * n + n) });
+    workspaces.set(n, found);
+  }
+  return found;
+}
+
 const MOST_DOUBLINGS = 60;
 /** Relative addition after which another doubling would add less than rounding does. */
 const CONVERGED = 1e-9;
@@ -231,10 +246,8 @@ const CONVERGED = 1e-9;
 export function steadyKalmanGain(Phi, C, Q, R) {
   const states = C.length;
   const n = Math.ceil(states / 4) * 4; // with zeros for states that there are not
-  /** @type {Square} */
-  let A = new Float64Array(n * n);
-  const G = new Float64Array(n * n);
-  const P = new Float64Array(n * n);
+  const { A, G, P, W, V, U, PV, more, transposed, moved, rows } = workspace(n);
+  for (const matrix of [A, G, P]) matrix.fill(0);
   for (let i = 0; i < states; i++) {
     P[i * n + i] = Q[i];
     for (let j = 0; j < states; j++) {
@@ -243,16 +256,20 @@ export function steadyKalmanGain(Phi, C, Q, R) {
     }
   }
   for (let step = 0; step < MOST_DOUBLINGS; step++) {
-    const W = product(G, P, n);
+    product(G, P, n, W);
     for (let i = 0; i < n; i++) W[i * n + i] += 1;
-    const [V, U] = solved(W, A, G, n); // W^-1 A and W^-1 G
-    const transposed = transpose(A, n);
-    const more = product(transposed, product(P, V, n), n);
+    solve(W, A, G, n, rows, V, U); // W^-1 A and W^-1 G
+    transpose(A, n, transposed);
+    product(P, V, n, PV);
+    product(transposed, PV, n, more);
     add(P, more);
     // It converges quadratically: what the next doubling would add is the square of this.
     if (size(more) <= CONVERGED * size(P)) break;
-    add(G, product(product(A, U, n), transposed, n));
-    A = product(A, V, n);
+    product(A, U, n, moved);
+    product(moved, transposed, n, more);
+    add(G, more);
+    product(A, V, n, moved);
+    A.set(moved);
   }
   const seen = C.map((_, i) => C.reduce((total, c, j) => total + 0.5 * (P[i * n + j] + P[j * n + i]) * c, 0));
   const gain = seen.map((value) => value / (dot(C, seen) + R));
@@ -279,76 +296,102 @@ function add(a, b) {
   for (let i = 0; i < a.length; i++) a[i] += b[i];
 }
 
-/** @param {Square} a @param {number} n */
-function transpose(a, n) {
-  const found = new Float64Array(n * n);
-  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) found[j * n + i] = a[i * n + j];
-  return found;
+/** @param {Square} a @param {number} n @param {Square} into */
+function transpose(a, n, into) {
+  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) into[j * n + i] = a[i * n + j];
 }
 
-/** @param {Square} a @param {Square} b @param {number} n a multiple of four */
-function product(a, b, n) {
-  const found = new Float64Array(n * n);
-  for (let i = 0; i < n; i++) {
-    const row = i * n;
-    // Four columns at a time, so that sums stay in registers.
+/** Two rows and four columns at a time, so that sums stay in registers. @param {Square} a @param {Square} b @param {number} n a multiple of four @param {Square} into neither of the two */
+function product(a, b, n, into) {
+  for (let i = 0; i < n; i += 2) {
+    const first = i * n;
+    const second = first + n;
     for (let j = 0; j < n; j += 4) {
       let s0 = 0;
       let s1 = 0;
       let s2 = 0;
       let s3 = 0;
+      let t0 = 0;
+      let t1 = 0;
+      let t2 = 0;
+      let t3 = 0;
       for (let k = 0, at = j; k < n; k++, at += n) {
-        const factor = a[row + k];
-        s0 += factor * b[at];
-        s1 += factor * b[at + 1];
-        s2 += factor * b[at + 2];
-        s3 += factor * b[at + 3];
+        const s = a[first + k];
+        const t = a[second + k];
+        const b0 = b[at];
+        const b1 = b[at + 1];
+        const b2 = b[at + 2];
+        const b3 = b[at + 3];
+        s0 += s * b0;
+        s1 += s * b1;
+        s2 += s * b2;
+        s3 += s * b3;
+        t0 += t * b0;
+        t1 += t * b1;
+        t2 += t * b2;
+        t3 += t * b3;
       }
-      found[row + j] = s0;
-      found[row + j + 1] = s1;
-      found[row + j + 2] = s2;
-      found[row + j + 3] = s3;
+      into[first + j] = s0;
+      into[first + j + 1] = s1;
+      into[first + j + 2] = s2;
+      into[first + j + 3] = s3;
+      into[second + j] = t0;
+      into[second + j + 1] = t1;
+      into[second + j + 2] = t2;
+      into[second + j + 3] = t3;
     }
   }
-  return found;
 }
 
 /**
- * The solutions of `W X = A` and `W X = B`, by elimination with row exchanges.
+ * The solutions V and U of `W V = A` and `W U = B`, by elimination with row exchanges.
  * @param {Square} W @param {Square} A @param {Square} B @param {number} n
+ * @param {Float64Array} rows room for the three, side by side, and for the pivots @param {Square} V @param {Square} U
  */
-function solved(W, A, B, n) {
+function solve(W, A, B, n, rows, V, U) {
   const width = 3 * n;
-  const rows = new Float64Array(n * width);
+  const pivots = rows.subarray(3 * n * n);
   for (let i = 0; i < n; i++) {
-    rows.set(W.subarray(i * n, (i + 1) * n), i * width);
-    rows.set(A.subarray(i * n, (i + 1) * n), i * width + n);
-    rows.set(B.subarray(i * n, (i + 1) * n), i * width + 2 * n);
+    const to = i * width;
+    const from = i * n;
+    for (let j = 0; j < n; j++) {
+      rows[to + j] = W[from + j];
+      rows[to + n + j] = A[from + j];
+      rows[to + 2 * n + j] = B[from + j];
+    }
   }
   for (let k = 0; k < n; k++) {
     let pivot = k;
     for (let i = k + 1; i < n; i++) {
       if (Math.abs(rows[i * width + k]) > Math.abs(rows[pivot * width + k])) pivot = i;
     }
-    if (pivot !== k) {
-      const row = rows.slice(k * width, (k + 1) * width);
-      rows.copyWithin(k * width, pivot * width, (pivot + 1) * width);
-      rows.set(row, pivot * width);
-    }
     const from = k * width;
+    for (let j = k, to = pivot * width + k; pivot !== k && j < width; j++, to++) {
+      const kept = rows[to];
+      rows[to] = rows[from + j];
+      rows[from + j] = kept;
+    }
+    pivots[k] = rows[from + k];
     for (let i = 0; i < n; i++) {
       const to = i * width;
-      const factor = i === k ? 0 : rows[to + k] / rows[from + k];
-      if (factor !== 0) for (let j = k; j < width; j++) rows[to + j] -= factor * rows[from + j];
+      const factor = i === k ? 0 : rows[to + k] / pivots[k];
+      if (factor === 0) continue;
+      // Four columns at a time; what is in the columns before k is not read again.
+      for (let j = k - (k % 4); j < width; j += 4) {
+        const at = to + j;
+        const of = from + j;
+        rows[at] -= factor * rows[of];
+        rows[at + 1] -= factor * rows[of + 1];
+        rows[at + 2] -= factor * rows[of + 2];
+        rows[at + 3] -= factor * rows[of + 3];
+      }
     }
   }
-  const found = [new Float64Array(n * n), new Float64Array(n * n)];
   for (let i = 0; i < n; i++) {
-    const scale = rows[i * width + i];
+    const from = i * width;
     for (let j = 0; j < n; j++) {
-      found[0][i * n + j] = rows[i * width + n + j] / scale;
-      found[1][i * n + j] = rows[i * width + 2 * n + j] / scale;
+      V[i * n + j] = rows[from + n + j] / pivots[i];
+      U[i * n + j] = rows[from + 2 * n + j] / pivots[i];
     }
   }
-  return found;
 }

@@ -36,6 +36,11 @@ export function tell(place, text) {
   if (place.textContent !== text) place.textContent = text;
 }
 
+/** Give an element an attribute that it has not yet. @param {Element} of @param {string} name @param {string} value */
+export function attribute(of, name, value) {
+  if (of.getAttribute(name) !== value) of.setAttribute(name, value);
+}
+
 /** Say a sentence above the picture, which screen readers read out. @param {string} text @param {boolean} [refused] */
 export function say(text, refused = false) {
   const said = byId("said");

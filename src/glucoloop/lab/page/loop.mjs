@@ -21,7 +21,8 @@ import { drawForPump, drawForSensor } from "./threefry.mjs";
  * @property {number[]} status
  * @property {number[]} fine_t_min a grid of one minute, both ends included
  * @property {number[]} fine_glucose_mg_dl
- * @property {Float64Array[]} [memory] what the controller keeps before each sample and after the last, if asked for
+ * @property {Float64Array} [memory] (samples + 1, numbers) what the controller keeps before each sample and after the last,
+ *   if asked for
  */
 
 /**
@@ -284,8 +285,8 @@ export class Lab {
     trace.fine_t_min[0] = 0;
     trace.fine_glucose_mg_dl[0] = body.glucose_mg_dl;
     const loop = new LoopOfVector(this, situation);
-    /** @type {Float64Array[]} */
-    const memory = [];
+    const kept = asked.memory ? loop.kept : 0;
+    const memory = new Float64Array((samples + 1) * kept);
     const tell = (/** @type {number} */ k, /** @type {Happened} */ happened) => {
       trace.t_min[k] = k * every;
       trace.glucose_mg_dl[k] = happened.glucose_mg_dl[0];
@@ -297,10 +298,10 @@ export class Lab {
         trace.fine_t_min[k * inside + i + 1] = k * every + data.inside_min[i];
         trace.fine_glucose_mg_dl[k * inside + i + 1] = happened.inside_mg_dl[i * lanes];
       }
-      if (asked.memory) memory.push(loop.memory());
+      if (kept > 0) loop.remember(memory, (k + 1) * kept);
     };
     loop.begin(new Array(lanes).fill(body), new Array(lanes).fill(asked.seed ?? situation.seed));
-    if (asked.memory) memory.push(loop.memory());
+    if (kept > 0) loop.remember(memory, 0);
     loop.run(tell);
     if (asked.memory) trace.memory = memory;
     return trace;
@@ -424,12 +425,15 @@ export class LoopOfVector {
     this.drawsPump = "drawn" in this.pump.fields.own;
   }
 
-  /** What the controller keeps of the first person. */
-  memory() {
+  /** How many numbers the controller keeps of a person. */
+  get kept() {
+    return this.controller.carry.length / this.controller.lanes;
+  }
+
+  /** Copy what the controller keeps of the first person. @param {Float64Array} into @param {number} at */
+  remember(into, at) {
     const { carry, lanes } = this.controller;
-    const found = new Float64Array(carry.length / lanes);
-    for (let i = 0; i < found.length; i++) found[i] = carry[i * lanes];
-    return found;
+    for (let i = 0; i < carry.length; i += lanes) into[at++] = carry[i];
   }
 
   /**
@@ -577,20 +581,38 @@ export class LoopOfVector {
   }
 }
 
+/** @typedef {ReturnType<typeof summed>} Summary */
+/** @type {WeakMap<Trace, Summary>} */
+const summaries = new WeakMap();
+
 /**
- * The numbers below the picture, as `glucoloop run` gives them.
+ * The numbers below the picture, as `glucoloop run` gives them; of each trace they are computed once.
  * @param {Trace} trace
+ * @returns {Summary}
  */
 export function summary(trace) {
-  const glucose = trace.fine_glucose_mg_dl;
-  const part = (/** @type {(value: number) => boolean} */ test) => (100 * glucose.filter(test).length) / glucose.length;
-  const every = trace.t_min.length > 1 ? trace.t_min[1] - trace.t_min[0] : 0;
+  const found = summaries.get(trace) ?? summed(trace);
+  summaries.set(trace, found);
+  return found;
+}
+
+/** @param {Trace} trace */
+function summed({ fine_glucose_mg_dl: glucose, insulin_mU_min, t_min }) {
+  let [sum, minimum_mg_dl, peak_mg_dl, inside, below, insulin] = [0, Infinity, -Infinity, 0, 0, 0];
+  for (const value of glucose) {
+    sum += value;
+    minimum_mg_dl = Math.min(minimum_mg_dl, value);
+    peak_mg_dl = Math.max(peak_mg_dl, value);
+    if (value < 70) below += 1;
+    else if (value <= 180) inside += 1;
+  }
+  for (const rate of insulin_mU_min) insulin += rate;
   return {
-    mean_mg_dl: glucose.reduce((a, b) => a + b, 0) / glucose.length,
-    minimum_mg_dl: Math.min(...glucose),
-    peak_mg_dl: Math.max(...glucose),
-    time_70_180_pct: part((value) => value >= 70 && value <= 180),
-    time_below_70_pct: part((value) => value < 70),
-    insulin_total_mU: trace.insulin_mU_min.reduce((a, b) => a + b, 0) * every,
+    mean_mg_dl: sum / glucose.length,
+    minimum_mg_dl,
+    peak_mg_dl,
+    time_70_180_pct: (100 * inside) / glucose.length,
+    time_below_70_pct: (100 * below) / glucose.length,
+    insulin_total_mU: insulin * (t_min.length > 1 ? t_min[1] - t_min[0] : 0),
   };
 }

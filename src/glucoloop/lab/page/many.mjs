@@ -17,6 +17,22 @@ const MOST_WORKERS = 8;
 const TURNS = 6;
 const MULTIPLE = 4;
 
+/** How many people the workers draw before they are asked for them. */
+const EXPECTED = 1000;
+
+/**
+ * Turns of each worker, by their first people: always the same, so that a worker need not draw others the next time.
+ * @param {number} count of all people
+ * @param {number} workers
+ * @returns {{size: number, turns: number[][]}} how many people a turn has
+ */
+function turnsOf(count, workers) {
+  const size = workers ? MULTIPLE * Math.ceil(Math.min(AT_A_TIME, count / (TURNS * workers)) / MULTIPLE) : FEW;
+  const turns = Array.from({ length: Math.max(1, workers) }, () => /** @type {number[]} */ ([]));
+  for (let first = 0; first < count; first += size) turns[(first / size) % turns.length].push(first);
+  return { size, turns };
+}
+
 /**
  * Seed of a person's random numbers: the page has the noise of ten, which people share.
  * @param {Data} data
@@ -83,13 +99,14 @@ export class Many {
   async makeWorkers() {
     const { given, make } = this;
     const count = Math.min(MOST_WORKERS, globalThis.navigator?.hardwareConcurrency ?? 2);
-    /** @param {unknown} _ @returns {Promise<Worker>} */
-    const made = (_) =>
+    const { size, turns } = turnsOf(EXPECTED, count);
+    /** @param {unknown} _ @param {number} i @returns {Promise<Worker>} */
+    const made = (_, i) =>
       new Promise((resolve, reject) => {
         const worker = make();
         worker.onmessage = () => resolve(worker);
         worker.onerror = reject;
-        worker.postMessage(given);
+        worker.postMessage({ ...given, expected: { size, turns: turns[i] } });
       });
     try {
       return await Promise.all(Array.from({ length: count }, made));
@@ -111,10 +128,7 @@ export class Many {
     const crowd = new Crowd(count, Math.round(situation.duration_min / sample_time_min), sample_time_min);
     const workers = await this.begun();
     this.working = workers.length > 0;
-    const size = this.working ? MULTIPLE * Math.ceil(Math.min(AT_A_TIME, count / (TURNS * workers.length)) / MULTIPLE) : FEW;
-    /** Who is left of the people of each worker: always the same, so that it need not draw others the next time. */
-    const left = Array.from({ length: Math.max(1, workers.length) }, () => /** @type {number[]} */ ([]));
-    for (let first = 0; first < count; first += size) left[(first / size) % left.length].push(first);
+    const { size, turns: left } = turnsOf(count, workers.length);
     let done = 0;
     /** @param {number[]} turns @param {(first: number, count: number) => Promise<Crowd>} simulated */
     const work = async (turns, simulated) => {

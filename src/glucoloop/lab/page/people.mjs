@@ -22,21 +22,42 @@ const STEP = 1e-6;
 const SMALL = 1e-3;
 
 /**
- * The product of square matrices, row by row. What is zero in the first, as most of a chain of compartments, costs nothing.
+ * The product of a square matrix and one of any width, row by row.
  * @param {Float64Array} a
  * @param {Float64Array} b
- * @param {number} size
+ * @param {number} size rows of both
+ * @param {number} width columns of b, a multiple of four or of `size`
  * @param {Float64Array} into neither of the two
  */
-function product(a, b, size, into) {
-  into.fill(0);
-  for (let row = 0; row < a.length; row += size)
-    for (let k = 0; k < size; k++) {
-      const factor = a[row + k];
-      if (factor === 0) continue;
-      const from = k * size;
-      for (let j = 0; j < size; j++) into[row + j] += factor * b[from + j];
+function product(a, b, size, width, into) {
+  for (let row = 0; row < size; row++) {
+    const from = row * size;
+    const to = row * width;
+    let j = 0;
+    // Four columns at a time, so that sums stay in registers.
+    for (; j + 3 < width; j += 4) {
+      let s0 = 0;
+      let s1 = 0;
+      let s2 = 0;
+      let s3 = 0;
+      for (let k = 0, at = j; k < size; k++, at += width) {
+        const factor = a[from + k];
+        s0 += factor * b[at];
+        s1 += factor * b[at + 1];
+        s2 += factor * b[at + 2];
+        s3 += factor * b[at + 3];
+      }
+      into[to + j] = s0;
+      into[to + j + 1] = s1;
+      into[to + j + 2] = s2;
+      into[to + j + 3] = s3;
     }
+    for (; j < width; j++) {
+      let sum = 0;
+      for (let k = 0, at = j; k < size; k++, at += width) sum += a[from + k] * b[at];
+      into[to + j] = sum;
+    }
+  }
 }
 
 /**
@@ -48,45 +69,63 @@ function product(a, b, size, into) {
 export function driven(rates, { step_min, doublings, path }) {
   const size = rates[0].length;
   const all = size * size;
-  const matrix = () => new Float64Array(all);
-  const X = matrix();
+  const X = new Float64Array(all);
   rates.forEach((line, i) => X.set(line, i * size));
   for (let i = 0; i < all; i++) X[i] *= step_min / 2 ** doublings;
-  let [power, next] = [matrix(), matrix()];
+  let [power, next] = [new Float64Array(all), new Float64Array(all)];
   for (let i = 0; i < size; i++) power[i * (size + 1)] = 1;
-  /** e^X, and the moments of the path, by Taylor's series. */
-  let [E, m0, m1, m2] = [matrix(), matrix(), matrix(), matrix()];
+  /** e^X beside the three moments of the path, by Taylor's series; each row is the row of all four. */
+  const wide = 4 * size;
+  const sums = new Float64Array(4 * all);
   for (let k = 0; k <= TERMS; k++) {
     const of = 1 / FACTORIAL[k];
-    for (let i = 0; i < all; i++) {
-      const term = of * power[i];
-      E[i] += term;
-      m0[i] += term / (k + 1);
-      m1[i] += term / (k + 2);
-      m2[i] += term / (k + 3);
-    }
-    product(power, X, size, next);
+    for (let i = 0, at = 0; i < all; at += wide - size)
+      for (let column = 0; column < size; column++, i++, at++) {
+        const term = of * power[i];
+        sums[at] += term;
+        sums[at + size] += term / (k + 1);
+        sums[at + 2 * size] += term / (k + 2);
+        sums[at + 3 * size] += term / (k + 3);
+      }
+    product(power, X, size, size, next);
     [power, next] = [next, power];
   }
-  const sum = matrix();
+  /** What e^X is multiplied with to have all of twice the step: itself, and sums of the moments. */
+  const E = new Float64Array(all);
+  const factors = new Float64Array(4 * all);
+  const later = new Float64Array(4 * all);
   for (let doubling = 0; doubling < doublings; doubling++) {
-    for (let i = 0; i < all; i++) sum[i] = m0[i] + 2 * m1[i] + m2[i];
-    product(E, sum, size, next);
-    for (let i = 0; i < all; i++) m2[i] = (m2[i] + next[i]) / 8;
-    for (let i = 0; i < all; i++) sum[i] = m0[i] + m1[i];
-    product(E, sum, size, next);
-    for (let i = 0; i < all; i++) m1[i] = (m1[i] + next[i]) / 4;
-    product(E, m0, size, next);
-    for (let i = 0; i < all; i++) m0[i] = (m0[i] + next[i]) / 2;
-    product(E, E, size, next);
-    [E, next] = [next, E];
+    for (let own = 0, at = 0; own < all; at += wide)
+      for (let i = at; i < at + size; i++, own++) {
+        const m0 = sums[i + size];
+        const m1 = sums[i + 2 * size];
+        const m2 = sums[i + 3 * size];
+        E[own] = sums[i];
+        factors[i] = sums[i];
+        factors[i + size] = m0;
+        factors[i + 2 * size] = m0 + m1;
+        factors[i + 3 * size] = m0 + 2 * m1 + m2;
+      }
+    product(E, factors, size, wide, later);
+    for (let at = 0; at < sums.length; at += wide)
+      for (let i = at; i < at + size; i++) {
+        const m0 = i + size;
+        const m1 = m0 + size;
+        const m2 = m1 + size;
+        sums[i] = later[i];
+        sums[m0] = (sums[m0] + later[m0]) / 2;
+        sums[m1] = (sums[m1] + later[m1]) / 4;
+        sums[m2] = (sums[m2] + later[m2]) / 8;
+      }
   }
   const entries = size * (size - 1);
   const found = new Float64Array(4 * entries);
-  found.set(E.subarray(0, entries));
-  for (let row = 0; row < path.length; row++) {
-    const [of0, of1, of2] = path[row];
-    for (let i = 0; i < entries; i++) found[(row + 1) * entries + i] = of0 * m0[i] + of1 * m1[i] + of2 * m2[i];
+  for (let i = 0; i < entries; i++) {
+    const at = Math.floor(i / size) * wide + (i % size);
+    found[i] = sums[at];
+    path.forEach(([of0, of1, of2], row) => {
+      found[(row + 1) * entries + i] = of0 * sums[at + size] + of1 * sums[at + 2 * size] + of2 * sums[at + 3 * size];
+    });
   }
   return found;
 }

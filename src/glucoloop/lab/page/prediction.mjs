@@ -25,7 +25,7 @@ import { controllerName } from "./loop.mjs";
 export function predicted(lab, situation, trace, sample) {
   const { controller } = situation;
   if (trace.memory === undefined || (controller !== "mpc" && controller !== "mpc-se")) return null;
-  const watched = { before: trace.memory[sample], after: trace.memory[sample + 1] };
+  const watched = { before: keptAt(trace, sample), after: keptAt(trace, sample + 1) };
   const { memory, number } = inside(lab, situation);
   const [rate_before] = memory("insulin_mU_min", watched.after);
   const move = trace.insulin_mU_min[sample] - rate_before;
@@ -65,8 +65,8 @@ export function termsOf(lab, situation, trace, sample) {
   const { controller } = situation;
   if (trace.memory === undefined || UNREAD.includes(trace.status[sample])) return null;
   const { memory, number } = inside(lab, situation);
-  const before = (/** @type {string} */ name) => memory(name, /** @type {Float64Array[]} */ (trace.memory)[sample])[0];
-  const after = (/** @type {string} */ name) => memory(name, /** @type {Float64Array[]} */ (trace.memory)[sample + 1])[0];
+  const before = (/** @type {string} */ name) => memory(name, keptAt(trace, sample))[0];
+  const after = (/** @type {string} */ name) => memory(name, keptAt(trace, sample + 1))[0];
   if (controller === "pid") {
     const reading = after("last_mg_dl");
     const error = reading - after("setpoint_mg_dl");
@@ -90,6 +90,12 @@ export function termsOf(lab, situation, trace, sample) {
       wanted_mU_min: after("basal_mU_min") + (filtered - number("pole")[0] * before("filtered_mg_dl")) / number("gain")[0],
     },
   };
+}
+
+/** What the controller of a trace kept before a sample. @param {import("./loop.mjs").Trace} trace @param {number} sample */
+function keptAt({ memory = new Float64Array(), t_min }, sample) {
+  const numbers = memory.length / (t_min.length + 1);
+  return memory.subarray(sample * numbers, (sample + 1) * numbers);
 }
 
 /**

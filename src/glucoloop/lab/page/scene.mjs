@@ -1,6 +1,7 @@
 // @ts-check
 /** What the picture shows, in the units of the screen: two panels over one axis of time. The chart and the file draw it. */
 
+import { summary } from "./loop.mjs";
 import { limitsOf } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { shown } from "./units.mjs";
@@ -102,10 +103,18 @@ export function scene(session, dark) {
   });
 
   // Readings without noise and dead time are the curve itself, which they would hide.
-  const own = trace.t_min.map((_, k) => k).filter((k) => trace.reading_mg_dl[k] !== trace.glucose_mg_dl[k]);
+  const own = [];
+  for (let k = 0; k < trace.t_min.length; k++) if (trace.reading_mg_dl[k] !== trace.glucose_mg_dl[k]) own.push(k);
   let [least, most] = SHOWN;
-  for (const { trace } of runs) for (const value of trace.fine_glucose_mg_dl) [least, most] = [Math.min(least, value), Math.max(most, value)];
-  for (const k of own) [least, most] = [Math.min(least, trace.reading_mg_dl[k]), Math.max(most, trace.reading_mg_dl[k])];
+  const reaches = (/** @type {number} */ value) => {
+    least = Math.min(least, value);
+    most = Math.max(most, value);
+  };
+  for (const { trace } of runs) {
+    const { minimum_mg_dl, peak_mg_dl } = summary(trace);
+    [minimum_mg_dl, peak_mg_dl].forEach(reaches);
+  }
+  for (const k of own) reaches(trace.reading_mg_dl[k]);
 
   const prediction = session.prediction;
   const expected = (/** @type {string} */ name, /** @type {number[]} */ values, /** @type {number[]} */ dash) => ({

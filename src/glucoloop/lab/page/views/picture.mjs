@@ -2,7 +2,7 @@
 /** The picture with the meals above it, which are dragged, and the moment that is explained. */
 
 import { isDark, Picture } from "../chart.mjs";
-import { byId, element, input, say, tell } from "../dom.mjs";
+import { attribute, byId, element, input, say, tell } from "../dom.mjs";
 import { summary } from "../loop.mjs";
 import { scene } from "../scene.mjs";
 import { texts } from "../texts.mjs";
@@ -43,16 +43,17 @@ export function pictureView(session) {
     }
     picture.draw(of);
     const last = (session.run.trace.t_min.length - 1) * every;
-    moment.max = `${last}`;
-    moment.value = `${of.moment ?? 0}`;
+    attribute(moment, "max", `${last}`);
+    if (Number(moment.value) !== (of.moment ?? 0)) moment.value = `${of.moment ?? 0}`;
     const { trace } = session.run;
     const k = session.moment ?? 0;
     const { glucose, insulin } = session.units;
-    moment.setAttribute(
+    attribute(
+      moment,
       "aria-valuetext",
       texts.moment(trace.t_min[k], shown(trace.glucose_mg_dl[k], glucose), glucose.name, shown(trace.insulin_mU_min[k], insulin), insulin.name),
     );
-    byId("told").textContent = told(session);
+    tell(byId("told"), told(session));
     lane(session, picture.inside);
   };
 }
@@ -86,9 +87,9 @@ function lane(session, { left, width }) {
   while (place.childElementCount < meals.length) place.append(mark(session, place.childElementCount));
   meals.forEach((meal, i) => {
     const button = /** @type {HTMLButtonElement} */ (place.children[i]);
-    button.style.left = `${left + (meal.t_min / end) * width}px`;
+    attribute(button, "style", `left: ${left + (meal.t_min / end) * width}px`);
     tell(button, texts.grams(meal.carbs_g));
-    button.setAttribute("aria-label", texts.meal(i + 1, meal.carbs_g, meal.t_min));
+    attribute(button, "aria-label", texts.meal(i + 1, meal.carbs_g, meal.t_min));
   });
 }
 
