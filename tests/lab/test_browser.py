@@ -119,6 +119,14 @@ def test_a_tuning_is_tried_on_people_and_one_of_them_is_followed(shown):
     assert there == again > elsewhere == 0
 
 
+def test_insulin_under_the_skin_has_its_unit_and_its_people_a_command(shown):
+    title, hint, said = shown["used"]["skin"]
+    assert title == "Insulin, U/h"
+    assert hint.startswith("This page draws people around parker-1999 at setpoint-81 only; ")
+    assert hint.endswith(" by the command: glucoloop trial --patient hovorka-2004 --operating-point fasting-120")
+    assert said.startswith(f"{hint}. The picture is still that ")
+
+
 def test_results_are_loaded(shown):
     told, rows = shown["used"]["run"]
     assert "differs by 0.0000 mmol/l at most" in told

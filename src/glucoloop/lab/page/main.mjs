@@ -7,7 +7,7 @@ import { fromLink, link } from "./links.mjs";
 import { Lab } from "./loop.mjs";
 import { Many } from "./many.mjs";
 import { Session } from "./session.mjs";
-import { usual } from "./situation.mjs";
+import { familyOf, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { controlsView } from "./views/controls.mjs";
 import { crowdView } from "./views/challenge.mjs";
@@ -65,12 +65,14 @@ export async function start() {
     try {
       const found = fromLink(hash, data);
       const lesson = lessonOf(hash);
+      const { route } = familyOf(session.situation, data);
       tellLesson(lesson);
       session.person = found.person;
       session.crowd = null;
       session.change(found.situation);
       if (lesson !== undefined) {
         putBeside(session, lesson);
+        if (familyOf(found.situation, data).route !== route) session.show({ insulin: found.units.insulin });
         say("");
         if (lesson.people !== undefined) tryOnPeople(lesson.people);
         return;

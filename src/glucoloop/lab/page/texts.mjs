@@ -25,7 +25,6 @@ export const texts = {
     formToml: "configuration file (TOML)",
     formPython: "program in Python",
     people: "One tuning for many people",
-    peopleHelp: "The controller as it is now, on people around the patient setpoint-81 as the population parker2000 draws them. The challenge: find the tuning with the most points.",
     peopleCount: "People",
     peopleTry: "Try it on them",
     peopleProgress: "People who are done",
@@ -214,7 +213,10 @@ export const texts = {
   median: (/** @type {string} */ name) => `Median of people, ${name}`,
   peopleOf: (/** @type {number} */ count) => `${count} people`,
   person: (/** @type {number} */ number) => `Person ${number}`,
-  peopleElsewhere: (/** @type {string} */ patient) => `The people are drawn around ${patient.replace("/", " at ")}; choose that patient to try a tuning on them`,
+  peopleHere: (/** @type {string} */ point, /** @type {string} */ population) =>
+    `The controller as it is now, on people around the patient ${point} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
+  peopleElsewhere: (/** @type {string} */ patient, /** @type {string} */ command) =>
+    `This page draws people around ${patient.replace("/", " at ")} only; choose that patient to try a tuning on them, or try it on people of the present one by the command: ${command}`,
   peopleTold: (/** @type {number} */ count, /** @type {number} */ low, /** @type {number} */ very_low) =>
     `Of ${count} people ${low} come below 70 mg/dl, and ${very_low} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
   noWorkers: "This browser allows the page no workers, so that the people were simulated one after another.",

@@ -2,7 +2,7 @@
 /** Many people under one tuning: percentiles behind the picture, who is harmed, and the points of the challenge. */
 
 import { RULE } from "../crowd.mjs";
-import { button, byId, choices, element, say, select } from "../dom.mjs";
+import { button, byId, choices, element, say, select, tell } from "../dom.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
 
@@ -25,11 +25,18 @@ export function crowdView(session, many) {
   choices(select("people-count"), COUNTS.map((count) => [`${count}`, `${count}`]));
   byId("people-columns").replaceChildren(...texts.triedColumns.map((name) => element("th", { scope: "col" }, name)));
 
+  /** Whom the page tries a tuning on, or that it has nobody of the present patient. */
+  function hint() {
+    const { people, patients } = session.data;
+    const { family, operating_point } = patients[session.situation.patient];
+    if (session.situation.patient === people.patient) return texts.peopleHere(operating_point, people.population);
+    return texts.peopleElsewhere(people.patient, `glucoloop trial --patient ${family} --operating-point ${operating_point}`);
+  }
+
   /** @param {number} count */
   async function tryOn(count) {
     const { situation } = session;
-    const { patient } = session.data.people;
-    if (situation.patient !== patient) return say(texts.refused(texts.peopleElsewhere(patient)), true);
+    if (situation.patient !== session.data.people.patient) return say(texts.refused(hint()), true);
     bar.hidden = false;
     bar.max = count;
     bar.value = 0;
@@ -77,5 +84,7 @@ export function crowdView(session, many) {
     session.crowd = null;
     session.changed();
   });
+  session.onChange(() => tell(byId("people-hint"), hint()));
+  tell(byId("people-hint"), hint());
   return tryOn;
 }
