@@ -5,6 +5,7 @@ R. N. Bergman et al., "Quantitative estimation of insulin sensitivity", Am. J. P
 """
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -154,7 +155,10 @@ VARIANTS = {
 """Every controller of the catalogue, and others with further settings: name, settings, known dead time in samples."""
 
 
-def designed(name, own, dead_time_samples):
+@functools.cache
+def designed(variant):
+    """Controller of a variant, designed when a test first asks for it."""
+    name, own, dead_time_samples = VARIANTS[variant]
     values = ENTRIES[name].values({**SETTINGS.get(name, {}), **own})
     design = MinimalDesign(
         linear=LINEAR,
@@ -167,7 +171,6 @@ def designed(name, own, dead_time_samples):
     return ENTRIES[name].designer()(design, *(() if values is None else (values,)))
 
 
-CONTROLLERS = {name: designed(*variant) for name, variant in VARIANTS.items()}
 ONE_PERSONS = {name for name, variant in VARIANTS.items() if ENTRIES[variant[0]].slow}
 
 
@@ -190,9 +193,14 @@ def loop(controller, key):
     return simulate(PATIENT, controller, white_noise(), scenario=SCENARIO, key=key, integrator=Minutes())
 
 
-@pytest.fixture(scope="module", params=CONTROLLERS)
-def controller(request):
-    return CONTROLLERS[request.param]
+@pytest.fixture(scope="module", params=VARIANTS)
+def variant(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def controller(variant):
+    return designed(variant)
 
 
 @pytest.fixture(scope="module")
@@ -238,17 +246,17 @@ def test_a_key_gives_one_trace_and_another_key_another(controller, alone):
 
 
 @pytest.mark.long
-def test_the_loop_is_worth_closing(controller, alone):
+def test_the_loop_is_worth_closing(variant, controller, alone):
     """A meal raises glucose less than without a controller; so what is compared above is at work."""
     peak = float(alone[0].fine_glucose_mg_dl.max())
-    highest = float(loop(CONTROLLERS["basal"], keys[0]).fine_glucose_mg_dl.max())
+    highest = float(loop(designed("basal"), keys[0]).fine_glucose_mg_dl.max())
     assert highest > float(PATIENT.setpoint_mg_dl) + 20.0
     if gives_boluses(controller):  # this one acts on announced meals
         told = dataclasses.replace(
             observe(jnp.asarray(100.0), True, 25.0, controller), announced_carbs_g=jnp.asarray(40.0)
         )
         assert controller.step(controller.init(told), told)[1].bolus_mU > 1000.0
-    elif controller is not CONTROLLERS["basal"]:
+    elif variant != "basal":
         assert peak < highest - 5.0
         assert np.ptp(alone[0].insulin_mU_min) > 5.0
 
@@ -297,7 +305,7 @@ def test_whatever_is_read_doses_keep_the_limits_and_states_stay_finite(controlle
 @pytest.mark.long
 @settings(max_examples=5)
 @given(st.lists(st.sampled_from([np.nan, np.inf, -np.inf]), min_size=ROWS // 2, max_size=ROWS // 2))
-def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonsense):
+def test_after_readings_that_are_no_numbers_it_works_as_before(variant, controller, nonsense):
     """At rest nothing is lost by not being read, so the answer to the next reading is the same."""
     rest = float(PATIENT.setpoint_mg_dl)
     ordinary = np.r_[rest + 2.0, rest + 4.0, np.full(6, rest + 3.0)]
@@ -305,7 +313,7 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(controller, nonse
     doses, decision, _ = follow(controller, readings, np.isfinite(readings), jnp.asarray(25.0))
     whole = np.where(np.isfinite(readings), readings, rest)
     expected, _, _ = follow(controller, whole, np.ones(ROWS, bool), jnp.asarray(25.0))
-    if any(controller is CONTROLLERS[name] for name in VARIANTS if VARIANTS[name][0] == "meal-mpc"):
+    if VARIANTS[variant][0] == "meal-mpc":
         # a sudden rise tells of a meal, and one after a gap of a meal or of less: it need not answer alike
         np.testing.assert_allclose(doses[:8], 25.0, atol=1.0)
         assert np.all(np.asarray(doses[8:]) > 26.0)
@@ -332,9 +340,9 @@ def test_it_starts_without_a_rate_and_goes_on_after_a_missing_setpoint(controlle
 
 
 @pytest.mark.long
-def test_people_may_trail(controller):
+def test_people_may_trail(variant, controller):
     """All but the nonlinear ones, which are one person's, serve a cohort without being mapped."""
-    if any(controller is CONTROLLERS[name] for name in ONE_PERSONS):
+    if variant in ONE_PERSONS:
         pytest.skip("one person's")
     rng = np.random.default_rng(0)
     readings, valid = rng.uniform(60.0, 200.0, (ROWS, PEOPLE)), rng.random((ROWS, PEOPLE)) < 0.8

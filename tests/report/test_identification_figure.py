@@ -12,16 +12,21 @@ MEMORY = 24
 TRUTH = -0.1 * np.exp(-np.arange(MEMORY) / 6.0)
 MODEL = StepResponseModel.from_impulse_response(TRUTH, 5.0)
 PULSES = design_csrs(MEMORY, 20.0)
-IDENTIFIED = identify_record(
-    Record(
-        insulin_mU_min=25.0 + PULSES,
-        glucose_mg_dl=80.0 + MODEL.predict(PULSES) + jnp.asarray(np.random.default_rng(0).normal(size=2 * MEMORY + 1)),
-        sample_time_min=5.0,
-    ),
-    memory=MEMORY,
-)
 INPUT = random_binary_sequence(60, 2.0, seed=1)
-VALIDATION = validate(IDENTIFIED.model, INPUT, MODEL.predict(INPUT))
+
+
+@pytest.fixture(scope="module")
+def identified():
+    noise = jnp.asarray(np.random.default_rng(0).normal(size=2 * MEMORY + 1))
+    record = Record(
+        insulin_mU_min=25.0 + PULSES, glucose_mg_dl=80.0 + MODEL.predict(PULSES) + noise, sample_time_min=5.0
+    )
+    return identify_record(record, memory=MEMORY)
+
+
+@pytest.fixture(scope="module")
+def validation(identified):
+    return validate(identified.model, INPUT, MODEL.predict(INPUT))
 
 
 def drawn(axes):
@@ -37,11 +42,11 @@ def legend(figure):
 
 
 @pytest.mark.parametrize("width", ["single", "double"])
-def test_the_response_is_shown_as_estimated_smoothed_and_true(width):
-    figure = plot_identification(IDENTIFIED, truth=TRUTH, width=width)
+def test_the_response_is_shown_as_estimated_smoothed_and_true(identified, width):
+    figure = plot_identification(identified, truth=TRUTH, width=width)
     (axes,) = figure.axes
     shown = drawn(axes)
-    for expected in (IDENTIFIED.impulse_response, IDENTIFIED.smoothed_impulse_response, TRUTH):
+    for expected in (identified.impulse_response, identified.smoothed_impulse_response, TRUTH):
         assert curve(np.asarray(expected)) in shown
     assert all(line.get_xdata()[0] == 5.0 for line in axes.lines if len(line.get_xdata()) == MEMORY)
     assert axes.get_ylabel() == "Impulse response (mg/dl per mU/min)"
@@ -57,21 +62,21 @@ def test_an_estimate_left_as_it_is_has_no_projection():
 
 @pytest.mark.parametrize("width", ["single", "double"])
 @pytest.mark.parametrize("insulin", [None, INPUT])
-def test_the_validation_may_stand_beside_the_response(width, insulin):
+def test_the_validation_may_stand_beside_the_response(identified, validation, width, insulin):
     figure = plot_identification(
-        IDENTIFIED, validation=VALIDATION, insulin_deviation_mU_min=insulin, title="Both", width=width
+        identified, validation=validation, insulin_deviation_mU_min=insulin, title="Both", width=width
     )
     figure.draw_without_rendering()
     assert len(figure.axes) == (3 if insulin is None else 4)
     fit, residuals = figure.axes[1:3]
-    measured = np.asarray(VALIDATION.predicted_mg_dl + VALIDATION.residuals_mg_dl)
-    assert {curve(measured), curve(np.asarray(VALIDATION.predicted_mg_dl))} <= drawn(fit)
-    assert curve(np.asarray(VALIDATION.residuals_mg_dl)) in drawn(residuals)
+    measured = np.asarray(validation.predicted_mg_dl + validation.residuals_mg_dl)
+    assert {curve(measured), curve(np.asarray(validation.predicted_mg_dl))} <= drawn(fit)
+    assert curve(np.asarray(validation.residuals_mg_dl)) in drawn(residuals)
     assert figure.axes[-1].get_xlabel() == "Time (min)"
 
 
-def test_a_validation_stands_alone_with_its_input():
-    figure = plot_validation(VALIDATION, sample_time_min=5.0, insulin_deviation_mU_min=INPUT)
+def test_a_validation_stands_alone_with_its_input(validation):
+    figure = plot_validation(validation, sample_time_min=5.0, insulin_deviation_mU_min=INPUT)
     fit, residuals, insulin = figure.axes
     assert "(mg/dl)" in fit.get_ylabel()
     assert "(mg/dl)" in residuals.get_ylabel()
@@ -84,17 +89,17 @@ def test_a_validation_stands_alone_with_its_input():
 
 
 @pytest.mark.parametrize("width", ["single", "double"])
-def test_panels_do_not_run_into_each_other(width):
+def test_panels_do_not_run_into_each_other(identified, validation, width):
     figure = plot_identification(
-        IDENTIFIED, truth=TRUTH, validation=VALIDATION, insulin_deviation_mU_min=INPUT, width=width
+        identified, truth=TRUTH, validation=validation, insulin_deviation_mU_min=INPUT, width=width
     )
     figure.draw_without_rendering()
     boxes = [axes.yaxis.label.get_window_extent() for axes in figure.axes]
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
-def test_what_does_not_belong_together_is_refused():
+def test_what_does_not_belong_together_is_refused(identified, validation):
     with pytest.raises(ValueError, match=r"shape \(3,\) cannot stand beside 24 coefficients"):
-        plot_identification(IDENTIFIED, truth=np.zeros(3))
+        plot_identification(identified, truth=np.zeros(3))
     with pytest.raises(ValueError, match="give one value per sample, 60"):
-        plot_validation(VALIDATION, sample_time_min=5.0, insulin_deviation_mU_min=np.zeros(61))
+        plot_validation(validation, sample_time_min=5.0, insulin_deviation_mU_min=np.zeros(61))
