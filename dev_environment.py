@@ -61,8 +61,12 @@ class Environment:
         return str(self.path(name))
 
     def variables(self) -> dict[str, str]:
-        """Variables as an activated environment would have them, without outside import paths."""
-        variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONPATH")}
+        """Variables as an activated environment would have them, without outside import paths.
+
+        Bytecode is kept, whatever the shell says: without it every process of the tests compiles them all again.
+        """
+        outside = ("PYTHONHOME", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
+        variables = {k: v for k, v in os.environ.items() if k not in outside}
         variables["VIRTUAL_ENV"] = str(self.folder)
         variables["PATH"] = os.pathsep.join([str(self.programs), variables.get("PATH", os.defpath)])
         return variables
