@@ -6,6 +6,8 @@
 #define BYTE(address) (*(volatile uint8_t *)(address))
 #define UART_DATA BYTE(0x10000000U)
 #define UART_INTERRUPT BYTE(0x10000001U)
+#define UART_QUEUE BYTE(0x10000002U)
+#define UART_FORMAT BYTE(0x10000003U)
 #define UART_STATE BYTE(0x10000005U)
 #define LINE_PRIORITY WORD(0x0C000028U)
 #define LINE_ENABLE WORD(0x0C002000U)
@@ -19,6 +21,7 @@
 
 #define CLOCK_KHZ 10000U
 #define UART_LINE 10U
+#define UART_DIVISOR 0x80U
 
 static uint32_t limit_ms;
 
@@ -60,6 +63,12 @@ void board_begin(uint32_t watchdog_ms)
 {
   limit_ms = watchdog_ms;
   emulated_begin();
+  UART_FORMAT = UART_DIVISOR;
+  UART_DATA = 1U; /* 115200 baud */
+  UART_INTERRUPT = 0U;
+  UART_FORMAT = 3U; /* 8 bits, no parity, one stop bit */
+  /* Interrupt at 14 bytes, or when no more come for the time of 4: QEMU pays much for each interrupt. */
+  UART_QUEUE = 0xC1U;
   UART_INTERRUPT = 1U;
   LINE_PRIORITY = 1U;
   LINE_ENABLE = 1U << UART_LINE;
