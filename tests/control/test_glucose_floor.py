@@ -7,7 +7,6 @@ import pytest
 
 from glucoloop.control import (
     MPCTuning,
-    Observation,
     StateTuning,
     Status,
     design_linear_mpc,
@@ -21,6 +20,7 @@ from glucoloop.optimize import minimise_moves_above_floor, soft_floor
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.simulation import nonlinear_model
 from glucoloop.tuning.stacking import padded
+from observing import observing
 
 IMPULSE = -0.12 * (np.exp(-np.arange(1, 37) / 9.0) - np.exp(-np.arange(1, 37) / 3.0))
 MODEL = StepResponseModel.from_impulse_response(IMPULSE, 5.0)
@@ -40,16 +40,7 @@ LIMITS = {"max_move": 16.7, "u_min": 0.0, "u_max": 66.9}
 
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
 solve = jax.jit(minimise_moves_above_floor)
-
-
-def observe(glucose, delivered, setpoint=81.0, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=81.0)
 
 
 def linear(**settings):

@@ -1,29 +1,20 @@
 """Internal model control: the filter is the closed loop, and a wrong gain leaves no offset."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.control import Observation, Status, design_imc
+from glucoloop.control import Status, design_imc
 from glucoloop.pumps import dose_limits
 from glucoloop.simulation import simulate
+from observing import observing
 
 WIDE = dose_limits(max_change_mU_min=1e5, max_mU_min=1e6)
 BASAL, START = 1000.0, 100.0
 GAIN, TAU = -3.0, 80.0
 
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
-
-
-def observe(glucose, delivered, setpoint=START, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=START)
 
 
 class FirstOrder:

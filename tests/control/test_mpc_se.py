@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 
 from glucoloop._pytree import pytree
-from glucoloop.control import Observation, StateTuning, Status, design_mpc_se
+from glucoloop.control import StateTuning, Status, design_mpc_se
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.estimation import steady_state_gain
 from glucoloop.estimation.noise_level import SensorError
@@ -19,6 +19,7 @@ from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import dose_limits
 from glucoloop.sensors import Reading, WhiteNoise, white_noise
 from glucoloop.simulation import linear_model, simulate
+from observing import observing
 
 SEEDS = 60
 # Insulin in blood, its delayed effect, and glucose: gain -4 mg/dl per mU/min.
@@ -40,16 +41,7 @@ TUNING = StateTuning(2, 8, 1.0, 0.3, 0.65, 1)
 WIDE = dose_limits(max_change_mU_min=1e3, max_mU_min=1e3)
 
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
-
-
-def observe(glucose, delivered, setpoint=GLUCOSE, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=GLUCOSE)
 
 
 def test_told_of_another_basal_rate_it_doses_as_much_above_that():

@@ -9,27 +9,19 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 
-from glucoloop.control import Observation, StateTuning, Status, design_mpc_se, design_nlqdmc_se
+from glucoloop.control import StateTuning, Status, design_mpc_se, design_nlqdmc_se
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, SensorError, noisy_filters
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
+from observing import observing
 
 TUNING = PARKER_1999["setpoint-81", True]
 BASAL = 25.606057344
 
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
-
-
-def observe(glucose, delivered=BASAL, setpoint=81.1, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=81.1, delivered=BASAL)
 
 
 @pytest.fixture(scope="module")

@@ -1,26 +1,17 @@
 """The baseline: a constant rate, and nothing that is read changes it."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control import Observation, Status, design_open_loop
+from glucoloop.control import Status, design_open_loop
 from glucoloop.pumps import dose_limits
+from observing import observing
 
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
-
-
-def observe(glucose, delivered, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(100.0),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=100.0)
 
 
 @settings(max_examples=30)

@@ -1,29 +1,20 @@
 """PID: the velocity form is the position form until the pump is at its limit, and then it does not wind up."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control import Observation, PIDTuning, Status, design_pid, internal_model_tuning
+from glucoloop.control import PIDTuning, Status, design_pid, internal_model_tuning
 from glucoloop.pumps import dose_limits
+from observing import observing
 
 WIDE = dose_limits(max_change_mU_min=1e5, max_mU_min=1e6)
 TUNING = PIDTuning(0.8, 90.0, 4.0)
 
 step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
-
-
-def observe(glucose, delivered, setpoint=100.0, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=100.0)
 
 
 def follow(controller, readings, start, setpoints=None):

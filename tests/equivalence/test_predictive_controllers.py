@@ -11,7 +11,6 @@ import scipy.linalg
 from glucoloop._pytree import pytree, static
 from glucoloop.control import (
     MPCTuning,
-    Observation,
     StateTuning,
     design_linear_mpc,
     design_mpc_se,
@@ -21,6 +20,7 @@ from glucoloop.control.planning import dynamic_matrix
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import dose_limits
+from observing import observing
 
 # Insulin in blood, its delayed effect, and glucose: gain -4 mg/dl per mU/min.
 A = np.array([[-1 / 25, 0.0, 0.0], [1 / 40, -1 / 40, 0.0], [0.0, -0.08, -1 / 50]])
@@ -64,14 +64,7 @@ class LinearAsNonlinear:
         return GLUCOSE + x[2] - self.state[2]
 
 
-def observe(glucose, delivered, setpoint=GLUCOSE, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=GLUCOSE)
 
 
 def kalman_gain():

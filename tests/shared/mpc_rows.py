@@ -4,22 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.control import Observation
 from glucoloop.pumps import LimitedPump, dose_limits
+from observing import observing
 
 # Second order: a slow fall of glucose after a delayed start.
 IMPULSE = -0.12 * (np.exp(-np.arange(1, 37) / 9.0) - np.exp(-np.arange(1, 37) / 3.0))
 WIDE = dose_limits(max_change_mU_min=1e6, max_mU_min=1e6)
-
-
-def observe(glucose, delivered, setpoint=81.1, valid=True):
-    return Observation(
-        glucose_mg_dl=jnp.asarray(glucose, float),
-        valid=jnp.asarray(valid),
-        setpoint_mg_dl=jnp.asarray(setpoint, float),
-        delivered_mU_min=jnp.asarray(delivered, float),
-        announced_carbs_g=jnp.asarray(0.0),
-    )
+observe = observing(setpoint=81.1)
 
 
 @jax.jit
