@@ -52,6 +52,18 @@ def test_a_command_that_is_written_exists_with_its_options(line):
         command.make_context(words[0], arguments)  # raises for an option that does not exist
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_stand_in_blocks_that_are_read_here(page):
+    languages = {language for language, text in FENCE.findall(page.read_text(encoding="utf-8")) if "glucoloop " in text}
+    assert languages <= {"", "text", "python", "toml"}
+
+
+def test_who_types_all_commands_of_the_first_pages_names_no_folder_twice():
+    first = [ROOT / "docs" / "getting-started.md", ROOT / "docs" / "tutorial.md"]
+    folders = re.findall(r"--out (\S+)", "\n".join(line for page in first for line in commands(page)))
+    assert sorted(folders) == sorted(set(folders))
+
+
 def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     [example] = blocks(README, "python")
