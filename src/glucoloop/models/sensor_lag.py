@@ -92,17 +92,7 @@ def behind_lag(model: FedModel, lag_min: float) -> LaggedModel:
 def linear_behind_lag(model: ContinuousModel, lag_min: float) -> ContinuousModel:
     """A linear model in continuous time whose sensor lags, which `discretise` then samples exactly.
 
-    Parameters
-    ----------
-    model : ContinuousModel
-        Model of a person and of a sensor without a lag.
-    lag_min : float
-        Time constant of the lag, above 0.
-
-    Raises
-    ------
-    ValueError
-        For a lag that is not positive and finite.
+    Lag and errors are those of `behind_lag`.
     """
     _check(lag_min)
     n = model.C.shape[0]
