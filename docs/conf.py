@@ -4,7 +4,12 @@ import sys
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
-sys.path[:0] = [str(DOCS), str(DOCS.parent / "src")]
+sys.path[:0] = [str(DOCS), str(DOCS.parent / "src"), str(DOCS.parent / "tests/shared")]
+
+from quick_to_compile import set_flags  # noqa: E402
+
+(DOCS / "_build").mkdir(exist_ok=True)
+set_flags(DOCS / "_build")  # before anything is computed: each program of the pictures runs once
 
 import generate  # noqa: E402
 import pictures  # noqa: E402

@@ -1,7 +1,6 @@
 """What many tests need: the patient written out by hand, scripted controllers, and the identified model."""
 
 import gc
-import mmap
 import os
 import tempfile
 from math import exp, tanh
@@ -9,7 +8,6 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import jaxlib
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -22,25 +20,10 @@ from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.pumps import Delivery
 from glucoloop.simulation import Adaptive, simulate
+from quick_to_compile import set_flags
 
 CACHE = "GLUCOLOOP_TESTS_COMPILED"
 """Where what JAX compiled is kept for the workers of one run, most of whose time is compiling; runs may share it."""
-
-QUICK_TO_COMPILE = (
-    "--xla_backend_optimization_level=0",
-    "--xla_cpu_use_fusion_emitters=false",  # half of the time of a large program
-    "--xla_cpu_parallel_codegen_split_count=1",  # the other processor has tests of its own
-)
-"""Optimising takes longer than what it saves in programs that run once."""
-
-
-def known_to_jax(flag):
-    """Whether this version of XLA has a flag; it would end the process otherwise."""
-    name = flag.removeprefix("--").partition("=")[0].encode()
-    for library in Path(jaxlib.__file__).parent.glob("libjax_common.*"):
-        with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as code:
-            return code.find(name) >= 0
-    return False
 
 
 def pytest_configure(config):
@@ -49,12 +32,7 @@ def pytest_configure(config):
         os.environ[CACHE] = folder.name  # workers are started with it
         config.add_cleanup(folder.cleanup)
         config.add_cleanup(lambda: os.environ.pop(CACHE))
-    given = os.environ.get("XLA_FLAGS", "")
-    if not given or given.startswith("-"):
-        # In a file, which XLA reads when it first computes: commands warn of flags in the environment.
-        flags = Path(os.environ[CACHE]) / "xla_flags"
-        flags.write_text(" ".join([given, *filter(known_to_jax, QUICK_TO_COMPILE)]))
-        os.environ["XLA_FLAGS"] = str(flags)  # workers are started with it
+    set_flags(os.environ[CACHE])  # workers are started with them
     cache = {
         "jax_compilation_cache_dir": os.environ[CACHE],
         "jax_persistent_cache_min_compile_time_secs": 0.0,
