@@ -8,9 +8,9 @@ from glucoloop.control.parker1999 import (
     IMC_DELAY_MIN,
     IMC_FILTER_MIN,
     IMC_STEP_MU_MIN,
-    MEASUREMENT_VARIANCE,
     PARKER_1999,
 )
+from glucoloop.control.settings import MPCSESettings, NLQDMCSettings
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 
@@ -68,7 +68,8 @@ def test_what_the_paper_prints():
         assert quiet.mpc_se == StateTuning(2, 7, 1.0, 0.0, 0.65, start)
         assert noisy.mpc_se == StateTuning(2, 8, 1.0, 1.0, 0.65, start)
         assert quiet.nlqdmc_se == StateTuning(2, 5, 1.0, 0.0, 0.57, start)
-    assert (MEASUREMENT_VARIANCE, IMC_FILTER_MIN, IMC_DELAY_MIN, IMC_STEP_MU_MIN) == (1.45, 1.0, 5.0, 11.165)
+    assert MPCSESettings().measurement_variance == NLQDMCSettings().measurement_variance == 1.45
+    assert (IMC_FILTER_MIN, IMC_DELAY_MIN, IMC_STEP_MU_MIN) == (1.0, 5.0, 11.165)
 
 
 @pytest.mark.parametrize(

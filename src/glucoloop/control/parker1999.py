@@ -13,7 +13,6 @@ from typing import Final
 from glucoloop.control.settings import MPCTuning, StateTuning
 from glucoloop.control.tuning import NOISE_FREE, NOISY
 
-MEASUREMENT_VARIANCE: Final = 1.45
 IMC_FILTER_MIN: Final = 1.0
 IMC_DELAY_MIN: Final = 5.0
 IMC_STEP_MU_MIN: Final = 11.165

@@ -115,8 +115,8 @@ def record_from_samples(
     samples = int(span / sample_time + ON_GRID)
     if samples < 1:
         raise ValueError(
-            f"{read.size} readings that span {span:g} min do not fill one sample of {sample_time:g} min: "
-            "at least 2 readings that far apart are needed."
+            f"The glucose readings of the record (rows with one: {read.size} of {times.size}) span {span:g} min, "
+            f"less than one sample of {sample_time:g} min: at least 2 readings that far apart are needed."
         )
 
     grid = np.minimum(times[read[0]] + sample_time * np.arange(samples + 1), times[read[-1]])

@@ -27,7 +27,6 @@ from glucoloop.simulation.stepper import Stepper
 
 HOLD_MIN: Final = 30.0
 """Time for which the fallback rate is no more than the last decided one; after it, it is the basal rate."""
-FALLBACKS: Final = ("basal", "suspend")
 
 
 @dataclass(frozen=True)
