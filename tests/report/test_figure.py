@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.report import plot
-from glucoloop.report.print_figure import figure_bytes
+from glucoloop.report.print_figure import figure_bytes, figure_files
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 
@@ -163,6 +163,16 @@ def test_fonts_of_a_pdf_are_truetype_and_the_file_is_the_same_again(quiet):
     assert b"/FontFile2" in pdf  # TrueType
     assert b"/Type3" not in pdf
     assert pdf == figure_bytes(plot(quiet), "pdf")
+
+
+def test_the_files_of_a_figure_have_one_layout_and_leave_it_its_own(quiet):
+    figure = plot(quiet)
+    layout = figure.get_layout_engine()
+    files = figure_files("run", figure)
+    assert set(files) == {"run.png", "run.svg", "run.pdf"}
+    assert files["run.png"] == figure_bytes(plot(quiet), "png")
+    assert files == figure_files("run", plot(quiet))
+    assert figure.get_layout_engine() is layout
 
 
 def test_settings_for_print_end_with_the_file(quiet):

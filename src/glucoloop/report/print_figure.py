@@ -51,5 +51,11 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
 
 
 def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
-    """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run."""
-    return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}
+    """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run, and laid out once for all."""
+    layout = figure.get_layout_engine()
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # positions stay where they are
+    try:
+        return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}
+    finally:
+        figure.set_layout_engine(layout)
