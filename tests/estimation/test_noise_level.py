@@ -140,7 +140,7 @@ in_haste = jax.jit(lambda filters, *told: filters.learn_in_haste(*told))
 def test_ten_readings_tell_a_good_sensor_from_a_bad_one():
     good = [learned_in_haste(0.0, 10, seed=seed) for seed in range(20)]
     bad = [learned_in_haste(4.0, 10, seed=seed) for seed in range(20)]
-    assert np.median(good) < 1.5 < 2.5 < np.median(bad)  # from 2 at first
+    assert np.median(good) < 1.5 < 2.5 < np.median(bad)  # from 1.5 at first
 
 
 def test_a_small_innovation_to_either_side_lowers_the_size_and_a_rise_leaves_it():

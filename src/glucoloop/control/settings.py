@@ -221,7 +221,7 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             below=1.0,
         ),
-    ] = 0.4
+    ] = 0.35
     iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
 
 
@@ -273,7 +273,7 @@ class MealMPCSettings(MealTuning):
             "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
             at_least=0.0,
         ),
-    ] = 1.0
+    ] = 2.0
     failures_per_h: Annotated[
         float,
         About("Expected number of times per hour at which insulin ceases to arrive, unreported.", at_least=0.0),

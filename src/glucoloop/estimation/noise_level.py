@@ -40,10 +40,14 @@ CORRELATION: Final = 0.7
 """Correlation c of the error between samples of 5 min, as Breton and Kovatchev (2008) found it."""
 _MOST: Final = 9.0
 """Most that the square of an innovation counts."""
-_FIRST_MG_DL: Final = 2.0
+_FIRST_MG_DL: Final = 1.5
 """Estimate of s before the first reading, where it is learned in haste."""
 _FIRST_PACE: Final = 0.3
 """Pace of the first readings there, mg/dl."""
+_FALL_SHARE: Final = 0.5
+"""Share of the pace there at which s falls after the first readings: noise thought too small costs more than noise
+thought too large.
+"""
 HASTE_LEFT: Final = 0.9
 """Share of the haste that is left after a reading."""
 
@@ -142,11 +146,13 @@ class NoisyFilters:
         """Estimate of s after an innovation, which is given in its standard deviations.
 
         A small innovation to either side says that s is too large, and a large one below the prediction, which counts
-        twice, that it is too small. `haste` is the share of the pace for the first readings.
+        twice, that it is too small. `haste` is the share of the pace for the first readings. Without it s falls at half
+        the pace, so that it stays above its true value on average.
         """
         pace = jnp.where(jnp.asarray(self.pace) > 0.0, self.pace + haste * (_FIRST_PACE - self.pace), 0.0)
         change = jnp.minimum(innovation**2, _MOST) - 1.0
-        change = jnp.where(change <= 0.0, change, jnp.where(innovation < 0.0, 2.0 * change, 0.0))
+        falls = haste + (1.0 - haste) * _FALL_SHARE
+        change = jnp.where(change <= 0.0, falls * change, jnp.where(innovation < 0.0, 2.0 * change, 0.0))
         return jnp.clip(deviation_mg_dl + jnp.where(known, pace * change, 0.0), LEVELS_MG_DL[0], LEVELS_MG_DL[-1])
 
 

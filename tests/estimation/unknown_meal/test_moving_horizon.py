@@ -199,9 +199,9 @@ def test_a_meal_is_not_taken_for_insulin_that_does_not_arrive(two_states, record
 
 @pytest.fixture(scope="module")
 def quiet(two_states):
-    """For readings free of noise, and meals that are rare: what is served for sure is told whole."""
+    """For readings known to be free of noise, and meals that are rare: what is served for sure is told whole."""
     return design_meal_horizon(
-        two_states, RARE, disturbance_variance=0.1, measurement_variance=0.01, failures_per_h=0.0
+        two_states, RARE, disturbance_variance=0.1, measurement_variance=0.01, noise_pace=0.0, failures_per_h=0.0
     )
 
 
@@ -268,7 +268,7 @@ def test_without_a_meal_nothing_is_found(two_states, record_of, quiet):
     insulin = 20.0 + np.repeat([0.0, 6.0, -6.0, 3.0], 18)
     estimate, _ = told(two_states, quiet, record_of(np.zeros(N), insulin), insulin)
     # a meal that began just now cannot be told from none; one that began some samples ago can
-    assert (estimate.eating[8:] > 0.9 * RARE.begins(H)).all()  # before, the sensor may still be a noisy one
+    assert (estimate.eating > 0.9 * RARE.begins(H)).all()
     assert (estimate.eating < 3.0 * RARE.begins(H)).all()
     assert np.abs(estimate.disturbance_mg_min).max() < 2.0
 
