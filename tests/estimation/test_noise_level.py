@@ -149,3 +149,10 @@ def test_a_small_innovation_to_either_side_lowers_the_size_and_a_rise_leaves_it(
     assert at[0] > 2.0 > at[1] == at[2]
     assert at[3] == 2.0
     assert float(FILTERS.fixed(2.0).first_deviation) == 0.0
+
+
+def test_the_size_falls_as_quickly_as_it_rises_at_first_and_half_as_quickly_later():
+    pace = float(FILTERS.pace)
+    for haste, fall in ((1.0, 0.3), (0.0, 0.5 * pace)):
+        at = in_haste(FILTERS, jnp.asarray(2.0), jnp.asarray(0.0), jnp.asarray(True), jnp.asarray(haste))
+        assert 2.0 - float(at) == pytest.approx(fall)
