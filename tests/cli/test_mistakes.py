@@ -193,7 +193,7 @@ RECORDS = {
     "t_min,insulin_mU_min,glucose_mg_dl\n0,-1,90\n5,1,90\n": "at least 0",
     "t_min,insulin_mU_min,glucose_mg_dl\n0,1,5\n5,1,5\n": "mmol/l",
     "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n60,1,90\n": "--max-gap",
-    "t_min,insulin_mU_min,glucose_mg_dl\n": "0 readings",
+    "t_min,insulin_mU_min,glucose_mg_dl\n": "reading: 0 of 0",
     "t_min;insulin_mU_min;glucose_mg_dl\n0;20;90\n": "separates its columns by semicolons; separate them by commas",
     "\n".join(["t_min,insulin_mU_min,glucose_mg_dl", *(f"{5 * k},20,90" for k in range(100))]): (
         "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is moved"

@@ -115,8 +115,8 @@ def record_from_samples(
     samples = int(span / sample_time + ON_GRID)
     if samples < 1:
         raise ValueError(
-            f"The glucose readings of the record (rows with one: {read.size} of {times.size}) span {span:g} min, "
-            f"less than one sample of {sample_time:g} min: at least 2 readings that far apart are needed."
+            f"Rows of the record with a glucose reading: {read.size} of {times.size}, which span {span:g} min. "
+            f"At least 2 readings are needed that are one sample of {sample_time:g} min apart."
         )
 
     grid = np.minimum(times[read[0]] + sample_time * np.arange(samples + 1), times[read[-1]])
