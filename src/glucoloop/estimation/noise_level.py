@@ -45,8 +45,8 @@ _FIRST_MG_DL: Final = 1.5
 _FIRST_PACE: Final = 0.3
 """Pace of the first readings there, mg/dl."""
 _FALL_SHARE: Final = 0.5
-"""Share of the pace there at which s falls after the first readings: noise thought too small costs more than noise
-thought too large.
+"""Share of the pace at which s falls once the haste is over: noise thought too small costs more than noise thought too
+large.
 """
 HASTE_LEFT: Final = 0.9
 """Share of the haste that is left after a reading."""

@@ -26,7 +26,7 @@ const SMALL = 1e-3;
  * @param {Float64Array} a
  * @param {Float64Array} b
  * @param {number} size rows of both
- * @param {number} width columns of b, a multiple of four or of `size`
+ * @param {number} width columns of b
  * @param {Float64Array} into neither of the two
  */
 function product(a, b, size, width, into) {
