@@ -11,6 +11,7 @@ import pytest
 
 from glucoloop.cli.app import main
 from glucoloop.control.protocol import Status
+from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.hil.build import HOST
 from glucoloop.firmware.hil.exchange import Exchange, Patience
 from glucoloop.firmware.hil.faults import Disturbances
@@ -23,13 +24,6 @@ from glucoloop.simulation import simulate
 from glucoloop.simulation.stepped import simulate_stepped
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
-
-TOOLS = {
-    HOST: (),
-    "cortex-m4f": ("arm-none-eabi-gcc", "qemu-system-arm"),
-    "cortex-m7": ("arm-none-eabi-gcc", "qemu-system-arm"),
-    "rv32": ("riscv64-unknown-elf-gcc", "qemu-system-riscv32"),
-}
 
 
 def equal(one, other):
@@ -326,8 +320,8 @@ def test_closing_the_link_ends_the_chip(on_chip, tmp_path):
     ["cortex-m4f", pytest.param("cortex-m7", marks=pytest.mark.long), pytest.param("rv32", marks=pytest.mark.long)],
 )
 def test_an_emulated_chip_gives_the_bits_of_this_computer(on_chip, undisturbed, tmp_path, chip):
-    if not all(map(shutil.which, TOOLS[chip])):
-        pytest.skip(f"needs {' and '.join(TOOLS[chip])}: install them from Debian")
+    if CHIPS[chip].missing:
+        pytest.skip(CHIPS[chip].missing)
     disturbances = Disturbances(power_cuts=6, hangs=1, damaged=3, lost=1, doubled=2, late=2)
     run = on_chip.run(on_chip.link(tmp_path, chip, "-Werror"), disturbances=disturbances, seed=1)
     assert run.equal == [True] * 24
@@ -368,6 +362,17 @@ def test_mistakes_are_told_in_a_sentence(arguments, told, capsys, tmp_path, monk
     assert call("hil", "--controller", "basal", *arguments) == 2
     assert told in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(bool(CHIPS["cortex-m4f"].missing), reason=CHIPS["cortex-m4f"].missing)
+def test_without_the_library_of_the_cross_compiler_its_package_is_named(tmp_path, monkeypatch):
+    compiler = tmp_path / "arm-none-eabi-gcc"
+    compiler.write_text("#!/bin/sh\necho 'fatal error: string.h: No such file or directory' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    assert CHIPS["cortex-m4f"].missing == (
+        "the C library of arm-none-eabi-gcc is not installed; Debian's package libnewlib-dev brings it"
+    )
 
 
 def test_without_the_emulator_its_package_is_named(capsys, monkeypatch):

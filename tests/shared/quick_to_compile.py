@@ -22,6 +22,7 @@ def set_flags(folder):
     """
     given = os.environ.get("XLA_FLAGS", "")
     if not given or given.startswith("-"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
         flags = Path(folder) / "xla_flags"
         flags.write_text(" ".join([given, *filter(_known, FLAGS)]))
         os.environ["XLA_FLAGS"] = str(flags)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.resources
+import shutil
+import subprocess
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,12 +18,33 @@ class Chip:
     compiler: str
     package: str
     """Debian package that brings the compiler."""
+    library_package: str
+    """Debian package that brings the headers of C for it."""
     flags: tuple[str, ...]
     emulator: str
     emulator_package: str
     machine: tuple[str, ...]
     flash: str
     ram: str
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Debian packages that bring all that it needs."""
+        return self.package, self.library_package, self.emulator_package
+
+    @property
+    def missing(self) -> str:
+        """Part of a sentence that names what is not installed, and the package that brings it; empty if all is there."""
+        for tool, package in ((self.compiler, self.package), (self.emulator, self.emulator_package)):
+            if shutil.which(tool) is None:
+                return f"{tool} is not installed; Debian's package {package} brings it"
+        headers = [self.compiler, *self.flags, "-E", "-x", "c", "-"]
+        tried = subprocess.run(headers, input=b"#include <string.h>\n", capture_output=True, check=False)
+        if tried.returncode:
+            return (
+                f"the C library of {self.compiler} is not installed; Debian's package {self.library_package} brings it"
+            )
+        return ""
 
 
 _MPS2: Final = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
@@ -33,6 +56,7 @@ CHIPS: Final = {
             summary="ARM Cortex-M4 with a unit for float32, emulated as the board mps2-an386",
             compiler="arm-none-eabi-gcc",
             package="gcc-arm-none-eabi",
+            library_package="libnewlib-dev",
             flags=("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
             emulator="qemu-system-arm",
             emulator_package="qemu-system-arm",
@@ -45,6 +69,7 @@ CHIPS: Final = {
             summary="ARM Cortex-M7 with a unit for float32 and float64, emulated as the board mps2-an500",
             compiler="arm-none-eabi-gcc",
             package="gcc-arm-none-eabi",
+            library_package="libnewlib-dev",
             flags=("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
             emulator="qemu-system-arm",
             emulator_package="qemu-system-arm",
@@ -56,7 +81,8 @@ CHIPS: Final = {
             name="rv32",
             summary="RISC-V of 32 bits with a unit for float32, emulated as the board virt",
             compiler="riscv64-unknown-elf-gcc",
-            package="gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf",
+            package="gcc-riscv64-unknown-elf",
+            library_package="picolibc-riscv64-unknown-elf",
             flags=("-march=rv32imafc", "-mabi=ilp32f", "-mcmodel=medany", "--specs=picolibc.specs"),
             emulator="qemu-system-riscv32",
             emulator_package="qemu-system-misc",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Final
@@ -22,9 +21,8 @@ _CYCLES: Final = 1.5
 def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
     """Run the self-test on an emulated chip, and measure its size and its instructions."""
     name = f"C on an emulated {chip.name}"
-    for tool, package in ((chip.compiler, chip.package), (chip.emulator, chip.emulator_package)):
-        if shutil.which(tool) is None:
-            return Rung(name, None, f"{tool} is not installed; Debian's package {package} brings it", {})
+    if chip.missing:
+        return Rung(name, None, chip.missing, {})
     with tempfile.TemporaryDirectory(prefix="glucoloop-chip-") as made:
         folder = Path(made)
         written(exported, record, chip, folder)

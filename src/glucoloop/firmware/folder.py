@@ -212,7 +212,7 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
 
         - `make test`: recorded samples with faults of sensor and pump and absurd numbers, each dose to the bit,
           on this computer. Needs a C compiler only.
-        - `make qemu`: the same on an emulated chip ({summary}). Needs {package} and {emulator} (packages of Debian).
+        - `make qemu`: the same on an emulated chip ({summary}). Needs {packages} (packages of Debian).
         - `glucoloop export --check .`: all of it anew from the design, and what else is installed.
         - `PROOF.md`: what was run when this folder was written.
 
@@ -240,8 +240,7 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
             precision=exported.precision,
             sample_time=sample_time_min,
             summary=of.summary,
-            package=of.package,
-            emulator=of.emulator_package,
+            packages=", ".join(of.packages),
             fields=fields,
             least=float(limits.min_mU_min),
             most=float(limits.max_mU_min),

@@ -115,13 +115,9 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
         _compile([found, *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
         return FirmwareProgram((str(folder / "firmware"),))
     of = CHIPS[chip]
-    for tool, package in ((of.compiler, of.package), (of.emulator, of.emulator_package)):
-        if shutil.which(tool) is None:
-            raise ValueError(
-                f"{chip} is emulated with {tool}, which is not installed; Debian's package {package} brings it, "
-                "or take --chip host"
-            )
-    flags = [*WARNINGS, *extra, "-Os", "-ffp-contract=off", *of.flags, *LINK, "-fno-tree-loop-distribute-patterns"]
+    if of.missing:
+        raise ValueError(f"{chip} cannot be emulated: {of.missing}, or take --chip host")
+    flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *of.flags, *LINK, "-fno-tree-loop-distribute-patterns"]
     _compile([of.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
     _compile([of.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
     with (folder / _IMAGE).open("r+b") as image:
@@ -153,7 +149,7 @@ def _bound_to_us() -> tuple[str, ...]:
 def _compile(command: list[str], folder: Path) -> None:
     made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if made.returncode:
-        raise ValueError(f"the C compiler refuses the firmware: {made.stderr.strip()[:2000]}")
+        raise ValueError(f"the C compiler refuses the firmware: {' '.join(made.stderr.split())[:500]}")
 
 
 def _template(name: str) -> str:

@@ -63,11 +63,12 @@ __attribute__((section(".vectors"), used)) static const struct
   void (*start)(void);
 } vectors = {&stack_top, reset};
 #else
+/* The place is rounded up where instructions of two bytes are allowed: without them it may be two bytes off. */
 static int ask(int what, const void *with)
 {
   register int a0 __asm("a0") = what;
   register const void *a1 __asm("a1") = with;
-  __asm volatile(".option push\n.option norvc\n.balign 16\nslli x0, x0, 0x1f\nebreak\nsrai x0, x0, 7\n.option pop"
+  __asm volatile(".balign 16\n.option push\n.option norvc\nslli x0, x0, 0x1f\nebreak\nsrai x0, x0, 7\n.option pop"
                  : "+r"(a0) : "r"(a1) : "memory");
   return a0;
 }
