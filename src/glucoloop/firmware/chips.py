@@ -34,7 +34,7 @@ class Chip:
 
     @property
     def missing(self) -> str:
-        """Part of a sentence that names what is not installed, and the package that brings it; empty if all is there."""
+        """Part of a sentence that names what is not installed and the package that brings it; empty if all is."""
         for tool, package in ((self.compiler, self.package), (self.emulator, self.emulator_package)):
             if shutil.which(tool) is None:
                 return f"{tool} is not installed; Debian's package {package} brings it"
