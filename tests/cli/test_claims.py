@@ -4,6 +4,9 @@ import json
 
 import pytest
 
+from glucoloop.papers.meal_aware.experiments import MismatchedLoops
+
+RUN = MismatchedLoops.run
 SMALL = ("--seeds", 2, "--seed", 3, "--only", "dead-time-10", "--only", "correlated", "--no-bounds")
 
 
@@ -31,17 +34,27 @@ def test_folder_holds_page_and_numbers_repeats_itself_and_goes_on(glucoloop, tmp
 
     repeated = ("claims", "--config", "a/claims.toml", "--out", "b")
     with monkeypatch.context() as patch:
-        patch.setattr("glucoloop.papers.meal_aware.experiments.MismatchedLoops.run", interrupted)
+        patch.setattr(MismatchedLoops, "run", interrupted)
         stopped = glucoloop(*repeated)
     assert stopped.code == 130
     assert "interrupted; 1 of 3 pairs of situation and controller are kept, the same command goes on." in stopped.err
     assert {path.name for path in (tmp_path / "b").iterdir()} == {"arithmetic.json", "claims.toml", "loops.parquet"}
 
     with monkeypatch.context() as patch:
+        patch.setattr(MismatchedLoops, "run", after_one_situation)
+        stopped = glucoloop(*repeated)
+    assert "interrupted; 2 of 3 pairs of situation and controller are kept" in stopped.err
+
+    with monkeypatch.context() as patch:
         patch.setattr("glucoloop.papers.meal_aware.experiments._loops_of_seeds", interrupted)  # they are there
+        closed = []
+        patch.setattr(
+            MismatchedLoops, "run", lambda of, design, **rest: closed.append(of.rows) or RUN(of, design, **rest)
+        )
         again = glucoloop(*repeated, "--json")
+    assert [len(rows) for rows in closed] == [1]  # the other one of the two is there
     assert again.json["claims"] == told["claims"]
-    assert "1 of 3 pairs of situation and controller of b are there already; going on." in again.err
+    assert "2 of 3 pairs of situation and controller of b are there already; going on." in again.err
     assert "Sensor seeds 3 to 4" in again.err
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
@@ -54,6 +67,18 @@ def test_folder_holds_page_and_numbers_repeats_itself_and_goes_on(glucoloop, tmp
 
 def interrupted(*given, **named):
     raise KeyboardInterrupt
+
+
+def after_one_situation(loops, design, *, progress):
+    """Runs of which one situation is kept before the user stops."""
+    runs = RUN(loops, design, progress=progress)
+
+    class Stopped(dict):
+        def items(self):
+            yield next(iter(runs.items()))
+            raise KeyboardInterrupt
+
+    return Stopped()
 
 
 @pytest.mark.parametrize(

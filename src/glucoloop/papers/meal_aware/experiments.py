@@ -182,16 +182,18 @@ def _mismatched(
     found: dict[str, dict[str, MismatchRuns]] = {row.name: {} for row in rows}
     for guarded in (False, True):
         part = [row for row in rows if row.guarded is guarded]
-        loops: MismatchedLoops | None = None
+        made: dict[tuple[str, ...], MismatchedLoops] = {}
         for controller in controllers:
-            if all((row.name, controller) in kept for row in part):
-                for row in part:
+            missing = [row for row in part if (row.name, controller) not in kept]
+            for row in part:
+                if row not in missing:
                     found[row.name][controller] = kept[row.name, controller]
-                continue
-            loops = loops or MismatchedLoops(part, [row.runs_of(asked) for row in part], asked.seed)
-            for name, runs in loops.run(designer(controller), progress=progress).items():
-                found[name][controller] = runs
-                if (name, controller) not in kept:
+            if missing:
+                names = tuple(row.name for row in missing)
+                if names not in made:
+                    made[names] = MismatchedLoops(missing, [row.runs_of(asked) for row in missing], asked.seed)
+                for name, runs in made[names].run(designer(controller), progress=progress).items():
+                    found[name][controller] = runs
                     keep(name, controller, runs)
     return found
 
