@@ -98,7 +98,9 @@ CONFIGURATIONS = {
     b"seed = 1.0": "seed is 1; give a whole number",
     b"meals = '50@50'": "meals is '50@50'; give a list",
     b"meals = [50]": "give a text",
-    b"controller = 3": "unknown controller",
+    b"controller = 3": "controller is 3; give a text, the name of one",
+    b"controller = {name = 'pid'}": "controller is {'name': 'pid'}; give a text, the name of one",
+    b"noise = 1.45": "unknown key 'noise'; in a file it is 'noise_variance'",
     b"model = 3": "model is 3; give a text",
     b"[[case]]": "unknown key 'case'",
 }
@@ -108,6 +110,11 @@ CONFIGURATIONS = {
 def test_configuration_file_is_refused_by_key(refused, tmp_path, content):
     (tmp_path / "a.toml").write_bytes(content)
     assert CONFIGURATIONS[content] in refused("run", "--config", "a.toml")
+
+
+def test_row_of_a_record_is_counted_as_in_its_file(refused, tmp_path):
+    (tmp_path / "r.csv").write_text("t_min,insulin_mU_min,glucose_mg_dl\n0,10,100\n5,10,high\n")
+    assert "The glucose in row 2 of r.csv, below its first line, is 'high'" in refused("identify", "--data", "r.csv")
 
 
 def test_configuration_that_is_a_folder_or_absent(refused, tmp_path):

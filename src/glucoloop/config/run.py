@@ -159,7 +159,9 @@ def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], name
 def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mapping[str, str] | None = None) -> CaseKeys:
     """Read a case from flat keys, completed for its situation."""
     own = own_keys(keys, CaseKeys)
-    controller = str(own.get("controller", catalogue.USUAL_CONTROLLER))
+    controller = own.get("controller", catalogue.USUAL_CONTROLLER)
+    if not isinstance(controller, str):
+        raise ValueError(f"controller is {controller!r}; give a text, the name of one")
     _refuse_reserved(catalogue.controller_entry(controller))
     known = catalogue.setting_names(controller)
     settings = {key: value for key, value in keys.items() if key in known}
@@ -341,7 +343,19 @@ def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
 def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> None:
     """Refuse a key that belongs neither to a situation, a case nor a controller of this package or of the cases."""
     known = run_keys(*controllers_of(keys, cases))
+    for key in keys:
+        if key not in known and key in _KEY_OF_OPTION:
+            raise ValueError(f"unknown key {key!r}; in a file it is {_KEY_OF_OPTION[key]!r}")
     refuse_unknown_keys(keys, known)
+
+
+_KEY_OF_OPTION: Final = {
+    key.flag.strip("-").replace("-", "_"): name
+    for record in (SituationKeys, CaseKeys)
+    for name, key in declared(record).items()
+    if key.key is not None and "/" not in key.flag
+}
+"""Key by the name of its option, which leaves out the unit."""
 
 
 def run_keys(*controllers: str) -> list[str]:

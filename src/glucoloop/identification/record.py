@@ -20,6 +20,8 @@ LARGEST_MEAL_G = 1000.0
 LATEST_MIN = 1e9
 # Times within this part of a sample are the same time.
 ON_GRID = 1e-6
+FROM_ZERO = " (counted from 0)"
+"""Words about a row, as arrays have it."""
 
 Floats = NDArray[np.float64]
 
@@ -209,7 +211,7 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
                 float(value)
             except (TypeError, ValueError, OverflowError):
                 raise ValueError(
-                    f"The {name} in row {row} is {value!r}: it must be a number; leave the row out, "
+                    f"The {name} in row {row}{FROM_ZERO} is {value!r}: it must be a number; leave the row out, "
                     "or mark a missing reading as NaN."
                 ) from None
         raise
@@ -221,7 +223,7 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
 def _refuse_rows(refused: NDArray[np.bool_], name: str, values: Floats, bound: str, mend: str) -> None:
     if refused.any():
         row = int(np.argmax(refused))
-        raise ValueError(f"The {name} in row {row} is {values[row]:g}: it must be {bound}; {mend}.")
+        raise ValueError(f"The {name} in row {row}{FROM_ZERO} is {values[row]:g}: it must be {bound}; {mend}.")
 
 
 def _refuse_gaps(read_min: Floats, max_gap_min: float) -> None:

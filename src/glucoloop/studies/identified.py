@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ from glucoloop.identification import (
     record_from_samples,
     validate,
 )
+from glucoloop.identification.record import FROM_ZERO
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
 from glucoloop.sensors import Sensor
@@ -180,7 +182,7 @@ def _from_data(config: IdentificationKeys, path: Path) -> Identified:
             starts_at_rest=config.starts_at_rest,
         )
     except ValueError as error:
-        raise ValueError(_in_options(str(error))) from error
+        raise ValueError(_in_file(_in_options(str(error)), path)) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
     of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
@@ -321,3 +323,9 @@ def _in_options(told: str) -> str:
     for word, option in _OPTIONS_OF.items():
         told = told.replace(word, option)
     return told
+
+
+def _in_file(told: str, path: Path) -> str:
+    """Sentence of the library with the row as its file has it."""
+    words = rf"in row (\d+){re.escape(FROM_ZERO)}"
+    return re.sub(words, lambda row: f"in row {int(row[1]) + 1} of {path}, below its first line,", told)
