@@ -38,7 +38,7 @@ int memcmp(const void *a, const void *b, size_t size)
 }
 
 #if defined(__arm__)
-static int ask(int what, const void *with)
+int chip_ask(int what, const void *with)
 {
   register int r0 __asm("r0") = what;
   register const void *r1 __asm("r1") = with;
@@ -64,7 +64,7 @@ __attribute__((section(".vectors"), used)) static const struct
 } vectors = {&stack_top, reset};
 #else
 /* The place is rounded up where instructions of two bytes are allowed: without them it may be two bytes off. */
-static int ask(int what, const void *with)
+int chip_ask(int what, const void *with)
 {
   register int a0 __asm("a0") = what;
   register const void *a1 __asm("a1") = with;
@@ -113,7 +113,7 @@ void chip_say(const char *text)
 {
   while (*text != '\0')
   {
-    (void)ask(3, text);
+    (void)chip_ask(3, text);
     text++;
   }
 }
@@ -121,7 +121,7 @@ void chip_say(const char *text)
 static void leave(int code)
 {
   const uint32_t with[2] = {0x20026U, (uint32_t)code};
-  (void)ask(0x20, with);
+  (void)chip_ask(0x20, with);
   for (;;)
   {
   }

@@ -8,4 +8,7 @@ void chip_begin(void);
 uint32_t chip_instructions(void);
 void chip_say(const char *text);
 
+/* A request to the emulator, by ARM semihosting, also on RISC-V. */
+int chip_ask(int what, const void *with);
+
 #endif
