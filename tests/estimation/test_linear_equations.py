@@ -49,3 +49,19 @@ def test_no_batch_of_matrices_reaches_lapack():
         shapes = re.findall(r"f64\[([\d,]*)\]", line.split("metadata")[0])
         assert shapes
         assert all(shape.count(",") <= 1 for shape in shapes)
+
+
+@pytest.mark.parametrize(("of_matrix", "of_right"), [(0, 0), (0, None), (None, 0)])
+def test_other_devices_solve_for_all_people_at_once(monkeypatch, of_matrix, of_right):
+    matrix, right = MATRICES if of_matrix == 0 else MATRICES[0], RIGHTS if of_right == 0 else RIGHTS[0]
+
+    def of_people(matrix, right):
+        return jax.vmap(solved, in_axes=(of_matrix, of_right))(matrix, right)
+
+    text = jax.jit(of_people).trace(matrix, right).lower(lowering_platforms=("cuda",)).as_text()
+    assert re.search(r"@cusolver_getrf_ffi\(.*tensor<7x6x6xf64>" if of_matrix == 0 else "@cusolver_getrf_ffi", text)
+    assert "stablehlo.while" not in text
+
+    # that branch here; a single batch at a time cannot wait for another
+    monkeypatch.setattr(jax.lax, "platform_dependent", lambda *given, cpu, default: default(*given))
+    np.testing.assert_allclose(of_people(matrix, right), np.linalg.solve(matrix, right), rtol=1e-11)
