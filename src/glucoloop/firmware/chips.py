@@ -26,6 +26,12 @@ class Chip:
     machine: tuple[str, ...]
     flash: str
     ram: str
+    doubles: bool = True
+    """Whether the chip or its compiler's library rounds sums of float64 right; ``double.c`` does where they do not."""
+
+    def support(self, precision: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Templates that are compiled with a controller of a precision, and what the linker is told of them."""
+        return (("double.c",), MENDED_SUMS) if precision == "float64" and not self.doubles else ((), ())
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -47,6 +53,8 @@ class Chip:
         return ""
 
 
+MENDED_SUMS: Final = ("-Wl,--wrap=__aeabi_dadd,--wrap=__aeabi_dsub",)
+"""Options of the linker that put the functions of ``double.c`` in the place of libgcc's."""
 _MPS2: Final = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
 CHIPS: Final = {
     chip.name: chip
@@ -63,6 +71,7 @@ CHIPS: Final = {
             machine=("-machine", "mps2-an386", "-cpu", "cortex-m4", *_MPS2),
             flash="0x00000000",
             ram="0x20000000",
+            doubles=False,
         ),
         Chip(
             name="cortex-m7",

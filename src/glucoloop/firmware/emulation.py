@@ -26,7 +26,7 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
     with tempfile.TemporaryDirectory(prefix="glucoloop-chip-") as made:
         folder = Path(made)
         written(exported, record, chip, folder)
-        code, said = ran(build_command(chip), folder)
+        code, said = ran(build_command(chip, exported.precision), folder)
         if code:
             return Rung(name, False, f"the compiler refuses it: {said.strip()[:500]}", {})
         code, said = ran(run_command(chip), folder)

@@ -13,7 +13,7 @@ import numpy as np
 
 from glucoloop import __version__
 from glucoloop.control.protocol import Controller, Status
-from glucoloop.firmware.chips import CHIPS, LINK, SMALL, Chip, template
+from glucoloop.firmware.chips import CHIPS, LINK, MENDED_SUMS, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.samples import SampleRecord
 from glucoloop.native.targets.c.api import MEANINGS
@@ -21,12 +21,19 @@ from glucoloop.native.targets.c.numbers import FORMATS, REAL
 
 _GUARDED: Final = "The guard judges readings and insulin on board, and mends a damaged state by itself."
 _BARE: Final = "This controller has no guard: nobody judges its readings, nor the insulin on board."
+_SUPPORT: Final = {
+    "double.c": (
+        "| `double.c` | differences of float64 that libgcc rounds wrongly where a chip of ARM has no unit for float64; "
+        f"link it with `{' '.join(MENDED_SUMS)}` |\n"
+    )
+}
 Rungs = Sequence[Mapping[str, Any]]
 
 
 def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> dict[str, str]:
     """Files that a compiler reads."""
     of = chip or CHIPS["cortex-m4f"]
+    support, _ = of.support(exported.precision)
     return {
         "controller.h": exported.source.header,
         "controller.c": exported.source.code,
@@ -35,15 +42,17 @@ def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> d
         "chip.c": template("chip.c"),
         "chip.h": template("chip.h"),
         "chip.ld": template("chip.ld").replace("@FLASH@", of.flash).replace("@RAM@", of.ram),
-        "Makefile": _makefile(of),
+        **{name: template(name) for name in support},
+        "Makefile": _makefile(of, exported.precision),
     }
 
 
-def build_command(chip: Chip, output: str = "selftest.elf") -> list[str]:
+def build_command(chip: Chip, precision: str, output: str = "selftest.elf") -> list[str]:
     """The command that makes the self-test for a chip."""
+    support, told = chip.support(precision)
     flags = ["-std=c99", "-Wall", "-Wextra", "-ffp-contract=off", *SMALL, "-DCHIP", *chip.flags]
-    files = ["controller.c", "selftest.c", "chip.c"]
-    return [chip.compiler, *flags, *LINK, "-fno-tree-loop-distribute-patterns", "-o", output, *files, "-lgcc"]
+    files = ["controller.c", "selftest.c", "chip.c", *support]
+    return [chip.compiler, *flags, *LINK, *told, "-fno-tree-loop-distribute-patterns", "-o", output, *files, "-lgcc"]
 
 
 def run_command(chip: Chip, file: str = "selftest.elf") -> list[str]:
@@ -51,10 +60,11 @@ def run_command(chip: Chip, file: str = "selftest.elf") -> list[str]:
     return [chip.emulator, *chip.machine, "-kernel", file]
 
 
-def _makefile(chip: Chip) -> str:
+def _makefile(chip: Chip, precision: str) -> str:
     elf = f"{chip.name}.elf"
-    build = " ".join(build_command(chip, "$@")).replace(" ".join(SMALL), "$(OPTIMISE)")
-    sources = "controller.c controller.h samples.h selftest.c chip.c chip.h chip.ld"
+    build = " ".join(build_command(chip, precision, "$@")).replace(" ".join(SMALL), "$(OPTIMISE)")
+    support, _ = chip.support(precision)
+    sources = " ".join(["controller.c controller.h samples.h selftest.c chip.c chip.h chip.ld", *support])
     rules = f"{elf}: {sources}\n\t{build}\n"
     run = " ".join(run_command(chip, elf))
     text = (
@@ -226,7 +236,7 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
         | `controller.csv` | its gains and matrices in float64, for those who write their own |
         | `samples.h`, `selftest.c`, `Makefile` | recorded samples and the self-test |
         | `chip.c`, `chip.h`, `chip.ld` | start of the emulated chip, for the self-test alone |
-        | `run.toml`, `manifest.json` | how the controller was designed, sizes, and what was checked |
+        {support}| `run.toml`, `manifest.json` | how the controller was designed, sizes, and what was checked |
         | `SHA256SUMS` | digests of the files, for `sha256sum -c SHA256SUMS` |
 
         ## Status
@@ -241,6 +251,7 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
             sample_time=sample_time_min,
             summary=of.summary,
             packages=", ".join(of.packages),
+            support="".join(_SUPPORT[name] for name in of.support(exported.precision)[0]),
             fields=fields,
             least=float(limits.min_mU_min),
             most=float(limits.max_mU_min),

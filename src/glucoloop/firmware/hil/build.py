@@ -81,7 +81,7 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
     own = {name: _template(name) for name in _BOARDS[chip]}
     if chip in CHIPS:
         of = CHIPS[chip]
-        own |= {name: template(name) for name in ("chip.c", "chip.h")}
+        own |= {name: template(name) for name in ("chip.c", "chip.h", *of.support(exported.precision)[0])}
         own["chip.ld"] = template("chip.ld").replace("@FLASH@", _MEMORY[chip].at).replace("@RAM@", of.ram)
     return portable_files(exported) | own
 
@@ -117,7 +117,17 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     of = CHIPS[chip]
     if of.missing:
         raise ValueError(f"{chip} cannot be emulated: {of.missing}, or take --chip host")
-    flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *of.flags, *LINK, "-fno-tree-loop-distribute-patterns"]
+    _, told = of.support(exported.precision)
+    flags = [
+        *WARNINGS,
+        *extra,
+        "-O2",
+        "-ffp-contract=off",
+        *of.flags,
+        *LINK,
+        *told,
+        "-fno-tree-loop-distribute-patterns",
+    ]
     _compile([of.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
     _compile([of.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
     with (folder / _IMAGE).open("r+b") as image:
