@@ -230,8 +230,9 @@ def test_stepping_in_real_time_is_the_simulation(controller, alone):
         # the noise is what the sensor added; everything else happens here again
         reading = x[0] + (trace.reading_mg_dl[k] - trace.glucose_mg_dl[k])
         seen = observe(reading, True, delivered, controller)
-        state = controller.init(seen) if state is None else state
-        state, decision = step(controller, state, seen)
+        before = controller.init(seen) if state is None else state
+        state, decision = step(controller, before, seen)
+        assert jax.tree.map(jax.typeof, state) == jax.tree.map(jax.typeof, before)  # so that it is compiled once
         in_pump, delivery = pump.deliver(in_pump, decision.insulin_mU_min, keys[0])
         delivered = delivery.reported_mU_min
         np.testing.assert_allclose(delivered, trace.insulin_mU_min[k], rtol=1e-12, atol=1e-12)

@@ -157,7 +157,7 @@ class MealHorizon:
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
             probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
             announced=nothing_announced(disturbance),
-            noise_mg_dl=jnp.broadcast_to(self.filters.first_deviation, disturbance.shape),
+            noise_mg_dl=jnp.full_like(disturbance, self.filters.first_deviation),
             haste=jnp.ones_like(disturbance),
         )
 
