@@ -1,5 +1,6 @@
 """Configurations come back as they were written, and refuse by name."""
 
+import re
 import tomllib
 
 import pytest
@@ -26,8 +27,8 @@ keys = st.fixed_dictionaries(
         "bolus_step_U": st.floats(0.01, 1),
         "integrator": st.sampled_from(["fast", "adaptive"]),
         "seed": st.integers(0, 2**32 - 1),
-        "prediction_horizon": st.integers(1, 100),
-        "output_weight": st.floats(0, 10),
+        "prediction_horizon": st.integers(2, 100),
+        "output_weight": st.floats(0, 10, exclude_min=True),
         "constraints": st.sampled_from(["clip", "qp"]),
         "known_dead_time": st.booleans(),
     },
@@ -89,3 +90,19 @@ def test_wrong_sample_time_is_refused_by_name(sample_time):
     for read in (read_run, read_identification):
         with pytest.raises(ValueError, match="sample_time_min is"):
             read({"sample_time_min": sample_time})
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"prediction_horizon": 1}, "a prediction horizon of 1 is not possible with a move horizon of 2"),
+        ({"output_weight": 0.0}, "an output weight of 0 is not possible; give a finite value above 0"),
+        ({"controller": "meal-mpc", "meals_by_time": "often"}, "'often' is no finite number; write values"),
+        ({"controller": "meal-mpc", "meals_by_time": "0@22:00"}, "0 meals per hour from 22:00 on are not possible"),
+        ({"guard": True, "guard_gap_min": -1.0}, "until the basal rate is given, of -1 min is not possible"),
+        ({"guard": True, "guard_gap_min": 100.0}, "long_gap_min of 90 is less than its gap_min of 100"),
+    ],
+)
+def test_what_a_part_refuses_is_refused_before_anything_is_designed(keys, sentence):
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        read_run(keys)

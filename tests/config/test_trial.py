@@ -35,7 +35,7 @@ keys = st.fixed_dictionaries(
         "design": st.sampled_from(["nominal", "individual"]),
         "traces": st.sampled_from(["none", "all", 1, 50]),
         "shard_people": st.integers(1, 10**6),
-        "prediction_horizon": st.integers(1, 100),
+        "prediction_horizon": st.integers(2, 100),
         "known_dead_time": st.booleans(),
         "memory": st.integers(2, 99),
         "controllers": st.lists(st.sampled_from(["mpc-se", "imc", "basal"]), unique=True).map(lambda of: ["mpc", *of]),

@@ -171,6 +171,8 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
         own = {**_identification(situation), **own}
     guard = _guard_limits(keys, entry, bool(own.get("guard", False)), names)
     case = checked(CaseKeys, {**own, "tuning": tuning, "guard_limits": guard}, names)
+    if settings:
+        catalogue.controller_entry(controller).values(case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
         ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)

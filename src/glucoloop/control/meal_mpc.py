@@ -426,9 +426,7 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         case.nonlinear(),
         settings,
         case.limits,
-        habits=MealHabits(
-            meals_per_h=settings.meals_per_h, mean_carbs_g=settings.mean_carbs_g, by_time=settings.meals_by_time
-        ),
+        habits=settings.habits(),
         estimator=settings.estimator,
         meal_horizon=settings.meal_horizon,
         fast_horizon=settings.fast_horizon,

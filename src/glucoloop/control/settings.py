@@ -7,11 +7,14 @@ Nothing here imports JAX, so that help is shown at once.
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.registry.sensors import LONGEST_LAG_MIN
 from glucoloop.registry.settings import About, settings_record, usual
+
+if TYPE_CHECKING:
+    from glucoloop.estimation.unknown_meal import MealHabits
 
 LONGEST_MOVE_HORIZON: Final = 50
 LONGEST_PREDICTION_HORIZON: Final = 288
@@ -287,6 +290,28 @@ class MealMPCSettings(MealTuning):
         Literal["record", "basal", "none"],
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),
     ] = "record"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.needs_time_of_day:
+            self.habits()
+
+    @property
+    def needs_time_of_day(self) -> bool:
+        """Whether the expected number of meals depends on the time of day."""
+        return bool(self.meals_by_time)
+
+    def habits(self) -> MealHabits:
+        """Prior of meals.
+
+        Raises
+        ------
+        ValueError
+            For meals by the time of day that are no table.
+        """
+        from glucoloop.estimation.unknown_meal import MealHabits
+
+        return MealHabits(self.meals_per_h, self.mean_carbs_g, self.meals_by_time)
 
 
 @settings_record

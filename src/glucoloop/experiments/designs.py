@@ -164,14 +164,18 @@ def design_of(
         setpoint_mg_dl=situation.setpoint_mg_dl,
     )
 
-    def designed(tuning: Mapping[str, Value]) -> Controller:
-        settings = entry.values(tuning)
-        controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
-        if situation.start_min is None and getattr(controller, "needs_time_of_day", False):
+    def refuse_without_clock(to: object) -> None:
+        if situation.start_min is None and getattr(to, "needs_time_of_day", False):
             raise ValueError(
                 f"the controller {case.controller} is to go by the time of day, of which it is not told; "
                 "give the time at the start, like --start 06:00 (start in a file)"
             )
+
+    def designed(tuning: Mapping[str, Value]) -> Controller:
+        settings = entry.values(tuning)
+        refuse_without_clock(settings)  # before a design that takes long
+        controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
+        refuse_without_clock(controller)
         return with_guard(controller, case.guard, situation.limits)
 
     return designed

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS, USUAL_PATIENT, PatientEntry
@@ -261,10 +261,14 @@ def complete_guard(given: Mapping[str, object], entry: PatientEntry = USUAL_PATI
     Raises
     ------
     ValueError
-        For an unknown limit, or a value that is no number.
+        For an unknown limit, a value that is no number, or one out of its bounds or at odds with another.
     """
     for key in given:
         if key not in GUARD:
             raise ValueError(f"a guard has no limit {key!r}; {known_names(key, GUARD)}")
     checked = {key: GUARD[key].check(value) for key, value in given.items()}
-    return {key: checked.get(key, usual_limit(key, entry)) for key in GUARD}
+    every = {key: checked.get(key, usual_limit(key, entry)) for key in GUARD}
+    if given:
+        limits: Mapping[str, Any] = {key.removeprefix(PREFIX): value for key, value in every.items()}
+        GuardSettings(**limits)
+    return every

@@ -55,6 +55,8 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
     asked = {key: value for key, value in settings.items() if key in ESTIMATING.estimator_settings}
     complete = catalogue.complete(ESTIMATING.name, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
+    if asked:
+        ESTIMATING.values(complete)  # refuses before anything is designed
     return Detection(
         trial=trial,
         days=own.days or (USUAL_DAYS if trial.people == 1 else 1),
