@@ -17,9 +17,6 @@ from glucoloop.simulation import nonlinear_model, simulate
 
 SETPOINT = 81.1
 PATIENT = patient()
-MODEL = nonlinear_model(PATIENT)
-QUIET = design_meal_mpc(MODEL, measurement_variance=0.01)
-CALM = dataclasses.replace(QUIET, anticipation=0.0)
 
 
 def seen(reading, *, delivered=25.6060573442, valid=True, announced=0.0):
@@ -36,8 +33,25 @@ step = jax.jit(lambda controller, state, observation: controller.explained_step(
 
 
 @pytest.fixture(scope="module")
-def unannounced():
-    return simulate(PATIENT, QUIET)
+def model():
+    return nonlinear_model(PATIENT)
+
+
+@pytest.fixture(scope="module")
+def quiet(model):
+    """A controller that knows of hardly any noise."""
+    return design_meal_mpc(model, measurement_variance=0.01)
+
+
+@pytest.fixture(scope="module")
+def calm(quiet):
+    """The same, which gives no insulin for meals that are only expected."""
+    return dataclasses.replace(quiet, anticipation=0.0)
+
+
+@pytest.fixture(scope="module")
+def unannounced(quiet):
+    return simulate(PATIENT, quiet)
 
 
 # ----------------------------------------------------------------------------------------------------- in the loop
@@ -53,8 +67,8 @@ def test_a_meal_that_nobody_announced_hardly_shows_without_noise(unannounced):
 
 
 @pytest.mark.long
-def test_an_announced_meal_shows_less(unannounced):
-    announced = simulate(PATIENT, QUIET, scenario=Scenario(announced=True))
+def test_an_announced_meal_shows_less(unannounced, quiet):
+    announced = simulate(PATIENT, quiet, scenario=Scenario(announced=True))
     away = np.abs(np.asarray(announced.fine_glucose_mg_dl) - SETPOINT)
     assert away.max() <= 1.0 < np.abs(np.asarray(unannounced.fine_glucose_mg_dl) - SETPOINT).max()
     # insulin begins with the meal, and not when glucose tells of it
@@ -63,18 +77,18 @@ def test_an_announced_meal_shows_less(unannounced):
 
 
 @pytest.mark.long
-def test_a_known_dead_time_is_bridged(unannounced):
+def test_a_known_dead_time_is_bridged(unannounced, calm):
     """What was read 15 min ago tells of a meal 15 min later; for the rest the loop is the same."""
-    late = simulate(PATIENT, dataclasses.replace(CALM, dead_time_samples=3), dead_time(3))
+    late = simulate(PATIENT, dataclasses.replace(calm, dead_time_samples=3), dead_time(3))
     here, there = (np.asarray(t.fine_glucose_mg_dl) - SETPOINT for t in (unannounced, late))
     assert here.max() + 2.0 < there.max() < here.max() + 8.0
     assert np.abs(there[-60:]).max() < 0.1
 
 
 @pytest.mark.long
-def test_no_lasting_error_is_left_for_somebody_whom_the_model_does_not_fit():
+def test_no_lasting_error_is_left_for_somebody_whom_the_model_does_not_fit(model):
     """Offset-free: a person who needs another basal rate than the controller was told."""
-    slow = design_meal_mpc(MODEL, MealTuning(anticipation=0.0))
+    slow = design_meal_mpc(model, MealTuning(anticipation=0.0))
     told_wrong = slow.with_basal(jnp.asarray(0.8 * 25.6060573442))
     trace = simulate(PATIENT, told_wrong, scenario=Scenario([], 600.0))
     glucose = np.asarray(trace.fine_glucose_mg_dl)
@@ -120,7 +134,7 @@ def forecast_by_hand(controller, told, rates, serving):
 
 
 @pytest.mark.long
-def test_the_plan_minimises_the_objective_of_the_docstring():
+def test_the_plan_minimises_the_objective_of_the_docstring(model):
     """Solved to the end, the program's first move is that of SciPy on a forecast made by other means."""
     tuning = MealTuning(
         anticipation=0.4,
@@ -131,7 +145,7 @@ def test_the_plan_minimises_the_objective_of_the_docstring():
         iterations=3,
         gut_doubt=0.5,
     )
-    controller = design_meal_mpc(MODEL, tuning, habits=MealHabits(0.6, 30.0), measurement_variance=1.45)
+    controller = design_meal_mpc(model, tuning, habits=MealHabits(0.6, 30.0), measurement_variance=1.45)
     state, delivered = controller.init(seen(SETPOINT)), 25.6060573442
     for reading in (81.0, 82.0, 85.0, 87.5):  # the last move is within the limits of the pump
         state, decision, estimate = step(controller, state, seen(reading, delivered=delivered))
@@ -161,8 +175,8 @@ def test_the_plan_minimises_the_objective_of_the_docstring():
 
 
 @pytest.mark.long
-def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain():
-    other = CALM.for_person(20.0, 1.3, 1.5)
+def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain(calm):
+    other = calm.for_person(20.0, 1.3, 1.5)
     assert float(other.model.insulin_mU_min) == 20.0
     # nothing is done at rest, whatever the gain and the lag
     _, decision, _ = step(other, other.init(seen(SETPOINT, delivered=20.0)), seen(SETPOINT, delivered=20.0))
@@ -170,7 +184,7 @@ def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain
     # and of a rise by as much he needs less insulin
     rates = [
         float(step(person, person.init(at(SETPOINT)), at(SETPOINT + 3.0))[1].insulin_mU_min) - 20.0
-        for person in (CALM.for_person(20.0), CALM.for_person(20.0, 2.0))
+        for person in (calm.for_person(20.0), calm.for_person(20.0, 2.0))
         for at in (lambda reading: seen(reading, delivered=20.0),)
     ]
     assert rates[0] > rates[1] > 0.0
@@ -186,9 +200,9 @@ def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain
         ({"disturbance_variance": -1.0}, "a disturbance variance of -1 is not possible; give a finite value above 0"),
     ],
 )
-def test_a_design_that_is_not_possible_is_refused(bad, sentence):
+def test_a_design_that_is_not_possible_is_refused(model, bad, sentence):
     with pytest.raises(ValueError, match=sentence.replace("(", r"\(")):
-        design_meal_mpc(MODEL, **bad)
+        design_meal_mpc(model, **bad)
 
 
 @pytest.mark.parametrize(

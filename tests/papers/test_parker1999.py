@@ -160,6 +160,7 @@ class TestStudy:
             ours, theirs = (one.with_noise[name, "0"].metrics.undershoot_mg_dl for one in (study, again))
             np.testing.assert_array_equal(ours, theirs)
 
+    @pytest.mark.long
     def test_every_entry_that_was_run_is_compared(self, study):
         rows = compare({POINT: study})
         left_out = {row.entry.id for row in rows if not row.reproduced}
@@ -229,6 +230,7 @@ class TestReport:
         assert cells
         assert all("data-column=" in cell for cell in cells)
 
+    @pytest.mark.long
     def test_all_three_tell_the_same_number(self, files, study):
         found = Reproduced.of(study.with_noise["mpc", "0"].metrics.undershoot_mg_dl)
         entry = next(
@@ -238,6 +240,7 @@ class TestReport:
         assert found.text in files["report.md"]
         assert found.text in files["report.html"]
 
+    @pytest.mark.long
     def test_a_part_of_the_paper_is_compared_drawn_and_told_alone(self, study):
         part = chosen(["1"], ["4"])
         rows = compare({POINT: study}, part.entries)
@@ -251,6 +254,7 @@ class TestReport:
         assert "Tunings" not in found["report.html"]
         assert "binary-sequence" not in found["report.html"]  # a reading on which nothing here rests
 
+    @pytest.mark.long
     def test_a_figure_without_numbers_is_told_without_tables(self, study):
         part = chosen([], ["2"])
         found = {}
@@ -268,6 +272,7 @@ class TestReport:
         with pytest.raises(ValueError, match="unknown figure '1'; the known ones are: 2, 3, 4, 5, 6"):
             chosen([], ["1"])
 
+    @pytest.mark.long
     def test_what_does_not_reproduce_is_listed(self, study):
         wrong = replace(_entry(1.0), id="model.setpoint", what="A <number> that is far off")
         rows = [ComparedEntry(entry=wrong, reproduced={POINT: Reproduced(5.0)})]

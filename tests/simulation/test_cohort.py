@@ -247,6 +247,7 @@ def test_everybody_is_himself_among_others(day, varied):
     jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[numbers]), again.fold, run.fold)
 
 
+@pytest.mark.long
 def test_somebody_who_cannot_rest_spoils_nobody(day, varied):
     cohort, run = day[0]["float64"], day[1]["float64"]
     rest, basal = varied.rest.copy(), varied.basal_insulin_mU_min.copy()
@@ -359,6 +360,7 @@ def test_a_controller_of_ones_own_is_ones_own(noisy, nominal):
     assert np.abs(again.insulin_mU_min - runs["native"].insulin_mU_min).max(axis=0).min() > 0.01
 
 
+@pytest.mark.long
 def test_meals_of_ones_own_are_asked_for(noisy):
     people, made, _ = noisy
     with pytest.raises(TypeError, match="made for people with meals of their own; give meals"):
