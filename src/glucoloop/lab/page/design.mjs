@@ -9,8 +9,8 @@ import { exponential, power } from "./exact.mjs";
 /** @typedef {Record<string, number | number[]>} Numbers numbers of a controller, or of a part of it */
 /** @typedef {Record<string, number>} Tuning */
 /**
- * Gives a gain that is kept from an earlier time, by what it is computed from, or computes it.
- * @typedef {(of: number[], compute: () => number[]) => number[]} Kept
+ * Gives numbers that are kept from an earlier time, by what they are computed from, or computes them.
+ * @typedef {(of: (string | number)[], compute: () => number[]) => number[]} Kept
  */
 /** @typedef {{gain: number, tau_min: number, delay_min: number}} FirstOrder */
 /** @typedef {{max_change_mU_min: number, min_mU_min: number, max_mU_min: number}} Limits */
@@ -125,24 +125,24 @@ export function mpc(tuning, response) {
 /** Variance of the disturbance that MPC/SE estimates, (mg/dl)² per sample. */
 const DISTURBANCE_VARIANCE = 1;
 
-/** Rows by which outputs follow from the state and the inputs, `C Phi^i` and their sums; no tuning changes them. */
+/**
+ * What a linear model says of the next p outputs: rows `C Phi^(i - 1)`, and the response to the state and to a step.
+ * @typedef {{rows: number[][], free_state: number[], free_input: number[], Phi: number[]}} Ahead
+ */
+
+/** What the models say, for the horizon that was asked for last; no other tuning changes it. @type {WeakMap<Linear, Ahead>} */
 const predictions = new WeakMap();
 
-/**
- * @param {Linear} linear
- * @param {number} p
- * @returns {{rows: number[][], free_state: number[], free_input: number[]}} rows `C Phi^(i - 1)`
- */
+/** @param {Linear} linear @param {number} p @returns {Ahead} */
 function predicted(linear, p) {
   const { Phi, Gamma, C } = linear;
   const n = C.length;
-  let found = predictions.get(linear);
-  if (found === undefined) {
-    found = { rows: [], free_state: [], free_input: [] };
-    predictions.set(linear, found);
-  }
-  while (found.rows.length < p) {
-    const { rows, free_state, free_input } = found;
+  const before = predictions.get(linear);
+  if (before?.rows.length === p) return before;
+  /** @type {Ahead} */
+  const found = { rows: [], free_state: [], free_input: [], Phi: before?.Phi ?? Phi.flat() };
+  const { rows, free_state, free_input } = found;
+  while (rows.length < p) {
     const row = rows.length ? free_state.slice(-n) : C;
     const next = new Array(n).fill(0);
     for (let k = 0; k < n; k++) for (let j = 0; j < n; j++) next[j] += row[k] * Phi[k][j];
@@ -150,7 +150,8 @@ function predicted(linear, p) {
     free_state.push(...next);
     free_input.push((free_input.at(-1) ?? 0) + dot(row, Gamma));
   }
-  return { rows: found.rows, free_state: found.free_state.slice(0, p * n), free_input: found.free_input.slice(0, p) };
+  predictions.set(linear, found);
+  return found;
 }
 
 /**
@@ -161,19 +162,19 @@ function predicted(linear, p) {
  * @returns {Numbers}
  */
 export function mpcSe(tuning, linear, kept) {
-  const { Phi, Gamma, C } = linear;
-  const p = tuning.prediction_horizon;
+  const { Gamma, C } = linear;
+  const { prediction_horizon: p, move_horizon, output_weight, move_weight, reference_filter, reference_start } = tuning;
   const { glucose_process_noise, other_process_noise, glucagon_process_noise } = tuning;
   const variances = [glucose_process_noise, other_process_noise, glucagon_process_noise, DISTURBANCE_VARIANCE];
   const R = tuning.measurement_variance;
-  const kalman_gain = kept([...variances, R], () =>
-    steadyKalmanGain(Phi, C, linear.noise_kinds.map((kind, i) => variances[kind] * linear.noise_factors[i]), R),
+  const kalman_gain = kept(["kalman", ...variances, R], () =>
+    steadyKalmanGain(linear.Phi, C, linear.noise_kinds.map((kind, i) => variances[kind] * linear.noise_factors[i]), R),
   );
-  const { rows, free_state, free_input } = predicted(linear, p);
+  const { rows, free_state, free_input, Phi } = predicted(linear, p);
   let ofInnovation = 0;
-  const free_innovation = rows.slice(0, p).map((row) => (linear.held ? (ofInnovation += dot(row, kalman_gain)) : 0));
+  const free_innovation = rows.map((row) => (linear.held ? (ofInnovation += dot(row, kalman_gain)) : 0));
   return {
-    Phi: Phi.flat(),
+    Phi,
     Gamma,
     C,
     kalman_gain,
@@ -181,8 +182,10 @@ export function mpcSe(tuning, linear, kept) {
     free_state,
     free_input,
     free_innovation,
-    reference: Array.from({ length: p }, (_, i) => power(tuning.reference_filter, i + 1 - tuning.reference_start)),
-    "plan.gain": closedFormGain(free_input, tuning),
+    reference: kept(["reference", p, reference_filter, reference_start], () =>
+      Array.from({ length: p }, (_, i) => power(reference_filter, i + 1 - reference_start)),
+    ),
+    "plan.gain": kept(["plan", p, move_horizon, output_weight, move_weight], () => closedFormGain(free_input, tuning)),
     basal_mU_min: linear.insulin_mU_min,
     basal_glucose_mg_dl: linear.glucose_mg_dl,
   };
@@ -212,7 +215,7 @@ export function design(name, tuning, patient, sample_time_min, kept) {
 
 /** @typedef {Float64Array} Square a square matrix, row by row */
 
-const NAMES = /** @type {const} */ (["A", "G", "P", "W", "V", "U", "PV", "more", "transposed", "moved"]);
+const NAMES = /** @type {const} */ (["A", "G", "P", "W", "V", "U", "PV", "more", "moved", "H", "HP", "HPA", "HA", "L"]);
 /** Matrices that are used at each solution again, by their size. @type {Map<number, Record<typeof NAMES[number] | "rows", Square>>} */
 const workspaces = new Map();
 
@@ -235,6 +238,12 @@ const CONVERGED = 1e-9;
  * The steady Kalman gain in filter form, `P C' / (C P C' + R)`, of a system that is read by one row C.
  *
  * The Riccati equation is solved by doubling: after k steps P is that of 2^k samples, so that some ten are enough.
+ * With `W = I + G P`, a step is
+ *
+ *     P + A' P W^-1 A,    G + A W^-1 G A',    A W^-1 A.
+ *
+ * At first `G = C' C / R`, and a step doubles its rank. While it is small, G is kept as `H' H`, of few rows, and W^-1
+ * follows from a matrix of that size, `W^-1 = I - H' (I + H P H')^-1 H P`.
  * E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, C.-S. Wang, "Structure-preserving algorithms for periodic discrete-time algebraic
  * Riccati equations", Int. J. Control 77(8), 2004.
  * @param {number[][]} Phi (n, n)
@@ -246,41 +255,115 @@ const CONVERGED = 1e-9;
 export function steadyKalmanGain(Phi, C, Q, R) {
   const states = C.length;
   const n = Math.ceil(states / 4) * 4; // with zeros for states that there are not
-  const { A, G, P, W, V, U, PV, more, transposed, moved, rows } = workspace(n);
-  for (const matrix of [A, G, P]) matrix.fill(0);
+  const { A, G, P, W, V, U, PV, more, moved, H, HP, HPA, HA, L, rows } = workspace(n);
+  for (const matrix of [P, H]) matrix.fill(0);
+  A.set(transition(Phi, n));
+  const root = Math.sqrt(R);
   for (let i = 0; i < states; i++) {
     P[i * n + i] = Q[i];
-    for (let j = 0; j < states; j++) {
-      A[i * n + j] = Phi[j][i];
-      G[i * n + j] = (C[i] * C[j]) / R;
-    }
+    H[i] = C[i] / root;
   }
+  let rank = 1;
   for (let step = 0; step < MOST_DOUBLINGS; step++) {
-    product(G, P, n, W);
-    for (let i = 0; i < n; i++) W[i * n + i] += 1;
-    solve(W, A, G, n, rows, V, U); // W^-1 A and W^-1 G
-    transpose(A, n, transposed);
-    product(P, V, n, PV);
-    product(transposed, PV, n, more);
+    const thin = 2 * rank <= n;
+    if (thin) {
+      // L L' = I + H P H', V = A - H' (L L')^-1 H P A, and the new rows of H are L^-1 H A'.
+      const even = rank + (rank % 2); // the row behind the last is zero
+      product(P, A, n, PV);
+      product(H, P, n, HP, even);
+      product(H, PV, n, HPA, even);
+      cholesky(HP, H, rank, n, L);
+      forward(L, HPA, rank, n);
+      backward(L, HPA, rank, n);
+      V.set(A);
+      for (let k = 0; k < rank; k++) {
+        for (let i = 0; i < n; i++) if (H[k * n + i] !== 0) subtract(V, i * n, HPA, k * n, n, H[k * n + i]);
+      }
+      symmetric(V, PV, n, more);
+    } else {
+      product(G, P, n, W);
+      for (let i = 0; i < n; i++) W[i * n + i] += 1;
+      solve(W, A, G, n, rows, V, U); // W^-1 A and W^-1 G
+      product(P, V, n, PV);
+      symmetric(A, PV, n, more);
+    }
     add(P, more);
     // It converges quadratically: what the next doubling would add is the square of this.
     if (size(more) <= CONVERGED * size(P)) break;
-    product(A, U, n, moved);
-    product(moved, transposed, n, more);
-    add(G, more);
+    if (thin) {
+      transpose(A, n, moved);
+      product(H, moved, n, HA, rank + (rank % 2));
+      forward(L, HA, rank, n);
+      for (let i = 0; i < rank * n; i++) H[rank * n + i] = HA[i];
+      rank *= 2;
+      if (2 * rank > n) symmetric(H, H, n, G, rank);
+    } else {
+      product(A, U, n, moved);
+      transpose(moved, n, W);
+      transpose(A, n, PV);
+      symmetric(W, PV, n, more);
+      add(G, more);
+    }
     product(A, V, n, moved);
     A.set(moved);
   }
-  const seen = C.map((_, i) => C.reduce((total, c, j) => total + 0.5 * (P[i * n + j] + P[j * n + i]) * c, 0));
+  const seen = C.map((_, i) => dot(C, P, i * n));
   const gain = seen.map((value) => value / (dot(C, seen) + R));
   if (!gain.every(Number.isFinite)) throw new RangeError("these variances give no Kalman filter; bring Q and R closer");
   return gain;
 }
 
-/** @param {ArrayLike<number>} a @param {ArrayLike<number>} b */
-function dot(a, b) {
+/** Transposed matrices of the models, with zeros for states that there are not. @type {WeakMap<number[][], Square>} */
+const transitions = new WeakMap();
+
+/** @param {number[][]} Phi @param {number} n */
+function transition(Phi, n) {
+  let found = transitions.get(Phi);
+  if (found === undefined) {
+    found = new Float64Array(n * n);
+    for (let i = 0; i < Phi.length; i++) for (let j = 0; j < Phi.length; j++) found[i * n + j] = Phi[j][i];
+    transitions.set(Phi, found);
+  }
+  return found;
+}
+
+/** The factor L of `L L' = I + a b'`, of the first rows of both. @param {Square} a @param {Square} b @param {number} rank @param {number} n @param {Square} L */
+function cholesky(a, b, rank, n, L) {
+  for (let i = 0; i < rank; i++) {
+    for (let j = 0; j <= i; j++) {
+      let sum = i === j ? 1 : 0;
+      for (let k = 0; k < n; k++) sum += a[i * n + k] * b[j * n + k];
+      for (let k = 0; k < j; k++) sum -= L[i * n + k] * L[j * n + k];
+      L[i * n + j] = i === j ? Math.sqrt(sum) : sum / L[j * n + j];
+    }
+  }
+}
+
+/** Subtract a multiple of a row from another. @param {Square} from @param {number} at @param {Square} row @param {number} of @param {number} n @param {number} factor */
+function subtract(from, at, row, of, n, factor) {
+  for (let j = 0; j < n; j++) from[at + j] -= factor * row[of + j];
+}
+
+/** Solve `L X = B` in place, of B the first rows. @param {Square} L @param {Square} B @param {number} rank @param {number} n */
+function forward(L, B, rank, n) {
+  for (let i = 0; i < rank; i++) {
+    for (let k = 0; k < i; k++) subtract(B, i * n, B, k * n, n, L[i * n + k]);
+    for (let j = 0; j < n; j++) B[i * n + j] /= L[i * n + i];
+  }
+}
+
+/** Solve `L' X = B` in place, of B the first rows. @param {Square} L @param {Square} B @param {number} rank @param {number} n */
+function backward(L, B, rank, n) {
+  for (let i = rank - 1; i >= 0; i--) {
+    for (let k = i + 1; k < rank; k++) subtract(B, i * n, B, k * n, n, L[k * n + i]);
+    for (let j = 0; j < n; j++) B[i * n + j] /= L[i * n + i];
+  }
+}
+
+/** @param {ArrayLike<number>} a @param {ArrayLike<number>} b @param {number} [from] the first number of b */
+function dot(a, b, from = 0) {
   let total = 0;
-  for (let i = 0; i < a.length; i++) total += a[i] * b[i];
+  for (let i = 0; i < a.length; i++) total += a[i] * b[from + i];
   return total;
 }
 
@@ -301,9 +384,60 @@ function transpose(a, n, into) {
   for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) into[j * n + i] = a[i * n + j];
 }
 
-/** Two rows and four columns at a time, so that sums stay in registers. @param {Square} a @param {Square} b @param {number} n a multiple of four @param {Square} into neither of the two */
-function product(a, b, n, into) {
+/**
+ * `a' b`, which is known to be symmetric, so that half of it is computed.
+ * @param {Square} a @param {Square} b @param {number} n a multiple of four @param {Square} into neither of the two
+ * @param {number} [rows] of a and b
+ */
+function symmetric(a, b, n, into, rows = n) {
   for (let i = 0; i < n; i += 2) {
+    for (let j = i - (i % 4); j < n; j += 4) {
+      let s0 = 0;
+      let s1 = 0;
+      let s2 = 0;
+      let s3 = 0;
+      let t0 = 0;
+      let t1 = 0;
+      let t2 = 0;
+      let t3 = 0;
+      for (let k = 0, of = i, at = j; k < rows; k++, of += n, at += n) {
+        const s = a[of];
+        const t = a[of + 1];
+        const b0 = b[at];
+        const b1 = b[at + 1];
+        const b2 = b[at + 2];
+        const b3 = b[at + 3];
+        s0 += s * b0;
+        s1 += s * b1;
+        s2 += s * b2;
+        s3 += s * b3;
+        t0 += t * b0;
+        t1 += t * b1;
+        t2 += t * b2;
+        t3 += t * b3;
+      }
+      const first = i * n + j;
+      const second = first + n;
+      into[first] = s0;
+      into[first + 1] = s1;
+      into[first + 2] = s2;
+      into[first + 3] = s3;
+      into[second] = t0;
+      into[second + 1] = t1;
+      into[second + 2] = t2;
+      into[second + 3] = t3;
+    }
+  }
+  for (let i = 0; i < n; i++) for (let j = 0; j < i; j++) into[i * n + j] = into[j * n + i];
+}
+
+/**
+ * Two rows and four columns at a time, so that sums stay in registers.
+ * @param {Square} a @param {Square} b @param {number} n a multiple of four @param {Square} into neither of the two
+ * @param {number} [rows] an even number of rows of a
+ */
+function product(a, b, n, into, rows = n) {
+  for (let i = 0; i < rows; i += 2) {
     const first = i * n;
     const second = first + n;
     for (let j = 0; j < n; j += 4) {

@@ -50,26 +50,6 @@ import { drawForPump, drawForSensor } from "./threefry.mjs";
 const MOMENTS = 3;
 const MOST_KEPT = 32;
 
-/**
- * Numbers in the order in which a function takes them. What is not given, no step uses.
- * @param {Record<string, number>} fields name -> how many
- * @param {Numbers} given
- * @returns {Float64Array}
- */
-export function inOrder(fields, given) {
-  let count = 0;
-  for (const name in fields) count += fields[name];
-  const numbers = new Float64Array(count);
-  let at = 0;
-  for (const name in fields) {
-    const own = given[name];
-    if (typeof own === "number") numbers[at] = own;
-    else if (own !== undefined) for (let i = 0; i < fields[name] && i < own.length; i++) numbers[at + i] = own[i];
-    at += fields[name];
-  }
-  return numbers;
-}
-
 /** Name of the functions of a controller, without what they do. @param {Situation} situation @param {Data} data */
 export function controllerName(situation, data) {
   const { route } = familyOf(situation, data);
@@ -79,6 +59,19 @@ export function controllerName(situation, data) {
 /** @param {Record<string, number>} names */
 function total(names) {
   return Object.values(names).reduce((a, b) => a + b, 0);
+}
+
+/**
+ * Times of the samples, or of the moments between them, which all traces of a length share: nobody may change them.
+ * @type {Map<string, number[]>}
+ */
+const sharedTimes = new Map();
+
+/** @param {string} of @param {() => number[]} compute */
+function timesOf(of, compute) {
+  let found = sharedTimes.get(of);
+  if (found === undefined) sharedTimes.set(of, (found = compute()));
+  return found;
 }
 
 /** A function of one vector of people, whose arrays are read and written in place. */
@@ -99,6 +92,8 @@ export class Stage {
       outputs: total(outputs),
     };
     this.lanes = lab.kernels.lanes;
+    /** Lists that the function holds, of all people of the vector. @type {Record<string, number[]>} */
+    this.given = {};
     this.prepared = lab.kernels.prepare(name, sizes, this.lanes);
     this.person = this.prepared.view("person");
     this.carry = this.prepared.view("carry");
@@ -140,9 +135,30 @@ export class Stage {
     throw new RangeError(`the function takes no ${name}`);
   }
 
-  /** @param {Numbers} given numbers by name, of all people of the vector */
+  /**
+   * Give numbers by name to all people of the vector; a list that the function holds already is not copied again.
+   * What is not given, no step uses.
+   * @param {Numbers} given
+   */
   give(given) {
-    this.set(inOrder(this.fields.person, given));
+    const { lanes, person, fields, given: before } = this;
+    let at = 0;
+    for (const name in fields.person) {
+      const count = fields.person[name];
+      const own = given[name];
+      if (typeof own === "object") {
+        for (let i = 0; own !== before[name] && i < count; i++) {
+          const value = i < own.length ? own[i] : 0;
+          for (let lane = 0; lane < lanes; lane++) person[(at + i) * lanes + lane] = value;
+        }
+        before[name] = own;
+      } else {
+        delete before[name];
+        person.fill(0, at * lanes, (at + count) * lanes);
+        if (own !== undefined) person.fill(own, at * lanes, (at + 1) * lanes);
+      }
+      at += count;
+    }
     this.prepared.hold();
   }
 
@@ -211,10 +227,10 @@ export class Lab {
   controllerNumbers(situation) {
     const { data } = this;
     const tuning = tuningOf(situation, data);
-    const kalman = (/** @type {unknown} */ of, /** @type {() => number[]} */ gain) =>
-      this.remembered([situation.patient, "kalman", of], gain);
+    /** @type {import("./design.mjs").Kept} */
+    const kept = (of, compute) => this.remembered([situation.patient, ...of], compute);
     const designed = this.remembered([situation.patient, situation.controller, tuning], () =>
-      design(situation.controller, tuning, data.patients[situation.patient], data.sample_time_min, kalman),
+      design(situation.controller, tuning, data.patients[situation.patient], data.sample_time_min, kept),
     );
     return ofController(designed, situation, data);
   }
@@ -225,14 +241,16 @@ export class Lab {
    * @param {number} steps
    * @returns {Float64Array} (steps, moments)
    */
-  moments(situation, steps) {
-    const sum = new Float64Array(steps * MOMENTS);
-    const { family } = this.data.patients[situation.patient];
-    for (const { t_min, carbs_g } of situation.meals) {
-      const of = this.remembered([family, t_min, carbs_g, steps], () => this.momentsOfMeal(family, t_min, carbs_g, steps));
-      for (let i = 0; i < sum.length; i++) sum[i] += of[i];
-    }
-    return sum;
+  moments({ patient, meals }, steps) {
+    const { family } = this.data.patients[patient];
+    return this.remembered([family, meals, steps], () => {
+      const sum = new Float64Array(steps * MOMENTS);
+      for (const { t_min, carbs_g } of meals) {
+        const of = this.remembered([family, t_min, carbs_g, steps], () => this.momentsOfMeal(family, t_min, carbs_g, steps));
+        for (let i = 0; i < sum.length; i++) sum[i] += of[i];
+      }
+      return sum;
+    });
   }
 
   /**
@@ -270,32 +288,35 @@ export class Lab {
     const samples = Math.round(situation.duration_min / every);
     const inside = data.inside_min.length;
     const { lanes } = this.kernels;
-    const array = (/** @type {number} */ length) => new Array(length).fill(0.5);
+    const t_min = timesOf(`${samples} x ${every}`, () => Array.from({ length: samples }, (_, k) => k * every));
+    const fine_t_min = timesOf(`${samples} x ${every}: ${data.inside_min}`, () => [
+      0,
+      ...t_min.flatMap((t) => data.inside_min.map((after) => t + after)),
+    ]);
+    // Copies, because an array that is filled one number after another is made several times.
+    const array = (/** @type {number[]} */ like) => like.slice();
     /** @type {Trace} */
     const trace = {
-      t_min: array(samples),
-      glucose_mg_dl: array(samples),
-      reading_mg_dl: array(samples),
-      command_mU_min: array(samples),
-      insulin_mU_min: array(samples),
-      status: array(samples),
-      fine_t_min: array(samples * inside + 1),
-      fine_glucose_mg_dl: array(samples * inside + 1),
+      t_min,
+      glucose_mg_dl: array(t_min),
+      reading_mg_dl: array(t_min),
+      command_mU_min: array(t_min),
+      insulin_mU_min: array(t_min),
+      status: array(t_min),
+      fine_t_min,
+      fine_glucose_mg_dl: array(fine_t_min),
     };
-    trace.fine_t_min[0] = 0;
     trace.fine_glucose_mg_dl[0] = body.glucose_mg_dl;
     const loop = new LoopOfVector(this, situation);
     const kept = asked.memory ? loop.kept : 0;
     const memory = new Float64Array((samples + 1) * kept);
     const tell = (/** @type {number} */ k, /** @type {Happened} */ happened) => {
-      trace.t_min[k] = k * every;
       trace.glucose_mg_dl[k] = happened.glucose_mg_dl[0];
       trace.reading_mg_dl[k] = happened.reading_mg_dl[0];
       trace.command_mU_min[k] = happened.command_mU_min[0];
       trace.insulin_mU_min[k] = happened.insulin_mU_min[0];
       trace.status[k] = happened.status[0];
       for (let i = 0; i < inside; i++) {
-        trace.fine_t_min[k * inside + i + 1] = k * every + data.inside_min[i];
         trace.fine_glucose_mg_dl[k * inside + i + 1] = happened.inside_mg_dl[i * lanes];
       }
       if (kept > 0) loop.remember(memory, (k + 1) * kept);
@@ -308,8 +329,12 @@ export class Lab {
   }
 }
 
+/** Who is in all lanes of a plant, if it is one person. @type {WeakMap<Stage, Body>} */
+const held = new WeakMap();
+
 /**
- * Put people into the plant: constants, matrices and states.
+ * Put people into the plant: constants, matrices and states. Only the states change while it is stepped, so that a
+ * person who is in it already is not put there again.
  * @param {Stage} plant
  * @param {Body[]} people one for each lane
  */
@@ -319,13 +344,19 @@ export function put(plant, people) {
   // Where all patients of a family are alike, their numbers are part of the function.
   const of_patient = first === undefined ? 0 : plant.place(first);
   const of_matrices = plant.place("matrices");
-  people.forEach(({ numbers, matrices, driven, x }, lane) => {
+  people.forEach(({ x }, lane) => {
+    for (let i = 0; i < x.length; i++) plant.carry[i * plant.lanes + lane] = x[i];
+  });
+  const [alike] = people;
+  if (held.get(plant) === alike && people.every((body) => body === alike)) return;
+  people.forEach(({ numbers, matrices, driven }, lane) => {
     plant.set(matrices, lane, of_matrices);
     if (driven !== undefined) plant.set(driven, lane, of_matrices);
     plant.set(numbers, lane, of_patient);
-    for (let i = 0; i < x.length; i++) plant.carry[i * plant.lanes + lane] = x[i];
   });
   plant.prepared.hold();
+  if (people.every((body) => body === alike)) held.set(plant, alike);
+  else held.delete(plant);
 }
 
 /** The earlier readings of a fault that gives one of them; its function is shown the one that is chosen. */
@@ -599,10 +630,11 @@ export function summary(trace) {
 /** @param {Trace} trace */
 function summed({ fine_glucose_mg_dl: glucose, insulin_mU_min, t_min }) {
   let [sum, minimum_mg_dl, peak_mg_dl, inside, below, insulin] = [0, Infinity, -Infinity, 0, 0, 0];
-  for (const value of glucose) {
+  for (let i = 0; i < glucose.length; i++) {
+    const value = glucose[i];
     sum += value;
-    minimum_mg_dl = Math.min(minimum_mg_dl, value);
-    peak_mg_dl = Math.max(peak_mg_dl, value);
+    if (value < minimum_mg_dl) minimum_mg_dl = value;
+    if (value > peak_mg_dl) peak_mg_dl = value;
     if (value < 70) below += 1;
     else if (value <= 180) inside += 1;
   }
