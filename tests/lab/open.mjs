@@ -14,7 +14,7 @@ for (const address of addresses) {
   page.on("console", (message) => { if (message.type() === "error") errors.push(message.text()); });
   await page.goto(address);
   await page.waitForFunction(() => document.documentElement.dataset.ready === "true");
-  await page.waitForTimeout(200); // the link and the command follow a moment after the picture
+  await page.waitForTimeout(450); // the link and the command follow a moment after the picture
   const said = await page.getByRole("status").innerText();
   const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "CSV" }).click()]);
   answers.push({

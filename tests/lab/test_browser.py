@@ -161,7 +161,7 @@ def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, t
     assert len(links) >= 15
     shown = in_browser(Path(__file__).with_name("open.mjs"), *(f"file://{place}{link}" for link in links))
     for link, there, answer in zip(links, shown, answers, strict=True):
-        assert (there["errors"], there["requests"], there["canvases"]) == ([], [f"file://{place}"], 2)
+        assert (there["errors"], there["requests"], there["canvases"]) == ([], [f"file://{place}"], 4)
         summary = answer["summary"]
         expected = [f"{summary[name]:.1f}" for name in ("mean_mg_dl", "minimum_mg_dl", "peak_mg_dl")]
         assert there["cells"][:3] == expected

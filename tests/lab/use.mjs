@@ -24,7 +24,7 @@ async function open(hash, options = {}) {
 }
 const drawn = async (page) => {
   await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
-  await page.waitForTimeout(200); // the link and the controls follow a moment later
+  await page.waitForTimeout(450); // the link and the controls follow a moment later
 };
 const of = (page, selector) => page.locator(selector).innerText();
 const hash = (page) => page.evaluate(() => new URLSearchParams(location.hash.slice(1)).get("meals"));

@@ -22,9 +22,10 @@ export function times(end, most) {
 }
 
 /** Call a function with each corner of a line, which goes in steps where each value is held. @param {Line} line @param {(t: number, value: number) => void} to */
-export function corners({ x, y, steps }, to) {
+export function corners({ x, y, end }, to) {
   for (let i = 0; i < x.length; i++) {
-    if (steps && i > 0) to(x[i], y[i - 1]);
+    if (end !== undefined && i > 0) to(x[i], y[i - 1]);
     to(x[i], y[i]);
   }
+  if (end !== undefined) to(end, y[x.length - 1]);
 }

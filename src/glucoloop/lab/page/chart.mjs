@@ -1,5 +1,5 @@
 // @ts-check
-/** The picture on the screen: two panels, each on a canvas. */
+/** The picture on the screen: two panels, each on two canvases. */
 
 import { corners, levels, times } from "./axes.mjs";
 import { element } from "./dom.mjs";
@@ -23,9 +23,13 @@ const NAMES = /** @type {const} */ (["--ink", "--paper", "--soft", "--rule", "--
 /** @type {{light?: Colours, dark?: Colours}} */
 const read = {};
 const dark = globalThis.matchMedia?.("(prefers-color-scheme: dark)");
+let darkNow = dark?.matches;
+dark?.addEventListener("change", () => {
+  darkNow = dark.matches;
+});
 
-/** Whether the page is dark. */
-export const isDark = () => dark.matches;
+/** Whether the page is dark, which the browser would have to find out each time. */
+export const isDark = () => darkNow;
 
 /** Colours of the style sheet, which are asked for once: asking makes the browser lay out the page. @returns {Colours} */
 function styles() {
@@ -39,7 +43,49 @@ function styles() {
 /** @param {typeof NAMES[number]} name of a colour of the style sheet */
 const style = (name) => styles()[name];
 
-/** A panel with its axes on a canvas. */
+/** @param {CanvasRenderingContext2D} ctx @param {number} x @param {number} y @param {number} radius */
+function dot(ctx, x, y, radius) {
+  ctx.moveTo(x + radius, y);
+  ctx.arc(x, y, radius, 0, 2 * Math.PI);
+}
+
+/** A canvas. */
+class Layer {
+  constructor() {
+    this.canvas = element("canvas", {});
+    this.ctx = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    this.size = { width: 0, height: 0, pixel: 0 };
+  }
+
+  /** Give the canvas its size, and clear it. @param {{width: number, height: number, pixel: number}} size */
+  fit(size) {
+    const { width, height, pixel } = size;
+    const { canvas, size: before } = this;
+    if (before.width === width && before.height === height && before.pixel === pixel) {
+      this.ctx.clearRect(0, 0, width, height);
+      return;
+    }
+    this.size = size;
+    canvas.width = Math.round(width * pixel);
+    canvas.height = Math.round(height * pixel);
+    canvas.style.width = `${width}px`;
+    canvas.style.height = `${height}px`;
+    this.ctx.scale(pixel, pixel);
+  }
+
+  /** Draw nothing outside a rectangle. @param {number} left @param {number} top @param {number} width @param {number} height @param {() => void} draw */
+  within(left, top, width, height, draw) {
+    const { ctx } = this;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
+    draw();
+    ctx.restore();
+  }
+}
+
+/** A panel with its axes. */
 class Chart {
   /**
    * @param {HTMLElement} place
@@ -47,9 +93,12 @@ class Chart {
    */
   constructor(place, height) {
     this.height = height;
-    this.canvas = element("canvas", {});
-    this.ctx = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
-    place.append(this.canvas);
+    /** The axes with what lies behind them, which are drawn only when they change, and the curves above. */
+    this.back = new Layer();
+    this.front = new Layer();
+    place.append(this.back.canvas, this.front.canvas);
+    /** What the axes were drawn of. */
+    this.drawn = "";
     /** @type {{end: number, moment: number | null, panel: Panel} | null} */
     this.shown = null;
     /** Width of the place, which the browser would have to lay out the page for at each picture. */
@@ -68,48 +117,29 @@ class Chart {
     return { left: LEFT, top: TOP, width: Math.max(1, width - LEFT - RIGHT), height: height - TOP - BELOW };
   }
 
-  /** Give the canvas its size, which also clears it. */
-  fit() {
-    const { width, canvas } = this;
-    const height = width < NARROW_PX ? this.height.narrow : this.height.wide;
-    const pixel = devicePixelRatio;
-    const { size } = this;
-    if (size.width === width && size.height === height && size.pixel === pixel) {
-      this.ctx.clearRect(0, 0, width, height);
-      return;
-    }
-    this.size = { width, height, pixel };
-    canvas.width = Math.round(width * pixel);
-    canvas.height = Math.round(height * pixel);
-    canvas.style.width = `${width}px`;
-    canvas.style.height = `${height}px`;
-    this.ctx.scale(pixel, pixel);
-  }
-
   /** @param {{end: number, moment: number | null, panel: Panel}} shown */
   draw(shown) {
     this.shown = shown;
-    this.fit();
-    const { ctx } = this;
+    const { back, front } = this;
+    const size = { width: this.width, height: this.width < NARROW_PX ? this.height.narrow : this.height.wide, pixel: devicePixelRatio };
+    this.size = size;
     const { left, top, width, height } = this.inside;
-    const [low, high] = shown.panel.range;
+    const { end, panel } = shown;
+    const { range, band, spans, areas } = panel;
+    const [low, high] = range;
     /** Places on the canvas of times and values. */
     const x = (/** @type {number} */ t) => left + (t / shown.end) * width;
     const y = (/** @type {number} */ value) => top + height - ((value - low) / (high - low)) * height;
-    ctx.font = FONT;
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(left, top, width, height);
-    ctx.clip();
-    this.behind(shown, x, y);
-    ctx.restore();
-    this.axes(shown, x, y);
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(left, top, width, height);
-    ctx.clip();
-    this.curves(shown, x, y);
-    ctx.restore();
+    const drawn = JSON.stringify([size, end, range, band, spans, isDark()]);
+    if (drawn !== this.drawn || areas.length > 0) {
+      // Areas are compared by nobody: they come with people and with what is expected, and follow their curves.
+      this.drawn = areas.length > 0 ? "" : drawn;
+      back.fit(size);
+      back.within(left, top, width, height, () => this.behind(shown, x, y));
+      this.axes(shown, x, y);
+    }
+    front.fit(size);
+    front.within(left, top, width, height, () => this.curves(shown, x, y));
   }
 
   /**
@@ -119,8 +149,9 @@ class Chart {
    * @param {(value: number) => number} y
    */
   behind({ panel }, x, y) {
-    const { ctx } = this;
+    const { ctx } = this.back;
     const { left, top, width, height } = this.inside;
+    ctx.font = FONT;
     if (panel.band !== null) {
       const [low, high] = panel.band;
       ctx.fillStyle = style("--band");
@@ -153,8 +184,9 @@ class Chart {
    * @param {(value: number) => number} y
    */
   axes({ end, panel }, x, y) {
-    const { ctx } = this;
+    const { ctx } = this.back;
     const { left, top, width, height } = this.inside;
+    ctx.font = FONT;
     const rows = levels(panel.range, Math.max(2, Math.floor(height / LEVEL_PX)));
     const columns = times(end, Math.max(2, Math.floor(width / TIME_PX)));
     ctx.beginPath();
@@ -185,7 +217,7 @@ class Chart {
    * @param {(value: number) => number} y
    */
   curves({ panel, moment }, x, y) {
-    const { ctx } = this;
+    const { ctx } = this.front;
     const { left, top, width, height } = this.inside;
     ctx.strokeStyle = style("--soft");
     ctx.lineWidth = 1;
@@ -214,12 +246,9 @@ class Chart {
     }
     ctx.fillStyle = style("--soft");
     const radius = width < NARROW_PX ? 1.2 : 2;
+    if (panel.dots.x.length === 0) return;
     ctx.beginPath();
-    for (let i = 0; i < panel.dots.x.length; i++) {
-      const [t, value] = [x(panel.dots.x[i]), y(panel.dots.y[i])];
-      ctx.moveTo(t + radius, value);
-      ctx.arc(t, value, radius, 0, 2 * Math.PI);
-    }
+    for (let i = 0; i < panel.dots.x.length; i++) dot(ctx, x(panel.dots.x[i]), y(panel.dots.y[i]), radius);
     ctx.fill();
   }
 }
@@ -240,7 +269,7 @@ export class Picture {
 
   /** What pointers move over. */
   get canvases() {
-    return [this.glucose.canvas, this.insulin.canvas];
+    return [this.glucose.front.canvas, this.insulin.front.canvas];
   }
 
   /** Where the inside of the axes lies in its place, in pixels. */

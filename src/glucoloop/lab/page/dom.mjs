@@ -74,7 +74,9 @@ export function slider(id, summary, { least, most, step }, value, changed) {
 
 /** Show a value on a slider, but not in the field that has the focus. @param {Element} box @param {number} value */
 export function setSlider(box, value) {
-  for (const field of box.querySelectorAll("input")) if (field !== document.activeElement) field.value = `${value}`;
+  for (const field of box.querySelectorAll("input")) {
+    if (field !== document.activeElement && field.value !== `${value}`) field.value = `${value}`;
+  }
 }
 
 /** Put the page's own texts into the elements that name them. */

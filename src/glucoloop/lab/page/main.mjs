@@ -23,8 +23,10 @@ import { whyView } from "./views/why.mjs";
  * @type {{unpacked: (id: string) => Promise<Uint8Array>, worker: () => Worker}}
  */
 const { unpacked, worker } = /** @type {any} */ (globalThis);
-/** When the controls and the link follow the picture. */
+/** When the controls follow the picture. */
 const LATER_MS = 60;
+/** When the link does: browsers refuse more than a hundred changes of it in half a minute. */
+const LINK_MS = 320;
 /** When the workers are made, so that they are there when people are asked for. */
 const WORKERS_MS = 1500;
 
@@ -40,22 +42,31 @@ export async function start() {
   lessonsView();
   folderView(session);
   /** What follows a control at the next frame, and what may come a moment later. */
-  const views = [pictureView(session), whyView(session), numbersView(session)];
-  const later = [controlsView(session), shareView(session)];
+  const picture = pictureView(session);
+  const views = [picture.draw, whyView(session), numbersView(session)];
+  const later = [controlsView(session), shareView(session, address), picture.tell];
   let waiting = 0;
   let resting = 0;
+  let linking = 0;
 
   /** Show the run. */
   function show() {
+    waiting = 0;
     for (const view of views) view();
     clearTimeout(resting);
     resting = setTimeout(showRest, LATER_MS);
   }
 
-  /** Show the rest, and put the situation into the link, which takes a browser longer than everything else. */
   function showRest() {
     for (const view of later) view();
+    clearTimeout(linking);
+    linking = setTimeout(address, LINK_MS - LATER_MS);
+  }
+
+  /** Put the situation into the link, which takes a browser longer than everything else. */
+  function address() {
     history.replaceState(null, "", link(session, data, version));
+    return location.href;
   }
 
   /** Take the situation of the link, or the usual one where the link tells none. */
@@ -90,8 +101,7 @@ export async function start() {
 
   /** Show at the next frame, once for all changes until then. */
   function showSoon() {
-    cancelAnimationFrame(waiting);
-    waiting = requestAnimationFrame(show);
+    if (waiting === 0) waiting = requestAnimationFrame(show);
   }
 
   open();
@@ -106,6 +116,7 @@ export async function start() {
     performance.mark("first picture"); // as benchmarks/lab.mjs measures it
     setTimeout(() => {
       showRest();
+      address();
       document.documentElement.dataset.ready = "true";
       setTimeout(() => many.begun(), WORKERS_MS);
     });

@@ -7,7 +7,10 @@ import { texts } from "./texts.mjs";
 import { shown } from "./units.mjs";
 
 /** @typedef {import("./session.mjs").Session} Session */
-/** @typedef {{name: string, x: number[], y: number[], colour: string, width: number, dash: number[], steps?: boolean}} Line */
+/**
+ * A curve; one of steps holds each value until the next, and the last until `end`.
+ * @typedef {{name: string, x: number[], y: number[], colour: string, width: number, dash: number[], end?: number}} Line
+ */
 /** @typedef {{x: number[], low: number[], high: number[], opacity: number}} Area */
 /** @typedef {{from: number, to: number, kind: "guard" | "fault", text: string}} Span */
 
@@ -55,11 +58,8 @@ export function dashes(place) {
   return place === 0 ? [] : [3 + 3 * place, 4];
 }
 
-/** Times and values of numbers that are each held until the next. @param {number[]} t @param {number[]} values @param {number} every */
-function held(t, values, every) {
-  const last = t.length - 1;
-  return { x: [...t, t[last] + every], y: [...values, values[last]], steps: true };
-}
+/** Values in another unit; those that are in it already stay the same list. @param {number[]} values @param {number} factor */
+const scaled = (values, factor) => (factor === 1 ? values : values.map((value) => value * factor));
 
 /**
  * Stretches of samples at which the guard acted, each with its reason.
@@ -70,13 +70,14 @@ function held(t, values, every) {
 export function guardActs(trace, every) {
   /** @type {{from: number, to: number, status: number}[]} */
   const found = [];
-  trace.status.forEach((status, k) => {
-    if (!GUARD.includes(status)) return;
+  for (let k = 0; k < trace.status.length; k++) {
+    const status = trace.status[k];
+    if (!GUARD.includes(status)) continue;
     const last = found.at(-1);
     const t = trace.t_min[k];
     if (last !== undefined && last.status === status && last.to === t) last.to = t + every;
     else found.push({ from: t, to: t + every, status });
-  });
+  }
   return found;
 }
 
@@ -126,7 +127,7 @@ export function scene(session, dark) {
     y: values.map(glucose),
   });
   const rates = (/** @type {import("./loop.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
-    held(trace.t_min, values.map(insulin), every);
+    ({ x: trace.t_min, y: scaled(values, units.insulin.factor), end: trace.t_min.length * every });
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
   const commanded = { name: texts.commanded, colour: colour[0], width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
   const { people } = session;
@@ -158,7 +159,7 @@ export function scene(session, dark) {
         kind: "fault",
         text: texts.faultSpan(name),
       }));
-  const acts = guardActs(trace, every);
+  const acts = session.situation.guard ? guardActs(trace, every) : [];
   const legend = (/** @type {[boolean, string][]} */ parts) => parts.flatMap(([there, text]) => (there ? [text] : [])).join("; ");
   return {
     end,
@@ -174,7 +175,7 @@ export function scene(session, dark) {
       band: [glucose(LOW), glucose(HIGH)],
       rules: [],
       lines: [
-        ...runs.map(({ trace }, i) => ({ ...line(i), x: trace.fine_t_min, y: trace.fine_glucose_mg_dl.map(glucose) })),
+        ...runs.map(({ trace }, i) => ({ ...line(i), x: trace.fine_t_min, y: scaled(trace.fine_glucose_mg_dl, units.glucose.factor) })),
         ...(people === null ? [] : [median(people)]),
         ...(prediction === null
           ? []

@@ -84,7 +84,12 @@ export function crowdView(session, many) {
     session.crowd = null;
     session.changed();
   });
-  session.onChange(() => tell(byId("people-hint"), hint()));
+  let { patient } = session.situation;
+  session.onChange(() => {
+    if (patient === session.situation.patient) return;
+    ({ patient } = session.situation);
+    tell(byId("people-hint"), hint());
+  });
   tell(byId("people-hint"), hint());
   return tryOn;
 }

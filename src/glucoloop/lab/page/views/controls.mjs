@@ -1,7 +1,7 @@
 // @ts-check
 /** The controls of the situation and of the units. */
 
-import { button, byId, choices, element, input, say, select, setSlider, slider } from "../dom.mjs";
+import { button, byId, choices, element, input, say, select, setSlider, slider, tell } from "../dom.mjs";
 import { familyOf, patientId, tuningOf, usual, withPatient } from "../situation.mjs";
 import { texts } from "../texts.mjs";
 import { unitOf, UNITS, usualUnits } from "../units.mjs";
@@ -83,6 +83,8 @@ export function controlsView(session) {
   );
   /** The family and the controller whose choices and sliders are there. */
   let [shown, tuned] = ["", ""];
+  /** The choices of the duration that are there. */
+  let durations = "";
   return () => {
     const now = session.situation;
     const tuning = tuningOf(now, data);
@@ -97,17 +99,18 @@ export function controlsView(session) {
       limits(session, "pump_limits", change);
     }
     select("family").value = family;
-    byId("family-hint").textContent = of_family.summary;
+    tell(byId("family-hint"), of_family.summary);
     select("point").value = operating_point;
-    byId("point-hint").textContent = of_family.points[operating_point];
+    tell(byId("point-hint"), of_family.points[operating_point]);
     select("controller").value = now.controller;
-    byId("controller-hint").textContent = summary;
+    tell(byId("controller-hint"), summary);
     select("seed").value = `${now.seed}`;
     input("guard").checked = now.guard;
-    choices(
-      select("duration"),
-      [...new Set([...DURATIONS_MIN, now.duration_min])].sort((a, b) => a - b).map((of) => [`${of}`, texts.hours(of)]),
-    );
+    const offered = [...new Set([...DURATIONS_MIN, now.duration_min])].sort((a, b) => a - b);
+    if (durations !== `${offered}`) {
+      durations = `${offered}`;
+      choices(select("duration"), offered.map((of) => [`${of}`, texts.hours(of)]));
+    }
     select("duration").value = `${now.duration_min}`;
     select("glucose-unit").value = session.units.glucose.name;
     select("insulin-unit").value = session.units.insulin.name;

@@ -82,16 +82,17 @@ function row(session, run, place) {
 /** @param {Session} session */
 function acts(session) {
   const { data, run, situation } = session;
-  const found = guardActs(run.trace, data.sample_time_min);
   byId("acts-box").hidden = !situation.guard;
+  if (!situation.guard) return;
+  const found = guardActs(run.trace, data.sample_time_min);
   const statuses = [...new Set(found.map(({ status }) => status))];
   const lines = statuses.map((status) => {
     const of = found.filter((act) => act.status === status);
     const total = of.reduce((sum, { from, to }) => sum + to - from, 0);
-    return element("li", {}, texts.acts(data.statuses[status], total, of));
+    return texts.acts(data.statuses[status], total, of);
   });
-  const told = lines.length ? lines : [element("li", {}, texts.noActs)];
+  const told = lines.length ? lines : [texts.noActs];
   const place = byId("acts");
-  if (place.childElementCount === told.length) told.forEach((line, i) => tell(place.children[i], `${line.textContent}`));
-  else place.replaceChildren(...told);
+  if (place.childElementCount === told.length) told.forEach((line, i) => tell(place.children[i], line));
+  else place.replaceChildren(...told.map((line) => element("li", {}, line)));
 }

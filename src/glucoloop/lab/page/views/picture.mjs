@@ -21,6 +21,8 @@ export function pictureView(session) {
   const picture = new Picture({ glucose: byId("glucose"), insulin: byId("insulin") });
   const moment = input("moment");
   const every = session.data.sample_time_min;
+  /** The meals and the axis for which their marks are there. */
+  let marked = "";
   moment.step = `${every}`;
   moment.addEventListener("input", () => session.explain(Number(moment.value) / every));
 
@@ -35,7 +37,8 @@ export function pictureView(session) {
     canvas.addEventListener("pointerdown", point);
   }
 
-  return () => {
+  /** The picture with its axes and meals. */
+  function draw() {
     const of = scene(session, isDark());
     for (const panel of /** @type {const} */ (["glucose", "insulin"])) {
       tell(byId(`${panel}-title`), of[panel].title);
@@ -53,9 +56,14 @@ export function pictureView(session) {
       "aria-valuetext",
       texts.moment(trace.t_min[k], shown(trace.glucose_mg_dl[k], glucose), glucose.name, shown(trace.insulin_mU_min[k], insulin), insulin.name),
     );
-    tell(byId("told"), told(session));
+    const { left, width } = picture.inside;
+    const { meals } = session.situation;
+    const now = JSON.stringify([meals, session.end_min, left, width]);
+    if (now === marked) return;
+    marked = now;
     lane(session, picture.inside);
-  };
+  }
+  return { draw, tell: () => tell(byId("told"), told(session)) };
 }
 
 /** What the picture shows, in words. @param {Session} session */

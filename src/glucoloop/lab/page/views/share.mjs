@@ -1,7 +1,7 @@
 // @ts-check
 /** What is taken from the page: a link, the same as a command, a file or a program, and the picture and its numbers. */
 
-import { button, byId, say, select } from "../dom.mjs";
+import { button, byId, say, select, tell } from "../dom.mjs";
 import { commandLine, python, toml } from "../repeat.mjs";
 import { scene } from "../scene.mjs";
 import { svg } from "../svg.mjs";
@@ -13,8 +13,8 @@ import { texts } from "../texts.mjs";
 const PNG_SCALE = 2;
 const NAME = "glucoloop-lab";
 
-/** @param {Session} session */
-export function shareView(session) {
+/** @param {Session} session @param {() => string} address that of the page with the present situation */
+export function shareView(session, address) {
   const texts_of = {
     command: () => commandLine(session.situation, session.data),
     toml: () => toml(session.situation, session.data, session.version),
@@ -23,11 +23,11 @@ export function shareView(session) {
   const form = () => /** @type {keyof typeof texts_of} */ (select("form").value);
   const picture = () => svg(scene(session, false), texts_of.command());
   const show = () => {
-    byId("same").textContent = texts_of[form()]();
+    tell(byId("same"), texts_of[form()]());
   };
   select("form").addEventListener("change", show);
   button("copy-same").addEventListener("click", () => copy(texts.forms[form()], texts_of[form()]()));
-  button("copy-link").addEventListener("click", () => copy(texts.link, location.href));
+  button("copy-link").addEventListener("click", () => copy(texts.link, address()));
   button("save-csv").addEventListener("click", () => save("csv", new Blob([csv(session.run.trace)], { type: "text/csv" })));
   button("save-svg").addEventListener("click", () => save("svg", new Blob([picture()], { type: "image/svg+xml" })));
   button("save-png").addEventListener("click", async () => save("png", await png(picture())));
