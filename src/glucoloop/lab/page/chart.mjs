@@ -132,7 +132,7 @@ class Chart {
     const y = (/** @type {number} */ value) => top + height - ((value - low) / (high - low)) * height;
     const drawn = JSON.stringify([size, end, range, band, spans, isDark()]);
     if (drawn !== this.drawn || areas.length > 0) {
-      // Areas are compared by nobody: they come with people and with what is expected, and follow their curves.
+      // Areas are long lists, which would take as long to compare as to draw.
       this.drawn = areas.length > 0 ? "" : drawn;
       back.fit(size);
       back.within(left, top, width, height, () => this.behind(shown, x, y));
