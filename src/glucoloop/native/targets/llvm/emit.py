@@ -7,44 +7,21 @@ do not depend on who is in the other lanes. Fused products are written as such; 
 from __future__ import annotations
 
 import functools
-import struct
 from collections.abc import Callable, Sequence
 from typing import Final
-
-import numpy as np
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, PERSON, SAMPLE, Value
 from glucoloop.native.targets.llvm.chunks import Chunk, plan_chunks
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
+from glucoloop.native.targets.llvm.vectors import VectorCode
 from glucoloop.native.targets.products import FUSED, fused_products
 
-_LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
-_ORDERED: Final = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 FITS_THE_CACHE: Final = 6000
 """Number of operations, about, whose instructions fit the processor's first-level cache."""
 VECTORS_A_BLOCK: Final = 4
 """Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""
-
-_BITS: Final = {"and": "and", "or": "or", "xor": "xor"}
-
-
-class _Lines:
-    """Lines of code with fresh names."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self._count = 0
-
-    def __call__(self, code: str) -> str:
-        name = f"%v{self._count}"
-        self._count += 1
-        self.lines.append(f"  {name} = {code}")
-        return name
-
-    def say(self, line: str) -> None:
-        self.lines.append(line)
 
 
 class Emitter:
@@ -65,16 +42,10 @@ class Emitter:
         program, layout = self._p, self._layout = lowered.program, lowered.layout
         self._apart = apart
         self._lanes = lanes
-        self._double = lowered.precision == DOUBLE
-        self._scalar = "double" if self._double else "float"
-        self._whole = "i64" if self._double else "i32"
-        self._vector = f"<{lanes} x {self._scalar}>"
-        self._wholes = f"<{lanes} x {self._whole}>"
-        self._mask = f"<{lanes} x i1>"
+        double = lowered.precision == DOUBLE
         # Arrays that have people side by side begin anywhere.
-        self._alignment = lanes * (8 if self._double else 4) if apart else 8 if self._double else 4
-        self._suffix = f"v{lanes}f{64 if self._double else 32}"
-        self._out = _Lines()
+        alignment = lanes * (8 if double else 4) if apart else 8 if double else 4
+        self._out = VectorCode(lanes, double=double, alignment=alignment)
         self._tables: list[str] = []
         self._names: dict[Value, str] = {}
         self._member: str | None = None
@@ -127,15 +98,7 @@ class Emitter:
         else:
             arrays = ("person", "carry", "own", "shared", "outputs")
             self._write("kernel", arrays, ("stride", "first", "last", "samples"), self._blocks)
-        say = self._out.say
-        width = self._lanes * (64 if self._double else 32)
-        say(f'attributes #0 = {{ nounwind "min-legal-vector-width"="{width}" "prefer-vector-width"="{width}" }}')
-        v, s = self._vector, self._suffix
-        for name in _LIBRARY.values():
-            say(f"declare {v} @llvm.{name}.{s}({v})")
-        say(f"declare {v} @llvm.fma.{s}({v}, {v}, {v})")
-        say(f"declare {v} @llvm.copysign.{s}({v}, {v})")
-        return "\n".join([*self._out.lines, *self._tables]) + "\n"
+        return "\n".join([*self._out.lines, *self._out.declarations(), *self._tables]) + "\n"
 
     def _write(self, name: str, arrays: Sequence[str], numbers: Sequence[str], body: Callable[[], None]) -> None:
         taken = [*(f"ptr noalias %{array}" for array in arrays), *(f"i64 %{number}" for number in numbers)]
@@ -173,7 +136,7 @@ class Emitter:
         if self._sums:
             inside["sums"] = len(self._sums)
         for name, size in {**sizes, **inside}.items():
-            self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._vector}], align 64")
+            self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._out.vector}], align 64")
 
     def _samples(self) -> None:
         """Carry the people of a block through all samples."""
@@ -190,7 +153,7 @@ class Emitter:
         for name in ("own", "shared", "outputs"):
             say(f"  %{name}_row = mul i64 %k, {len(getattr(self._layout, name))}")
             if self._apart and name != "shared":
-                say(f"  %{name}_now = getelementptr inbounds {self._vector}, ptr %{name}, i64 %{name}_row")
+                say(f"  %{name}_now = getelementptr inbounds {self._out.vector}, ptr %{name}, i64 %{name}_row")
         for number, chunk in enumerate(self._plan.chunks):
             self._loop(f"chunk{number}", functools.partial(self._chunk, chunk))
         say("  br label %sample_end")
@@ -233,20 +196,22 @@ class Emitter:
         """Compute the values of a person that are the same at every sample."""
         for value in self._once:
             if value in self._persons:
-                self._names[value] = self._from_number(self._load(self._place("person", self._persons[value])), value)
+                self._names[value] = self._from_number(
+                    self._out.load(self._place("person", self._persons[value])), value
+                )
             else:
                 self._names[value] = self._operation(value)
         for value, i in self._held.items():
-            self._store(self._as_number(value), self._cell("%held", i))
+            self._out.store(self._as_number(value), self._cell("%held", i))
 
     def _begin(self) -> None:
         """Load the initial state."""
         for i in range(len(self._layout.carry)):
-            self._store(self._load(self._place("carry", i)), self._cell("%before", i))
+            self._out.store(self._out.load(self._place("carry", i)), self._cell("%before", i))
 
     def _hand_back(self) -> None:
         for i in range(len(self._layout.carry)):
-            self._store(self._load(self._cell("%final", i)), self._place("carry", i))
+            self._out.store(self._out.load(self._cell("%final", i)), self._place("carry", i))
 
     def _chunk(self, chunk: Chunk) -> None:
         for value in chunk.values:
@@ -255,15 +220,15 @@ class Emitter:
             elif value not in self._names:
                 self._names[value] = self._operation(value)
         for value, slot in chunk.stored:
-            self._store(self._as_number(value), self._cell("%slots", slot))
+            self._out.store(self._as_number(value), self._cell("%slots", slot))
         for value, i in chunk.carried:
-            self._store(self._as_number(value), self._cell("%new", i))
+            self._out.store(self._as_number(value), self._cell("%new", i))
         for value, i in chunk.written:
-            self._store(self._as_number(value), self._place("outputs", i))
+            self._out.store(self._as_number(value), self._place("outputs", i))
 
     def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""
-        say, out, v = self._out.say, self._out, self._vector
+        say, out = self._out.say, self._out
         factors = [self._name(factor) for factor in rows.factors]
         label, count = f"rows{self._sums[rows.sums[0]]}", len(rows.sums)
         say(f"  br label %{label}_enter")
@@ -275,20 +240,20 @@ class Emitter:
         def listed(what: str, places: Sequence[int]) -> str:
             """Address of the number of this row whose place is in a list."""
             table = f"@{label}_{what}"
-            bytes_of = ", ".join(f"i32 {place * self._alignment}" for place in places)
+            bytes_of = ", ".join(f"i32 {place * self._out.alignment}" for place in places)
             self._tables.append(f"{table} = internal constant [{count} x i32] [{bytes_of}]")
             at = out(f"getelementptr inbounds [{count} x i32], ptr {table}, i64 0, i64 %{label}_row")
             distance = out(f"zext i32 {out(f'load i32, ptr {at}')} to i64")
             return out(f"getelementptr inbounds i8, ptr %held, i64 {distance}")
 
-        total = self._load(listed("starts", rows.starts)) if rows.starts else None
+        total = self._out.load(listed("starts", rows.starts)) if rows.starts else None
         first = listed("places", rows.places)
         for column, factor in zip(rows.columns, factors, strict=True):
-            number = self._load(out(f"getelementptr inbounds {v}, ptr {first}, i64 {column}"))
-            product = out(f"fmul {v} {number}, {factor}")
-            total = product if total is None else out(f"fadd {v} {total}, {product}")
-        into = out(f"getelementptr inbounds {v}, ptr {self._cell('%sums', self._sums[rows.sums[0]])}, i64 %{label}_row")
-        self._store(f"{total}", into)
+            number = out.load(out.vector_at(first, column))
+            product = out.apply("mul", (number, factor))
+            total = product if total is None else out.apply("add", (total, product))
+        into = out.vector_at(self._cell("%sums", self._sums[rows.sums[0]]), f"%{label}_row")
+        out.store(f"{total}", into)
         say(f"  %{label}_next = add i64 %{label}_row, 1")
         say(f"  %{label}_more = icmp slt i64 %{label}_next, {count}")
         say(f"  br i1 %{label}_more, label %{label}, label %{label}_end")
@@ -299,161 +264,73 @@ class Emitter:
     def _cell(self, array: str, i: int) -> str:
         """Address of a vector among those that belong to this function, or to its caller if it is apart."""
         at = i if self._member is None else self._out(f"add i64 {self._member}, {i * self._group}")
-        return self._out(f"getelementptr inbounds {self._vector}, ptr {array}, i64 {at}")
+        return self._out.vector_at(array, at)
 
     def _place(self, array: str, i: int) -> str:
         """Address of a vector in the caller's arrays."""
         by_sample = array in ("own", "outputs")
         if self._apart:
             here = f"%{array}_now" if by_sample else "%held" if array == "person" else f"%{array}"
-            return self._out(f"getelementptr inbounds {self._vector}, ptr {here}, i64 {i}")
+            return self._out.vector_at(here, i)
         row = self._out(f"add i64 %{array}_row, {i}") if by_sample else str(i)
         offset = self._out(f"mul i64 {row}, %stride")
         offset = self._out(f"add i64 {offset}, {self._column}")
-        return self._out(f"getelementptr inbounds {self._scalar}, ptr %{array}, i64 {offset}")
-
-    def _load(self, at: str) -> str:
-        return self._out(f"load {self._vector}, ptr {at}, align {self._alignment}")
-
-    def _store(self, name: str, at: str) -> None:
-        self._out.say(f"  store {self._vector} {name}, ptr {at}, align {self._alignment}")
-
-    def _splat(self, scalar: str) -> str:
-        first = self._out(f"insertelement {self._vector} poison, {self._scalar} {scalar}, i32 0")
-        zeros = f"<{self._lanes} x i32> zeroinitializer"
-        return self._out(f"shufflevector {self._vector} {first}, {self._vector} poison, {zeros}")
+        return self._out.scalar_at(f"%{array}", offset)
 
     # values
 
     def _name(self, value: Value) -> str:
         """Name of a value in the code; it is loaded from memory if necessary."""
         if value in self._p.constants:
-            return self._constant(self._p.constants[value])
+            return self._out.constant(self._p.constants[value])
         if value not in self._names:
             self._names[value] = self._from_number(self._kept(value), value)
         return self._names[value]
 
     def _kept(self, value: Value) -> str:
         if self._apart and value in self._persons:
-            return self._load(self._place("person", self._persons[value]))
+            return self._out.load(self._place("person", self._persons[value]))
         if value in self._held:
-            return self._load(self._cell("%held", self._held[value]))
+            return self._out.load(self._cell("%held", self._held[value]))
         if value in self._sums:
-            return self._load(self._cell("%sums", self._sums[value]))
+            return self._out.load(self._cell("%sums", self._sums[value]))
         source, i = self._sources.get(value, ("slots", -1))
         match source:
             case "carry":
-                return self._load(self._cell("%old", i))
+                return self._out.load(self._cell("%old", i))
             case "own":
-                return self._load(self._place("own", i))
+                return self._out.load(self._place("own", i))
             case "shared":
                 row = self._out(f"add i64 %shared_row, {i}")
-                at = self._out(f"getelementptr inbounds {self._scalar}, ptr %shared, i64 {row}")
-                return self._splat(self._out(f"load {self._scalar}, ptr {at}"))
+                return self._out.load_for_all(self._out.scalar_at("%shared", row))
             case _:
-                return self._load(self._cell("%slots", self._plan.slot_of[value]))
-
-    def _constant(self, number: float | bool) -> str:
-        if isinstance(number, bool):
-            return "<" + ", ".join([f"i1 {int(number)}"] * self._lanes) + ">"
-        return "<" + ", ".join([f"{self._scalar} {self._literal(number)}"] * self._lanes) + ">"
-
-    def _literal(self, number: float) -> str:
-        if not self._double:  # rounded, and written as the double that it then is
-            with np.errstate(over="ignore"):
-                number = float(np.float32(number))
-        return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
+                return self._out.load(self._cell("%slots", self._plan.slot_of[value]))
 
     def _from_number(self, name: str, value: Value) -> str:
         if self._p.types[value] != BOOL:
             return name
-        return self._out(f"fcmp une {self._vector} {name}, zeroinitializer")
+        return self._out.truth(name)
 
     def _as_number(self, value: Value) -> str:
         name = self._name(value)
         if self._p.types[value] != BOOL:
             return name
-        return self._out(f"uitofp {self._mask} {name} to {self._vector}")
+        return self._out.number(name)
 
     def _operation(self, value: Value) -> str:
         operation, arguments = self._p.operations[value]
-        out, v, s = self._out, self._vector, self._suffix
         taken = next((a for a in arguments if self._taken.get(a) == value), None)
         if operation in ("add", "sub") and taken is not None:
             return self._fused(operation, arguments, taken)
         names = [self._name(a) for a in arguments]
-        match operation:
-            case "add" | "sub" | "mul" | "div":
-                return out(f"f{operation} {v} {names[0]}, {names[1]}")
-            case "exact_sub":
-                return out(f"fsub {v} {names[0]}, {names[1]}")
-            case "neg":
-                return out(f"fneg {v} {names[0]}")
-            case "max" | "min":
-                return self._extreme(operation, arguments, names)
-            case "lt" | "le" | "eq" | "ne":
-                if self._p.types[arguments[0]] == BOOL:
-                    return out(f"icmp {operation} {self._mask} {names[0]}, {names[1]}")
-                return out(f"fcmp {_ORDERED[operation]} {v} {names[0]}, {names[1]}")
-            case "and" | "or" | "xor":
-                return out(f"{_BITS[operation]} {self._mask} {names[0]}, {names[1]}")
-            case "not":
-                return out(f"xor {self._mask} {names[0]}, {self._constant(True)}")
-            case "select":
-                kind = self._mask if self._p.types[value] == BOOL else v
-                return out(f"select {self._mask} {names[0]}, {kind} {names[1]}, {kind} {names[2]}")
-            case "number":
-                return out(f"uitofp {self._mask} {names[0]} to {v}")
-            case "is_finite":
-                size = out(f"call {v} @llvm.fabs.{s}({v} {names[0]})")
-                return out(f"fcmp olt {v} {size}, {self._constant(float('inf'))}")
-            case "copy_sign":
-                return out(f"call {v} @llvm.copysign.{s}({v} {names[0]}, {v} {names[1]})")
-            case "power_of_two" | "mantissa" | "exponent":
-                return self._bits(operation, names[0])
-            case _:
-                return out(f"call {v} @llvm.{_LIBRARY[operation]}.{s}({v} {names[0]})")
+        if operation in ("max", "min"):
+            return self._out.extreme(operation, names, [a in self._p.constants for a in arguments])
+        compared = arguments[-1] if operation == "select" else arguments[0]
+        return self._out.apply(operation, names, truths=self._p.types[compared] == BOOL)
 
     def _fused(self, operation: str, arguments: Sequence[Value], product: Value) -> str:
-        out, v, s = self._out, self._vector, self._suffix
         a, b = (self._name(argument) for argument in self._p.operations[product][1])
         first = arguments[0] == product
         other = self._name(arguments[1] if first else arguments[0])
-        if operation == "sub" and first:
-            other = out(f"fneg {v} {other}")
-        elif operation == "sub":
-            a = out(f"fneg {v} {a}")
-        return out(f"call {v} @llvm.fma.{s}({v} {a}, {v} {b}, {v} {other})")
-
-    def _extreme(self, operation: str, arguments: Sequence[Value], names: Sequence[str]) -> str:
-        """The larger or smaller of two; not a number if either is not."""
-        out, v = self._out, self._vector
-        order = "ogt" if operation == "max" else "olt"
-        a, b = names
-        if arguments[1] in self._p.constants:
-            a, b = b, a
-        # takes b where the two cannot be compared
-        taken = out(f"fcmp {order} {v} {a}, {b}")
-        found = out(f"select {self._mask} {taken}, {v} {a}, {v} {b}")
-        if any(argument in self._p.constants for argument in arguments):
-            return found
-        strange = out(f"fcmp uno {v} {a}, {a}")
-        return out(f"select {self._mask} {strange}, {v} {a}, {v} {found}")
-
-    def _bits(self, operation: str, x: str) -> str:
-        out, v, w = self._out, self._vector, self._wholes
-        bias, shift = (1023, 52) if self._double else (127, 23)
-
-        def whole(number: int) -> str:
-            return "<" + ", ".join([f"{self._whole} {number}"] * self._lanes) + ">"
-
-        bits = out(f"bitcast {v} {x} to {w}")
-        if operation == "power_of_two":  # of the whole number in the last bits
-            n = out(f"add {w} {out(f'shl {w} {bits}, {whole(shift)}')}, {whole(bias << shift)}")
-            return out(f"bitcast {w} {n} to {v}")
-        if operation == "exponent":
-            e = out(f"lshr {w} {bits}, {whole(shift)}")
-            e = out(f"sub {w} {out(f'and {w} {e}, {whole(2 * bias + 1)}')}, {whole(bias)}")
-            return out(f"sitofp {w} {e} to {v}")
-        kept = out(f"and {w} {bits}, {whole((1 << shift) - 1)}")
-        return out(f"bitcast {w} {out(f'or {w} {kept}, {whole(bias << shift)}')} to {v}")
+        negated = None if operation == "add" else "other" if first else "product"
+        return self._out.fused(a, b, other, negated=negated)
