@@ -50,7 +50,7 @@ LONG = {
     "examples": ("test_long_examples",),
     "experiments": ("test_individual", "test_individual_meal_mpc"),
     "firmware": ("test_every_controller",),
-    "invariants": ("test_faults",),
+    "invariants": ("test_every_loop", "test_faults"),
     "meal_aware": ("test_experiments",),
     "optimize": ("test_moves_qp", "test_soft_floor"),
     "simulation": ("test_beyond_the_model", "test_transformations"),

@@ -101,7 +101,6 @@ def loop(request, identified_81):
     return run
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("mad", "key"), [(False, 0), (True, 0), (True, 1), (True, 2)])
 def test_doses_keep_the_limits_whatever_is_read(loop, mad, key):
     trace = loop(mad, key)
