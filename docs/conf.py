@@ -1,15 +1,19 @@
 """Sphinx configuration. Build with: python3 dev.py long, or sphinx-build -W docs docs/_build/html."""
 
+import os
 import sys
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS), str(DOCS.parent / "src"), str(DOCS.parent / "tests/shared")]
 
-from quick_to_compile import set_flags  # noqa: E402
+from quick_to_compile import CACHE, keep_compiled, set_flags  # noqa: E402
 
 (DOCS / "_build").mkdir(exist_ok=True)
-set_flags(DOCS / "_build")  # before anything is computed: each program of the pictures runs once
+# before anything is computed: each program of the pictures runs once
+set_flags(os.environ.get(CACHE, DOCS / "_build"))
+if CACHE in os.environ:
+    keep_compiled(os.environ[CACHE])  # many are those of tests
 
 import generate  # noqa: E402
 import pictures  # noqa: E402

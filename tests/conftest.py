@@ -20,10 +20,7 @@ from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.pumps import Delivery
 from glucoloop.simulation import Adaptive, simulate
-from quick_to_compile import set_flags
-
-CACHE = "GLUCOLOOP_TESTS_COMPILED"
-"""Where what JAX compiled is kept for the workers of one run, most of whose time is compiling; runs may share it."""
+from quick_to_compile import CACHE, keep_compiled, set_flags
 
 
 def pytest_configure(config):
@@ -33,14 +30,7 @@ def pytest_configure(config):
         config.add_cleanup(folder.cleanup)
         config.add_cleanup(lambda: os.environ.pop(CACHE))
     set_flags(os.environ[CACHE])  # workers are started with them
-    cache = {
-        "jax_compilation_cache_dir": os.environ[CACHE],
-        "jax_persistent_cache_min_compile_time_secs": 0.0,
-        "jax_persistent_cache_min_entry_size_bytes": -1,
-    }
-    for name, value in cache.items():
-        jax.config.update(name, value)
-        os.environ[name.upper()] = str(value)  # for commands that tests start
+    keep_compiled(os.environ[CACHE])  # for commands that tests start, too
     gc.set_threshold(50_000, 20, 50)  # what JAX traces is many small objects, few of them garbage
 
 

@@ -4,6 +4,7 @@ import mmap
 import os
 from pathlib import Path
 
+import jax
 import jaxlib
 
 FLAGS = (
@@ -12,6 +13,10 @@ FLAGS = (
     "--xla_cpu_parallel_codegen_split_count=1",  # the other processor has tests of its own
 )
 """Optimising takes longer than what it saves in programs that run once."""
+CACHE = "GLUCOLOOP_TESTS_COMPILED"
+"""Variable that names where what JAX compiled is kept for the workers of one run, most of whose time is compiling;
+runs, and the documentation, may share it.
+"""
 
 
 def set_flags(folder):
@@ -24,8 +29,22 @@ def set_flags(folder):
     if not given or given.startswith("-"):
         Path(folder).mkdir(parents=True, exist_ok=True)
         flags = Path(folder) / "xla_flags"
-        flags.write_text(" ".join([given, *filter(_known, FLAGS)]))
+        text = " ".join([given, *filter(_known, FLAGS)])
+        if not flags.exists() or flags.read_text() != text:  # another process may be reading it
+            flags.write_text(text)
         os.environ["XLA_FLAGS"] = str(flags)
+
+
+def keep_compiled(folder):
+    """Have this process and those that it starts keep what JAX compiles in a folder, where others find it."""
+    cache = {
+        "jax_compilation_cache_dir": str(folder),
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
+    for name, value in cache.items():
+        jax.config.update(name, value)
+        os.environ[name.upper()] = str(value)
 
 
 def _known(flag):
