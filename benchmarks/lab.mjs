@@ -13,7 +13,6 @@ import { pathToFileURL } from "node:url";
 import { load } from "../src/glucoloop/native/targets/wasm/kernels.mjs";
 import { Lab, summary } from "../src/glucoloop/lab/page/loop.mjs";
 import { some } from "../src/glucoloop/lab/page/many.mjs";
-import { peopleOf } from "../src/glucoloop/lab/page/people.mjs";
 import { checked, usual } from "../src/glucoloop/lab/page/situation.mjs";
 
 const MOVES = 200;
@@ -49,13 +48,14 @@ async function inNode() {
       }
       tell(`node: ${controller}${guard ? ", guarded" : ""}: ${setting}, 10 h, ms`, times.slice(20));
     }
-  const people = peopleOf(lab);
-  const day = (controller) => checked({ ...usual(data), ...DAY, controller }, data);
-  some(lab, people, day("mpc"), 0, 40);
-  for (const [controller, drawn] of [["mpc", ", drawn too"], ["mpc", ""], ["pid", ""], ["mpc-se", ""]]) {
-    const start = process.cpuUsage().user;
-    some(lab, people, day(controller), 40, PEOPLE);
-    tell(`node: ${controller}, one person for a day${drawn}, ms of a core`, [(process.cpuUsage().user - start) / 1000 / PEOPLE]);
+  for (const family of Object.keys(data.families)) {
+    const day = (controller) => checked({ ...usual(data), ...DAY, controller, patient: data.people[family].patient }, data);
+    some(lab, day("mpc"), 0, 40);
+    for (const [controller, drawn] of [["mpc", ", drawn too"], ["mpc", ""], ["pid", ""], ["mpc-se", ""]]) {
+      const start = process.cpuUsage().user;
+      some(lab, day(controller), 40, PEOPLE);
+      tell(`node: ${family} under ${controller}, one person for a day${drawn}, ms of a core`, [(process.cpuUsage().user - start) / 1000 / PEOPLE]);
+    }
   }
 }
 

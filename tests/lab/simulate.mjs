@@ -21,7 +21,7 @@ const { predicted, termsOf } = await import(pathToFileURL(`${page}/prediction.mj
 const { fromToml, fromTrace, situationOf } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
 
 const { some } = await import(pathToFileURL(`${page}/many.mjs`).href);
-const { peopleOf, personOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
+const { personOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
 
 const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
 const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
@@ -35,12 +35,13 @@ async function answered(asked) {
     }
     if (asked.people !== undefined) {
       const { situation } = links.fromLink(asked.link, data);
-      const crowd = some(lab, peopleOf(lab), situation, 0, asked.people);
+      const crowd = some(lab, situation, 0, asked.people);
       return { score: crowd.score(), worst: crowd.worst(3), percentiles: crowd.percentiles("") };
     }
     if (asked.person !== undefined) {
       const { situation } = links.fromLink(asked.link, data);
-      const body = personOf(lab, peopleOf(lab), asked.person);
+      const body = personOf(lab, situation.patient, asked.person);
+      if (body === null) return { absent: true };
       const { basal_insulin_mU_min, glucose_mg_dl } = body;
       return { basal_insulin_mU_min, glucose_mg_dl, x: [...body.x], trace: lab.simulate(situation, body) };
     }

@@ -119,11 +119,18 @@ def test_a_tuning_is_tried_on_people_and_one_of_them_is_followed(shown):
     assert there == again > elsewhere == 0
 
 
-def test_insulin_under_the_skin_has_its_unit_and_its_people_a_command(shown):
+def test_insulin_under_the_skin_has_its_unit_and_people(shown):
     title, hint, said = shown["used"]["skin"]
     assert title == "Insulin, U/h"
-    assert hint.startswith("This page draws people around parker-1999 at setpoint-81 only; ")
-    assert hint.endswith(" by the command: glucoloop trial --patient hovorka-2004 --operating-point fasting-120")
+    assert "people around hovorka-2004 at fasting-120 as the population boiroux2017 draws them" in hint
+    assert re.match(r"Of 100 people \d+ come below 70 mg/dl", said)
+    assert shown["used"]["gone"].endswith("The people are taken away, since they were drawn around the patient before.")
+
+
+def test_people_are_drawn_around_the_usual_operating_point_alone(shown):
+    hint, said = shown["used"]["elsewhere"]
+    assert hint.startswith("Of this family, the page draws people around parker-1999 at setpoint-81 only; ")
+    assert hint.endswith(" by the command: glucoloop trial --patient parker-1999 --operating-point nominal-22")
     assert said.startswith(f"{hint}. The picture is still that ")
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
-from glucoloop.lab.body import POPULATION, situation
+from glucoloop.lab.body import FAMILIES, entry_of, people_of, situation
 from glucoloop.lab.pack import PAGE
-from glucoloop.patients import population, virtual_people
+from glucoloop.patients import virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import simulate
 from glucoloop.threefry import name_word, uniforms
@@ -99,7 +99,7 @@ def test_parts_join_and_people_are_drawn_as_in_python():
     command = [NODE, "--input-type=module", "-e", JOINED, *modules]
     found = json.loads(subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout)
     assert found["joined"] == found["whole"]
-    names = {name_word(f"parameter {name}"): name for name in population(POPULATION).distributions()}
+    names = {name_word(f"parameter {name}"): name for name in people_of(FAMILIES[0]).distributions()}
     asked = ((0, 2320734002, 0), (7, 10598100, 4294967295), (4294967295, 3625609037, 999))
     expected = [uniforms(seed, f"parameter {names[word]}", [person])[0] for seed, word, person in asked]
     assert found["drawn"] == expected
@@ -107,17 +107,36 @@ def test_parts_join_and_people_are_drawn_as_in_python():
 
 @pytest.mark.long
 @pytest.mark.parametrize("controller", ["pid", "mpc-se"])
-def test_the_people_of_the_page_are_those_of_a_trial(in_node, controller):
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_people_of_the_page_are_those_of_a_trial(in_node, family, controller):
     chosen = [3, 18, 9997]
-    found = in_node([{"link": f"#controller={controller}&duration_min=600", "person": person} for person in chosen])
-    people = virtual_people(population(POPULATION), 0, chosen)
-    around = situation("parker-1999", "setpoint-81")
+    link = f"#patient={family}&controller={controller}&duration_min=600"
+    found = in_node([{"link": link, "person": person} for person in chosen])
+    people = virtual_people(people_of(family), 0, chosen)
+    around = situation(family, entry_of(family).usual_point)
     designed = controller_of(around, usual_case(controller, around))
     for place, answer in enumerate(found):
         basal = float(people.basal_insulin_mU_min[place])
         assert answer["basal_insulin_mU_min"] == pytest.approx(basal, rel=1e-9)
-        assert answer["glucose_mg_dl"] == pytest.approx(81.1, abs=1e-9)
+        assert answer["glucose_mg_dl"] == pytest.approx(float(around.nominal.setpoint_mg_dl), abs=1e-9)
         np.testing.assert_allclose(answer["x"], people.rest[:, place], rtol=1e-9, atol=1e-9)
         trace = simulate(of_people(people.patient, place), with_individual_basal(designed, basal))
         expected = np.asarray(trace.fine_glucose_mg_dl)
         np.testing.assert_allclose(answer["trace"]["fine_glucose_mg_dl"], expected, rtol=0.0, atol=0.02)
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+@pytest.mark.parametrize("family", FAMILIES)
+def test_whom_no_rate_holds_is_left_out(in_node, family):
+    drawn = 200
+    feasible = virtual_people(people_of(family), 0, range(drawn)).feasible
+    link = f"#patient={family}&controller=pid&duration_min=60"
+    one_by_one = in_node([{"link": link, "person": person} for person in range(drawn)])
+    assert [not answer.get("absent", False) for answer in one_by_one] == feasible.tolist()
+    [crowd] = in_node([{"link": link, "people": drawn}])
+    assert crowd["score"]["people"] == feasible.sum()
+    lowest = [min(answer["trace"]["fine_glucose_mg_dl"]) for answer in one_by_one if not answer.get("absent")]
+    assert crowd["worst"][0]["lowest_mg_dl"] == min(lowest)
+    at_end = [answer["trace"]["fine_glucose_mg_dl"][-1] for answer in one_by_one if not answer.get("absent")]
+    levels = np.percentile(at_end, [5, 25, 50, 75, 95])
+    np.testing.assert_allclose([level[-1] for level in crowd["percentiles"]["levels"]], levels, rtol=1e-6)

@@ -146,7 +146,15 @@ const preset = page.locator("#presets a", { hasText: "insulin under the skin" })
 await preset.evaluate((link) => link.click());
 await drawn(page);
 await page.locator("#people-try").click();
+await page.waitForFunction(() => !document.querySelector("#people-box").hidden, null, { timeout: 120_000 });
 used.skin = [await of(page, "#insulin-title"), await of(page, "#people-hint"), await of(page, "#said")];
+await page.locator("#family").selectOption("parker-1999");
+await drawn(page);
+used.gone = await of(page, "#said");
+await page.locator("#point").selectOption("nominal-22");
+await drawn(page);
+await page.locator("#people-try").click();
+used.elsewhere = [await of(page, "#people-hint"), await of(page, "#said")];
 used.seen = seen;
 await browser.close();
 console.log(JSON.stringify({ views, used }));

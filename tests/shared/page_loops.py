@@ -92,13 +92,14 @@ def side_by_side(each):
     return np.stack(list(each), axis=-1)
 
 
-def meal_moments(part, situations, samples):
+def meal_moments(part, situations, patients, samples):
     """Moments of the meals of each situation, ``(samples, steps of the integrator, 3, situations)``."""
     starts, moments = STEP_MIN * np.arange(samples * STEPS), Interpreter(part.lowered)
     total = np.zeros((starts.size, 3, len(situations)))
-    for i, situation in enumerate(situations):
+    for i, (situation, patient) in enumerate(zip(situations, patients, strict=True)):
+        gut = {f"gut.{place}": number for place, number in enumerate(patient["gut"])}
         for meal in situation["meals"]:
-            person = rows_of(part.names["person"], {**meal, "eating_min": 0.0})
+            person = rows_of(part.names["person"], {**gut, **{f"meal.{name}": value for name, value in meal.items()}})
             people = np.repeat(person[:, None], starts.size, axis=1)
             total[:, :, i] += moments(person=people, shared=starts[None])[1].T
     return total.reshape(samples, STEPS, 3, len(situations))
@@ -142,7 +143,7 @@ class Loops:
         noise = ({"variance": of["noise_variance"], "bound_mg_dl": 5.0} for of in situations)
         self.of_noise = side_by_side(rows_of(takes, of) for of in noise)
         self.normals = side_by_side(data["normals"][of["seed"]] for of in situations)
-        self.moments = meal_moments(parts[f"{self.family}_meal"], situations, self.samples)
+        self.moments = meal_moments(parts[f"{self.family}_meal"], situations, patients, self.samples)
         sensors = [of.sensor for of in around]
         self.faults = []
         for fault in reversed([fault for fault in faults if fault.entry.part == "sensor"]):

@@ -19,20 +19,18 @@ from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.lab.part import Part, part, starting
 from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.protocol import Eaten
+from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.interpreter import interpret
-from glucoloop.patients import SemilinearPatient, population, virtual_people
+from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.registry.patients import PatientEntry, patient_entry
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
-from glucoloop.simulation.people_plant import chosen, replaced, varying
+from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
-POPULATION: Final = "parker2000"
-"""Population whose people the page simulates beside the usual patient."""
 FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010")
 """Families of patients of the page, the usual one first."""
 SAMPLE_TIME_MIN: Final = 5.0
@@ -41,6 +39,8 @@ INTEGRATOR: Final = Exponential()
 STEPS: Final = INTEGRATOR.steps_of(GRID)
 """Steps of the integrator in a sample."""
 STEP_MIN: Final = SAMPLE_TIME_MIN / STEPS
+SEED: Final = 0
+"""Seed of the people, who are those of ``glucoloop trial --seed 0``."""
 
 
 def entry_of(family: str) -> PatientEntry:
@@ -65,11 +65,16 @@ def patients(family: str) -> dict[str, SemilinearPatient]:
 
 
 @functools.cache
+def people_of(family: str) -> Population:
+    """Population whose people the page simulates beside the usual patient of a family: that of ``glucoloop trial``."""
+    return population(entry_of(family).usual_population, patient=family)
+
+
+@functools.cache
 def _varied(family: str) -> SemilinearPatient:
     """The patients of a family and some people around the usual one, whose numbers trail where any of them differ."""
-    people = virtual_people(population(POPULATION), 0, [0, 1]) if family == USUAL_PATIENT.name else None
-    some = [] if people is None else [of_people(people.patient, i) for i in range(2)]
-    everybody = [*patients(family).values(), *some]
+    people = virtual_people(people_of(family), SEED, [0, 1]).patient
+    everybody = [*patients(family).values(), *(of_people(people, i) for i in range(2))]
     leaves = zip(*(jax.tree.leaves(person) for person in everybody), strict=True)
     joined = [
         each[0] if all(np.array_equal(each[0], other) for other in each[1:]) else jnp.stack(list(each), axis=-1)
@@ -81,10 +86,16 @@ def _varied(family: str) -> SemilinearPatient:
 
 @functools.cache
 def plants(family: str) -> dict[str, ExponentialPlant]:
-    """Patients with the integrator, by operating point."""
+    """Patients with the integrator, by operating point.
+
+    They are those of ``glucoloop run``, with the matrices that people need besides who differ in transport or volume.
+    """
     found = {}
     for name, patient in patients(family).items():
-        found[name], _ = INTEGRATOR.prepare(patient, fasting(meal_model_of(patient, None)), GRID)
+        plant, _ = INTEGRATOR.prepare(patient, fasting(meal_model_of(patient, None)), GRID)
+        of_people = PeoplePlant(patient, _varied(family), GRID, STEPS).single.matrices
+        matrices = dataclasses.replace(plant.matrices, transport=of_people.transport, probe=of_people.probe)
+        found[name] = dataclasses.replace(plant, matrices=matrices)
     return found
 
 
@@ -109,6 +120,18 @@ def _places(family: str) -> Places:
         each = [np.ravel(np.asarray(leaf)) for leaf in leaves]
         found.append(np.flatnonzero(np.any(each, axis=0)) if each[0].dtype == float else None)
     return found
+
+
+def driven_places(family: str) -> list[int]:
+    """Places that are not zero in the matrices of insulin, which each person has of his own: the end, then the path.
+
+    They are the first of the matrices in `plant_numbers`.
+    """
+    first, path = _places(family)[:2]
+    end = next(iter(plants(family).values())).matrices.driven_end
+    if first is None or path is None:
+        raise ValueError(f"the matrices of insulin of {family} are no real numbers")
+    return [*first.tolist(), *(end.size + path).tolist()]
 
 
 def plant_numbers(family: str, operating_point: str) -> dict[str, list[float]]:
@@ -198,14 +221,28 @@ def plant_part(family: str) -> Part:
     return part(step, example_person(family), x, own)
 
 
+@functools.cache
+def gut_varies(family: str) -> list[bool]:
+    """Whether each number of the gut differs between people."""
+    nominal = next(iter(patients(family).values()))
+    return varying(meal_model_of(_varied(family), None), meal_model_of(nominal, None))
+
+
+def gut_numbers(patient: SemilinearPatient, family: str) -> list[jax.Array]:
+    """Numbers of a patient's gut, as a meal takes them."""
+    return chosen(meal_model_of(patient, None), gut_varies(family))
+
+
 def meal_part(family: str) -> Part:
     """Moments of one meal over a step, as the plant takes them; meals are added up."""
-    gut = meal_model_of(next(iter(patients(family).values())), None)
+    nominal = next(iter(patients(family).values()))
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
-        absorption = Absorption(model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person)))
+        gut: MealModel = replaced(meal_model_of(nominal, None), gut_varies(family), person["gut"])
+        absorption = Absorption(model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"])))
         return carry, appearance_moments(shared, STEP_MIN, absorption)
 
     zero = jnp.zeros(())
-    return part(step, Eaten(t_min=zero, carbs_g=zero, eating_min=zero), (), (), zero)
+    eaten = Eaten(t_min=zero, carbs_g=zero, eating_min=zero)
+    return part(step, {"meal": eaten, "gut": gut_numbers(nominal, family)}, (), (), zero)

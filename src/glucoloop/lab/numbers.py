@@ -15,6 +15,7 @@ from glucoloop.lab.body import (
     SAMPLE_TIME_MIN,
     STEP_MIN,
     entry_of,
+    gut_numbers,
     inside,
     patient_id,
     patients,
@@ -139,7 +140,7 @@ def numbers() -> dict[str, Any]:
         "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
-        "people": people_numbers(),
+        "people": {family: people_numbers(family) for family in FAMILIES},
     }
 
 
@@ -217,6 +218,7 @@ def _patient(entry: PatientEntry, point: str, patient: SemilinearPatient) -> dic
         "family": entry.name,
         "operating_point": point,
         **plant_numbers(entry.name, point),
+        "gut": [float(number) for number in gut_numbers(patient, entry.name)],
         "x": np.asarray(x).tolist(),
         "basal_insulin_mU_min": float(patient.basal_insulin_mU_min),
         "setpoint_mg_dl": float(patient.setpoint_mg_dl),

@@ -17,16 +17,21 @@ from glucoloop.lab.body import FAMILIES, entry_of, meal_part, plant_part
 from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, adjustable, controller_parts
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import Part
+from glucoloop.lab.people import draw_part, person_part
 
 GUARDED: Final = "_guarded"
 
 
 def parts() -> dict[str, Part]:
     """All functions of the page, by the name under which the module exports them."""
-    found = {**sensor_parts(), **pump_parts()}
+    found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
     for family in FAMILIES:
         name = family.replace("-", "_")
-        found |= {f"{name}_plant": plant_part(family), f"{name}_meal": meal_part(family)}
+        found |= {
+            f"{name}_plant": plant_part(family),
+            f"{name}_meal": meal_part(family),
+            f"{name}_person": person_part(family),
+        }
     for route in LONGEST_HORIZON:
         of_route = [family for family in FAMILIES if entry_of(family).insulin_route == route]
         for name in CONTROLLERS:

@@ -1,93 +1,123 @@
-"""Distributions of the people of the page, from which it makes each person's plant and rest."""
+"""People of the page: how parameters are drawn, and what follows from these for a person's plant, gut and rest."""
 
 from __future__ import annotations
 
+import functools
 from typing import Any, Final
 
 import jax
-import numpy as np
-import numpy.typing as npt
+import jax.numpy as jnp
+from jax.scipy.special import ndtri
 
-from glucoloop.lab.body import POPULATION, STEP_MIN, patient_id, patients, patients_vary, plants
-from glucoloop.patients import population, virtual_people
-from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.lab.body import (
+    SEED,
+    STEP_MIN,
+    driven_places,
+    entry_of,
+    gut_numbers,
+    patient_id,
+    patients,
+    patients_vary,
+    people_of,
+    plants,
+)
+from glucoloop.lab.part import Part, part
+from glucoloop.patients import SemilinearPatient
+from glucoloop.patients.capabilities import rest_at
+from glucoloop.patients.model import patient_model
+from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.people_plant import chosen
 from glucoloop.threefry import name_word
 
 PEOPLE: Final = 10_000
 """Largest number of people whom the page simulates at once."""
-SEED: Final = 0
-"""Seed of the people, who are those of ``glucoloop trial --seed 0``."""
-POINT: Final = USUAL_PATIENT.usual_point
-"""Operating point around which the people are drawn."""
-_EXAMPLES: Final = 64
-_EXACT: Final = 1e-13
-"""Largest relative difference that the rounding of the fit explains."""
-_DIGITS: Final = 14
+_UNIFORM, _LOGNORMAL = DISTRIBUTIONS.index("uniform"), DISTRIBUTIONS.index("lognormal")
+_MOST_OPERATIONS: Final = 5000
+"""Length of a person's function up to which it finds his rest too. The page has a shorter search for longer ones."""
 
 
-def people_numbers() -> dict[str, Any]:
-    """Distributions and numbers of the people of the usual patient's population, as the page reads them.
+def draw_part() -> Part:
+    """A parameter of a person by a uniform number, as `glucoloop.patients.variation` draws it."""
 
-    Raises
-    ------
-    ValueError
-        If a parameter is not drawn uniformly, or a number of a person is no simple function of one parameter.
-    """
-    family = USUAL_PATIENT.name
-    nominal = patients(family)[POINT]
-    states = plants(family)[POINT].matrices.driven_end.shape[0]
-    table = population(POPULATION).distributions()
-    people = virtual_people(population(POPULATION), SEED, range(_EXAMPLES))
-    rates = np.asarray(driven_block.rates(people.patient, states))
-    own = [np.broadcast_to(np.asarray(leaf), _EXAMPLES) for leaf in chosen(people.patient, patients_vary(family))]
-    basal = len(own) - 2  # the page finds it with the state at rest
-    alone = jax.tree.map(lambda leaf: np.asarray(leaf)[..., None], nominal)
-    drawn = list(people.draw.values.values())
-    if any(of.kind != "uniform" for of in table.values()):
-        raise ValueError(f"the page draws uniform numbers only, and {POPULATION} has others")
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del person, rng
+        of = shared
+        deviation = of["scale"] * ndtri(of["below"] + of["between"] * own)
+        drawn = jnp.where(of["kind"] == _LOGNORMAL, of["centre"] * jnp.exp(deviation), of["centre"] + deviation)
+        flat = of["lower"] + (of["upper"] - of["lower"]) * own
+        return carry, jnp.clip(jnp.where(of["kind"] == _UNIFORM, flat, drawn), of["lower"], of["upper"])
+
+    zero = jnp.zeros(())
+    names = ("between", "below", "centre", "kind", "lower", "scale", "upper")
+    return part(step, (), (), zero, dict.fromkeys(names, zero))
+
+
+def _distribution(of: Distribution) -> dict[str, float]:
+    """A distribution as a draw takes it."""
+    below, above = (0.0, 0.0) if of.kind == "uniform" else of.probabilities
     return {
-        "population": POPULATION,
-        "seed": SEED,
-        "patient": patient_id(family, POINT),
-        "count": PEOPLE,
-        "parameters": [
-            {"word": name_word(f"parameter {name}"), "lower": of.lower, "width": of.upper - of.lower}
-            for name, of in table.items()
-        ],
-        "numbers": [
-            [place, *_of_parameter(values, drawn)]
-            for place, values in enumerate(own)
-            if place != basal and np.ptp(values) > 0.0
-        ],
-        "entries": [
-            [place, *_of_parameter(values, drawn)]
-            for place, values in enumerate(rates.reshape(-1, _EXAMPLES))
-            if np.ptp(values) > 0.0
-        ],
-        "rates": np.asarray(driven_block.rates(alone, states))[..., 0].tolist(),
-        "doublings": driven_block.doublings_for(nominal, STEP_MIN),
-        "step_min": STEP_MIN,
-        "path": driven_block.PATH.tolist(),
+        "kind": DISTRIBUTIONS.index(of.kind),
+        "centre": of.centre,
+        "scale": of.scale,
+        "lower": of.lower,
+        "upper": of.upper,
+        "below": below,
+        "between": above - below,
     }
 
 
-def _of_parameter(
-    values: npt.NDArray[np.float64], drawn: list[npt.NDArray[np.float64]]
-) -> tuple[int, float, float, float]:
-    """Parameter v and numbers by which a number of each person is ``(a + b v) / (1 + c v)``.
+@functools.cache
+def person_part(family: str) -> Part:
+    """What follows from the parameters of a person of a family.
 
-    Raises
-    ------
-    ValueError
-        If there are none.
+    They are the numbers of the patient and of the gut in which people differ, and the rates of insulin; and where rest
+    is found in few operations, the basal rate, the state and glucose there, NaN if no rate holds the setpoint.
     """
-    for which, v in enumerate(drawn):
-        for terms in ([v], [np.ones_like(v), v], [np.ones_like(v), v, -v * values]):
-            fitted = np.linalg.lstsq(np.stack(terms, axis=-1), values, rcond=None)[0]
-            found = [float(f"{term:.{_DIGITS}g}") for term in fitted]
-            a, b, c = ((0.0, *found, 0.0), (*found, 0.0), found)[len(terms) - 1]
-            if np.allclose((a + b * v) / (1.0 + c * v), values, rtol=_EXACT, atol=0.0):
-                return which, a, b, c
-    raise ValueError("a number of the people depends on their parameters in a way that the page does not know")
+    with_rest = _person_part(family, rests=True)
+    return (
+        with_rest
+        if len(with_rest.lowered.program.operations) <= _MOST_OPERATIONS
+        else _person_part(family, rests=False)
+    )
+
+
+def _person_part(family: str, *, rests: bool) -> Part:
+    point = entry_of(family).usual_point
+    setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
+    states = plants(family)[point].matrices.driven_end.shape[0]
+    names, build = list(people_of(family).distributions()), patient_model(family).build
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del person, shared, rng
+        of: SemilinearPatient = build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl)
+        found = {
+            "numbers": jnp.stack(chosen(of, patients_vary(family))),
+            "gut": gut_numbers(of, family),
+            "rates": driven_block.rates(jax.tree.map(lambda leaf: leaf[..., None], of), states)[:-1, :, 0],
+        }
+        if rests:
+            basal_insulin_mU_min, x = rest_at(of, jnp.asarray(setpoint_mg_dl))
+            found |= {"basal_insulin_mU_min": basal_insulin_mU_min, "x": x, "glucose_mg_dl": of.glucose_mg_dl(x)}
+        return carry, found
+
+    return part(step, (), (), [jnp.zeros(())] * len(names))
+
+
+def people_numbers(family: str) -> dict[str, Any]:
+    """Distributions of the people of a family, and constants of their plants, as the page reads them."""
+    point = entry_of(family).usual_point
+    return {
+        "population": people_of(family).name,
+        "seed": SEED,
+        "patient": patient_id(family, point),
+        "count": PEOPLE,
+        "parameters": [
+            {"word": name_word(f"parameter {name}"), "distribution": _distribution(of)}
+            for name, of in people_of(family).distributions().items()
+        ],
+        "driven": driven_places(family),
+        "doublings": driven_block.doublings_for(patients(family)[point], STEP_MIN),
+        "step_min": STEP_MIN,
+        "path": driven_block.PATH.tolist(),
+    }

@@ -129,11 +129,16 @@ class Distribution:
         if self.kind == "uniform":
             drawn = self.lower + (self.upper - self.lower) * uniform
         else:
-            below, above = ndtr(self._score(self.lower)), ndtr(self._score(self.upper))
+            below, above = self.probabilities
             score = ndtri(below + (above - below) * uniform)
             deviation = self.scale * score
             drawn = self.centre * np.exp(deviation) if self.kind == "lognormal" else self.centre + deviation
         return np.clip(drawn, self.lower, self.upper)
+
+    @property
+    def probabilities(self) -> tuple[float, float]:
+        """Probabilities of a value below the two bounds, for a normal or lognormal distribution without bounds."""
+        return float(ndtr(self._score(self.lower))), float(ndtr(self._score(self.upper)))
 
     def _score(self, value: float) -> float:
         """Distance of a value from the median in standard deviations."""

@@ -21,6 +21,7 @@
  * @property {number} in_range_pct
  * @property {number} below_70_pct
  * @property {number} change_mU_min
+ * @property {number} people whose time is counted
  * @property {number} people_below_70
  * @property {number} people_below_54
  */
@@ -73,6 +74,8 @@ export class Crowd {
     this.below = new Float64Array(people);
     this.change = new Float64Array(people);
     this.last = new Float64Array(people);
+    /** Whether anything was told of a person. */
+    this.present = new Uint8Array(people);
     this.moments = 0;
   }
 
@@ -86,6 +89,7 @@ export class Crowd {
    */
   add(person, sample, glucose_mg_dl, later_mg_dl, insulin_mU_min) {
     this.glucose[sample * this.people + person] = glucose_mg_dl;
+    this.present[person] = 1;
     if (sample === 0) this.count(person, glucose_mg_dl);
     else this.change[person] += Math.abs(insulin_mU_min - this.last[person]);
     this.last[person] = insulin_mU_min;
@@ -100,11 +104,16 @@ export class Crowd {
    * @param {number} first of the people
    */
   join(part, first) {
-    for (const name of /** @type {const} */ (["lowest", "highest", "inside", "below", "change"])) this[name].set(part[name], first);
+    for (const name of /** @type {const} */ (["lowest", "highest", "inside", "below", "change", "present"])) this[name].set(part[name], first);
     for (let k = 0; k <= this.samples; k++) {
       this.glucose.set(part.glucose.subarray(k * part.people, (k + 1) * part.people), k * this.people + first);
     }
-    this.moments = part.moments;
+    this.moments = Math.max(this.moments, part.moments);
+  }
+
+  /** Numbers of the people of whom something was told. */
+  get everybody() {
+    return Array.from({ length: this.people }, (_, person) => person).filter((person) => this.present[person]);
   }
 
   /** @param {number} person @param {number} glucose_mg_dl */
@@ -121,7 +130,9 @@ export class Crowd {
    * @returns {Percentiles}
    */
   percentiles(name) {
-    const { people, samples, every, glucose } = this;
+    const { samples, every, everybody } = this;
+    const glucose = this.glucoseOf(everybody);
+    const people = everybody.length;
     /** @type {number[][]} */
     const levels = LEVELS_PCT.map(() => []);
     const places = LEVELS_PCT.map((level) => (level / 100) * (people - 1));
@@ -134,6 +145,14 @@ export class Crowd {
       });
     }
     return { name, t_min: Array.from({ length: samples + 1 }, (_, k) => k * every), levels };
+  }
+
+  /** Glucose at each sample and at the end of some people, who trail. @param {number[]} people in their order */
+  glucoseOf(people) {
+    if (people.length === this.people) return this.glucose;
+    const found = new Float32Array((this.samples + 1) * people.length);
+    for (let k = 0, at = 0; k <= this.samples; k++) for (const person of people) found[at++] = this.glucose[k * this.people + person];
+    return found;
   }
 
   /** @param {number} person @returns {Fate} */
@@ -150,8 +169,7 @@ export class Crowd {
 
   /** The people with the lowest glucose, lowest first. @param {number} most @returns {Fate[]} */
   worst(most) {
-    const order = Array.from({ length: this.people }, (_, person) => person);
-    return order
+    return this.everybody
       .sort((a, b) => this.lowest[a] - this.lowest[b])
       .slice(0, most)
       .map((person) => this.fate(person));
@@ -160,14 +178,15 @@ export class Crowd {
   /** @returns {Score} */
   score() {
     const mean = { in_range_pct: 0, below_70_pct: 0, change_mU_min: 0 };
+    const { everybody } = this;
     let [low, very_low] = [0, 0];
-    for (let person = 0; person < this.people; person++) {
+    for (const person of everybody) {
       const fate = this.fate(person);
-      for (const name of /** @type {(keyof typeof mean)[]} */ (Object.keys(mean))) mean[name] += fate[name] / this.people;
+      for (const name of /** @type {(keyof typeof mean)[]} */ (Object.keys(mean))) mean[name] += fate[name] / everybody.length;
       if (fate.lowest_mg_dl < LOW) low += 1;
       if (fate.lowest_mg_dl < VERY_LOW) very_low += 1;
     }
     const points = mean.in_range_pct - RULE.below_70_pct * mean.below_70_pct - RULE.change_mU_min * mean.change_mU_min;
-    return { ...mean, points, people_below_70: low, people_below_54: very_low };
+    return { ...mean, points, people: everybody.length, people_below_70: low, people_below_54: very_low };
   }
 }

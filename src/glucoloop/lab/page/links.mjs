@@ -2,7 +2,7 @@
 /** The part of the page's address after the #: the situation with its version, and the units in which it is shown. */
 
 import { fromToml, situationOf } from "./configuration.mjs";
-import { familyOf, fromHash, hash, VERSION } from "./situation.mjs";
+import { familyOf, fromHash, hash, peopleAround, VERSION } from "./situation.mjs";
 import { unitOf, usualUnits } from "./units.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
@@ -28,7 +28,7 @@ export function link({ situation, units, person }, data, version) {
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
     if (units[quantity] !== usual[quantity]) told.set(KEYS[quantity], units[quantity].name);
   }
-  if (person !== null) told.set(PERSON, `${person}`);
+  if (person !== null && peopleAround(situation.patient, data) !== null) told.set(PERSON, `${person}`);
   return `#${told}`;
 }
 
@@ -49,23 +49,25 @@ export function fromLink(text, data) {
     if (name !== null) shown[quantity] = unitOf(quantity, name);
     told.delete(KEYS[quantity]);
   }
-  const person = followed(told.get(PERSON), data);
+  const person = told.get(PERSON);
   told.delete(PERSON);
   const unitsOf = (/** @type {Situation} */ situation) => ({ ...usualUnits(familyOf(situation, data).route), ...shown });
   const configuration = told.get(CONFIGURATION);
   if (configuration === null) {
     const found = fromHash(`#${told}`, data);
-    return { ...found, units: unitsOf(found.situation), person, unlike: [] };
+    return { ...found, units: unitsOf(found.situation), person: followed(person, found.situation, data), unlike: [] };
   }
   const keys = fromToml(configuration);
   const found = situationOf(keys, data);
-  return { ...found, version: keys[VERSION] ?? null, units: unitsOf(found.situation), person };
+  return { ...found, version: keys[VERSION] ?? null, units: unitsOf(found.situation), person: followed(person, found.situation, data) };
 }
 
-/** Number of the person whom a link follows. @param {string | null} text @param {Data} data */
-function followed(text, data) {
+/** Number of the person whom a link follows. @param {string | null} text @param {Situation} situation @param {Data} data */
+function followed(text, { patient }, data) {
   if (text === null) return null;
-  const { count } = data.people;
+  const people = peopleAround(patient, data);
+  if (people === null) throw new RangeError(`person '${text}' is to be followed, but nobody is drawn around ${patient.replace("/", " at ")}; leave ${PERSON} out`);
+  const { count } = people;
   if (!/^\d+$/.test(text) || Number(text) >= count) throw new RangeError(`the person is '${text}'; give a number from 0 to ${count - 1}`);
   return Number(text);
 }

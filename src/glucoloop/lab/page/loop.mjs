@@ -31,6 +31,7 @@ import { drawForPump, drawForSensor } from "./threefry.mjs";
  * @property {ArrayLike<number>} numbers of the patient that differ between people
  * @property {ArrayLike<number>} matrices of the integrator, without their zeros
  * @property {ArrayLike<number>} [driven] the first of them where they are the person's own
+ * @property {number[]} gut numbers in which the guts of people differ
  * @property {ArrayLike<number>} x state
  * @property {number} basal_insulin_mU_min
  * @property {number} glucose_mg_dl
@@ -54,6 +55,11 @@ const MOST_KEPT = 32;
 export function controllerName(situation, data) {
   const { route } = familyOf(situation, data);
   return `${route}_${situation.controller.replace("-", "_")}${situation.guard ? "_guarded" : ""}`;
+}
+
+/** Name of a function of a family's patients. @param {string} family @param {"plant" | "meal" | "person"} what */
+export function functionOf(family, what) {
+  return `${family.replaceAll("-", "_")}_${what}`;
 }
 
 /** @param {Record<string, number>} names */
@@ -125,14 +131,14 @@ export class Stage {
     }
   }
 
-  /** Place of the numbers of a name among those of a person, or of another group. @param {string} name @param {"person" | "carry"} [group] */
+  /** Place of the numbers of a name among those of a person, or of another group. @param {string} name @param {"person" | "carry" | "outputs"} [group] */
   place(name, group = "person") {
     let at = 0;
     for (const other in this.fields[group]) {
       if (other === name) return at;
       at += this.fields[group][other];
     }
-    throw new RangeError(`the function takes no ${name}`);
+    throw new RangeError(`the function has no ${name}`);
   }
 
   /**
@@ -199,7 +205,7 @@ export class Lab {
 
   /** The plant of a patient. @param {string} patient */
   plant(patient) {
-    return this.stage(`${this.data.patients[patient].family.replaceAll("-", "_")}_plant`);
+    return this.stage(functionOf(this.data.patients[patient].family, "plant"));
   }
 
   /**
@@ -239,38 +245,45 @@ export class Lab {
    * Moments of all meals of a situation, as the plant takes them, step by step.
    * @param {Situation} situation
    * @param {number} steps
-   * @returns {Float64Array} (steps, moments)
+   * @param {Body[]} people one for each lane
+   * @returns {Float64Array} (steps, moments, lanes), or without lanes where all have the same gut
    */
-  moments({ patient, meals }, steps) {
-    const { family } = this.data.patients[patient];
-    return this.remembered([family, meals, steps], () => {
-      const sum = new Float64Array(steps * MOMENTS);
-      for (const { t_min, carbs_g } of meals) {
-        const of = this.remembered([family, t_min, carbs_g, steps], () => this.momentsOfMeal(family, t_min, carbs_g, steps));
-        for (let i = 0; i < sum.length; i++) sum[i] += of[i];
-      }
-      return sum;
-    });
+  moments({ patient, meals }, steps, people) {
+    const name = functionOf(this.data.patients[patient].family, "meal");
+    const guts = people.map(({ gut }) => gut);
+    const alike = guts.every((gut) => gut === guts[0] || gut.length === 0);
+    const wide = alike ? 1 : guts.length;
+    const sum = new Float64Array(steps * MOMENTS * wide);
+    for (const { t_min, carbs_g } of meals) {
+      const compute = () => this.momentsOfMeal(name, { t_min, carbs_g }, steps, guts, wide);
+      const of = alike ? this.remembered([name, guts[0], t_min, carbs_g, steps], compute) : compute();
+      for (let i = 0; i < sum.length; i++) sum[i] += of[i];
+    }
+    return sum;
   }
 
   /**
-   * @param {string} family
-   * @param {number} t_min
-   * @param {number} carbs_g
+   * @param {string} name of the function
+   * @param {{t_min: number, carbs_g: number}} meal
    * @param {number} steps
+   * @param {number[][]} guts of the people, one for each lane
+   * @param {number} wide lanes that are wanted
    */
-  momentsOfMeal(family, t_min, carbs_g, steps) {
-    const { step_min, functions } = this.data;
+  momentsOfMeal(name, { t_min, carbs_g }, steps, guts, wide) {
+    const { step_min } = this.data;
     const { lanes } = this.kernels;
-    const name = `${family.replaceAll("-", "_")}_meal`;
     const stage = this.stage(name);
-    stage.give({ t_min, carbs_g, eating_min: 0 });
-    const found = new Float64Array(steps * total(functions[name].outputs));
+    stage.give({ "meal.t_min": t_min, "meal.carbs_g": carbs_g });
+    if (guts[0].length > 0) {
+      guts.forEach((gut, lane) => stage.set(gut, lane, stage.place("gut.0")));
+      stage.prepared.hold();
+    }
+    const found = new Float64Array(steps * MOMENTS * wide);
     // Nothing appears before the meal.
     for (let i = Math.floor(t_min / step_min); i < steps; i++) {
       stage.shared[0] = i * step_min;
       stage.step();
-      for (let j = 0; j < MOMENTS; j++) found[i * MOMENTS + j] = stage.outputs[j * lanes];
+      for (let j = 0; j < MOMENTS; j++) for (let lane = 0; lane < wide; lane++) found[(i * MOMENTS + j) * wide + lane] = stage.outputs[j * lanes + lane];
     }
     return found;
   }
@@ -421,7 +434,8 @@ export class LoopOfVector {
     this.patient = data.patients[situation.patient];
     this.samples = Math.round(situation.duration_min / data.sample_time_min);
     this.steps = Math.round(data.sample_time_min / data.step_min);
-    this.moments = lab.moments(situation, this.samples * this.steps);
+    /** Moments of the meals; see `Lab.moments`. @type {Float64Array} */
+    this.moments = new Float64Array(0);
     const name = controllerName(situation, data);
     const pump = ofPump(situation, data);
     this.noise = situation.noise_variance > 0 ? lab.stage("noise") : null;
@@ -541,6 +555,7 @@ export class LoopOfVector {
     const { lab, situation, patient, start, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
     const { lanes } = lab.kernels;
     this.seeds = seeds;
+    this.moments = lab.moments(situation, this.samples * this.steps, people);
     put(plant, people);
     if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
       const name = `controller.${situation.guard ? "inner." : ""}basal_mU_min`;
@@ -575,6 +590,7 @@ export class LoopOfVector {
     const lanes = glucose.length;
     const { inside } = familyOf(this.situation, this.lab.data);
     const within = new Float64Array(inside.length * lanes);
+    const wide = moments.length / (samples * steps * MOMENTS);
     const happened = {
       glucose_mg_dl: glucose,
       reading_mg_dl: this.reading,
@@ -597,7 +613,7 @@ export class LoopOfVector {
       for (let step = 0; step < steps; step++) {
         const at = (k * steps + step) * MOMENTS;
         for (let i = 0; i < MOMENTS; i++) {
-          for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = moments[at + i];
+          for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = moments[(at + i) * wide + (lane % wide)];
         }
         plant.step();
         for (let i = 0; i < inside.length; i++) {

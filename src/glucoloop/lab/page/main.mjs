@@ -89,7 +89,9 @@ export async function start() {
         return;
       }
       session.show(found.units);
-      const left_out = found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "";
+      const nobody = found.person !== null && session.following === null ? ` ${texts.nobody(found.person)}` : "";
+      const left_out = (found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "") + nobody;
+      if (nobody) session.person = null;
       if (found.version === null) say(texts.noVersion + left_out);
       else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
     } catch (error) {

@@ -3,9 +3,9 @@
 
 import { Crowd } from "./crowd.mjs";
 import { LoopOfVector } from "./loop.mjs";
+import { peopleOf, rests } from "./people.mjs";
 
 /** @typedef {import("./loop.mjs").Lab} Lab */
-/** @typedef {import("./loop.mjs").Body} Body */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
 
@@ -44,29 +44,32 @@ export function seedOf(data, { seed }, person) {
 }
 
 /**
- * Some people in a situation.
+ * Some of the people around the patient of a situation. Whom no rate holds at the setpoint is left out.
  * @param {Lab} lab
- * @param {(first: number) => Body[]} people
  * @param {Situation} situation
  * @param {number} first a multiple of the vectors' length
  * @param {number} count
  * @returns {Crowd}
  */
-export function some(lab, people, situation, first, count) {
+export function some(lab, situation, first, count) {
   const { data } = lab;
   const { lanes } = lab.kernels;
   const inside = data.inside_min.length;
   const later = new Float64Array(inside);
   const crowd = new Crowd(count, Math.round(situation.duration_min / data.sample_time_min), data.sample_time_min);
+  const people = peopleOf(lab, situation.patient);
   const loop = new LoopOfVector(lab, situation);
   for (let begin = 0; begin < count; begin += lanes) {
     const vector = people(first + begin);
+    const present = vector.map(rests);
+    if (!present.includes(true)) continue;
     loop.begin(
       vector,
       vector.map((_, lane) => seedOf(data, situation, first + begin + lane)),
     );
     loop.run((k, happened) => {
       for (let lane = 0; lane < lanes && begin + lane < count; lane++) {
+        if (!present[lane]) continue;
         for (let i = 0; i < inside; i++) later[i] = happened.inside_mg_dl[i * lanes + lane];
         crowd.add(begin + lane, k, happened.glucose_mg_dl[lane], later, happened.insulin_mU_min[lane]);
       }
@@ -119,7 +122,7 @@ export class Many {
    * @param {Situation} situation
    * @param {number} count
    * @param {(done: number) => void} progress
-   * @param {() => {lab: Lab, people: (first: number) => Body[]}} here what the page itself simulates with
+   * @param {Lab} here with which the page itself simulates
    * @returns {Promise<Crowd | null>} null if others were asked for meanwhile
    */
   async simulate(situation, count, progress, here) {
@@ -144,10 +147,9 @@ export class Many {
     };
     await Promise.all(workers.map((worker, i) => work(left[i], (first, count) => answered(worker, { situation, first, count }))));
     if (!this.working) {
-      const { lab, people } = here();
       await work(left[0], async (first, count) => {
         await new Promise((resolve) => setTimeout(resolve));
-        return some(lab, people, situation, first, count);
+        return some(here, situation, first, count);
       });
     }
     return own === this.asked ? crowd : null;

@@ -4,7 +4,7 @@
  * setpoint under a basal rate of his own.
  */
 
-import { put } from "./loop.mjs";
+import { functionOf, put } from "./loop.mjs";
 import { uniform } from "./threefry.mjs";
 
 /** @typedef {import("./loop.mjs").Body} Body */
@@ -62,16 +62,15 @@ function product(a, b, size, width, into) {
 
 /**
  * Matrices of a step of the driven block, as `glucoloop.simulation.driven_block` sums and doubles them.
- * @param {number[][]} rates A with b beside it, (d, d + 1) or with a row of zeros below
+ * @param {ArrayLike<number>} rates A with b beside it, (d, d + 1)
  * @param {People} of
  * @returns {Float64Array} the step's end (d, d + 1), and the path at the nodes (3, d, d + 1)
  */
 export function driven(rates, { step_min, doublings, path }) {
-  const size = rates[0].length;
+  const size = Math.round((1 + Math.sqrt(1 + 4 * rates.length)) / 2);
   const all = size * size;
   const X = new Float64Array(all);
-  rates.forEach((line, i) => X.set(line, i * size));
-  for (let i = 0; i < all; i++) X[i] *= step_min / 2 ** doublings;
+  for (let i = 0; i < rates.length; i++) X[i] = rates[i] * (step_min / 2 ** doublings);
   let [power, next] = [new Float64Array(all), new Float64Array(all)];
   for (let i = 0; i < size; i++) power[i * (size + 1)] = 1;
   /** e^X beside the three moments of the path, by Taylor's series; each row is the row of all four. */
@@ -130,35 +129,74 @@ export function driven(rates, { step_min, doublings, path }) {
   return found;
 }
 
+/** The people of a page by the patient around whom they are drawn. @type {WeakMap<Lab, Map<string, (first: number) => Body[]>>} */
+const known = new WeakMap();
+
 /**
- * The people of the page at rest; each is made once.
+ * The people around a patient, at rest; each is made once. Who has no basal rate has NaN for it.
  * @param {Lab} lab
+ * @param {string} patient that has people
  * @returns {(first: number) => Body[]} those of the vector that begins with a person
  */
-export function peopleOf(lab) {
+export function peopleOf(lab, patient) {
+  const of = known.get(lab) ?? new Map();
+  known.set(lab, of);
+  const found = of.get(patient) ?? drawn(lab, patient);
+  of.set(patient, found);
+  return found;
+}
+
+/** @param {Lab} lab @param {string} patient @returns {(first: number) => Body[]} */
+function drawn(lab, patient) {
   const { data } = lab;
-  const of = data.people;
-  const nominal = data.patients[of.patient];
   const { lanes } = lab.kernels;
-  /** @type {Rest | undefined} made when somebody is asked for */
+  const nominal = data.patients[patient];
+  const of = data.people[nominal.family];
+  const draw = lab.stage("draw");
+  const stage = lab.stage(functionOf(nominal.family, "person"));
+  const { outputs } = stage.fields;
+  const size = { numbers: outputs.numbers, rates: outputs.rates, x: outputs.x, gut: nominal.gut.length };
+  const distributions = of.parameters.map(({ distribution }) => Object.keys(draw.fields.shared).map((name) => distribution[name]));
+  /** What the function of a person tells of him. @param {string} name @param {number} count @param {number} lane */
+  const told = (name, count, lane) => {
+    const at = stage.place(name, "outputs");
+    return Array.from({ length: count }, (_, i) => stage.outputs[(at + i) * lanes + lane]);
+  };
+  /** @param {number} lane @returns {Body} */
+  const begun = (lane) => {
+    const matrices = driven(told("rates", size.rates, lane), of);
+    const body = {
+      ...nominal,
+      numbers: told("numbers", size.numbers, lane),
+      gut: size.gut > 0 ? told("gut.0", size.gut, lane) : nominal.gut,
+      driven: of.driven.map((place) => matrices[place]),
+    };
+    if (size.x === undefined) return body;
+    const [basal_insulin_mU_min] = told("basal_insulin_mU_min", 1, lane);
+    const [glucose_mg_dl] = told("glucose_mg_dl", 1, lane);
+    return { ...body, basal_insulin_mU_min, glucose_mg_dl, x: told("x", size.x, lane) };
+  };
+  /** What brings people to rest whose function does not. @type {Rest | undefined} made when somebody is asked for */
   let rest;
-  /** @param {number} person @returns {Body} */
-  const begun = (person) => {
-    const values = of.parameters.map(({ word, lower, width }) => lower + width * uniform(of.seed, word, person));
-    const value = (/** @type {import("./situation.mjs").Varied} */ [, parameter, a, b, c]) => (a + b * values[parameter]) / (1 + c * values[parameter]);
-    const numbers = [...nominal.numbers];
-    for (const number of of.numbers) numbers[number[0]] = value(number);
-    const rates = of.rates.map((line) => [...line]);
-    const wide = rates[0].length;
-    for (const rate of of.entries) rates[Math.floor(rate[0] / wide)][rate[0] % wide] = value(rate);
-    return { ...nominal, numbers, driven: driven(rates, of) };
+  /** @param {number} first */
+  const made = (first) => {
+    of.parameters.forEach(({ word }, parameter) => {
+      draw.shared.set(distributions[parameter]);
+      for (let lane = 0; lane < lanes; lane++) draw.own[lane] = uniform(of.seed, word, first + lane);
+      draw.step();
+      for (let lane = 0; lane < lanes; lane++) stage.own[parameter * lanes + lane] = draw.outputs[lane];
+    });
+    stage.step();
+    const people = Array.from({ length: lanes }, (_, lane) => begun(lane));
+    if (size.x !== undefined) return people;
+    rest ??= new Rest(lab, patient);
+    return rest.bring(people);
   };
   /** @type {Map<number, Body[]>} */
-  const made = new Map();
+  const kept = new Map();
   return (first) => {
-    rest ??= new Rest(lab);
-    const found = made.get(first) ?? rest.bring(Array.from({ length: lanes }, (_, lane) => begun(first + lane)));
-    made.set(first, found);
+    const found = kept.get(first) ?? made(first);
+    kept.set(first, found);
     return found;
   };
 }
@@ -169,12 +207,11 @@ export function peopleOf(lab) {
  * patient: C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comput. 19(92), 1965.
  */
 class Rest {
-  /** @param {Lab} lab */
-  constructor(lab) {
-    const { data } = lab;
-    const nominal = data.patients[data.people.patient];
+  /** @param {Lab} lab @param {string} patient around whom the people are drawn */
+  constructor(lab, patient) {
+    const nominal = lab.data.patients[patient];
     this.nominal = nominal;
-    this.plant = lab.plant(data.people.patient);
+    this.plant = lab.plant(patient);
     this.lanes = lab.kernels.lanes;
     this.size = nominal.x.length + 1;
     /** Unknowns of the nominal patient, which are their units. */
@@ -298,12 +335,18 @@ function inverted(columns) {
 }
 
 /**
- * One of the people.
+ * One of the people around a patient; null if no rate holds the setpoint of that one.
  * @param {Lab} lab
- * @param {ReturnType<typeof peopleOf>} people
+ * @param {string} patient
  * @param {number} person
  */
-export function personOf(lab, people, person) {
+export function personOf(lab, patient, person) {
   const lane = person % lab.kernels.lanes;
-  return people(person - lane)[lane];
+  const body = peopleOf(lab, patient)(person - lane)[lane];
+  return rests(body) ? body : null;
+}
+
+/** Whether a rate holds a person at the setpoint. @param {Body} body */
+export function rests({ basal_insulin_mU_min }) {
+  return basal_insulin_mU_min >= 0;
 }

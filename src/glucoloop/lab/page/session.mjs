@@ -2,9 +2,9 @@
 /** What the page has at the moment: the situation with its run, runs that are pinned, units, and what undo goes back to. */
 
 import { seedOf } from "./many.mjs";
-import { peopleOf, personOf } from "./people.mjs";
+import { personOf } from "./people.mjs";
 import { predicted, termsOf } from "./prediction.mjs";
-import { checked, usual } from "./situation.mjs";
+import { checked, peopleAround, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { usualUnits } from "./units.mjs";
 
@@ -38,8 +38,6 @@ export class Session {
     /** @type {Run[]} */
     this.pinned = [];
     this.units = usualUnits();
-    /** The people of the page. */
-    this.peopleHere = peopleOf(lab);
     /** Number of the person who is followed. @type {number | null} */
     this.person = null;
     /** His run in the present situation. @type {Run | null} */
@@ -99,8 +97,10 @@ export class Session {
    */
   ofPerson(situation) {
     const { lab, data, person } = this;
-    if (person === null || situation.patient !== data.people.patient) return null;
-    const trace = lab.simulate(situation, personOf(lab, this.peopleHere, person), { seed: seedOf(data, situation, person) });
+    if (person === null || peopleAround(situation.patient, data) === null) return null;
+    const body = personOf(lab, situation.patient, person);
+    if (body === null) return null;
+    const trace = lab.simulate(situation, body, { seed: seedOf(data, situation, person) });
     return { name: texts.person(person), situation, trace };
   }
 

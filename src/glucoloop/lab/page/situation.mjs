@@ -50,6 +50,7 @@
  * @property {string} operating_point
  * @property {number[]} numbers of the patient that differ between people
  * @property {number[]} matrices of the integrator, without their zeros
+ * @property {number[]} gut numbers in which the guts of people differ
  * @property {number[]} x state at rest
  * @property {number} basal_insulin_mU_min
  * @property {number} setpoint_mg_dl
@@ -77,20 +78,13 @@
  */
 
 /**
- * Place of a number of a person, and a parameter v of the person of which it is `(a + b v) / (1 + c v)`.
- * @typedef {[number, number, number, number, number]} Varied
- */
-
-/**
  * @typedef {object} People whom the page can simulate beside the nominal patient
  * @property {string} population
  * @property {number} seed
  * @property {string} patient around whom they are drawn
  * @property {number} count the most that are simulated at once
- * @property {{word: number, lower: number, width: number}[]} parameters that are drawn uniformly
- * @property {Varied[]} numbers of a patient that differ
- * @property {Varied[]} entries of the rates that differ
- * @property {number[][]} rates of the driven block of the nominal patient
+ * @property {{word: number, distribution: Record<string, number>}[]} parameters that are drawn
+ * @property {number[]} driven places of the matrices of insulin that are not zero
  * @property {number} doublings
  * @property {number} step_min
  * @property {number[][]} path from moments to the nodes
@@ -106,7 +100,7 @@
  * @property {Record<string, Family>} families the usual one first
  * @property {Record<string, Patient>} patients by `patientId`
  * @property {Record<string, FaultEntry>} faults those that this page has
- * @property {People} people
+ * @property {Record<string, People>} people by family
  * @property {number[][]} normals
  * @property {Record<string, string>} statuses
  * @property {Record<string, string>} status_names as tables tell them
@@ -141,6 +135,16 @@ export function usual(data) {
     seed: 0,
     duration_min: 600,
   };
+}
+
+/**
+ * The people who are drawn around a patient; null if there are none.
+ * @param {string} patient
+ * @param {Data} data
+ */
+export function peopleAround(patient, data) {
+  const people = data.people[data.patients[patient].family];
+  return people.patient === patient ? people : null;
 }
 
 /** Name of a patient in the data. @param {string} family @param {string} operating_point */

@@ -76,7 +76,7 @@ export const texts = {
     guard_limits: "the limits of the guard",
     pump_limits: "the limits of the pump",
   },
-  peopleGone: (/** @type {string} */ patient) => `The people are taken away, since they are drawn around ${patient.replace("/", " at ")}.`,
+  peopleGone: "The people are taken away, since they were drawn around the patient before.",
   refusedLink: (/** @type {string} */ why) => `The link was not used: ${why}. This is the usual situation.`,
   refused: (/** @type {string} */ why) => `${why}. The picture is still that of the last possible situation.`,
   link: "link",
@@ -213,20 +213,26 @@ export const texts = {
   median: (/** @type {string} */ name) => `Median of people, ${name}`,
   peopleOf: (/** @type {number} */ count) => `${count} people`,
   person: (/** @type {number} */ number) => `Person ${number}`,
-  peopleHere: (/** @type {string} */ point, /** @type {string} */ population) =>
-    `The controller as it is now, on people around the patient ${point} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
+  nobody: (/** @type {number} */ number) => `Person ${number} is not followed: no rate holds the setpoint of that person.`,
+  peopleHere: (/** @type {string} */ patient, /** @type {string} */ population) =>
+    `The controller as it is now, on people around ${patient.replace("/", " at ")} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
   peopleElsewhere: (/** @type {string} */ patient, /** @type {string} */ command) =>
-    `This page draws people around ${patient.replace("/", " at ")} only; choose that patient to try a tuning on them, or try it on people of the present one by the command: ${command}`,
-  peopleTold: (/** @type {number} */ count, /** @type {number} */ low, /** @type {number} */ very_low) =>
-    `Of ${count} people ${low} come below 70 mg/dl, and ${very_low} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
+    `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that patient to try a tuning on them, or try it on people of the present one by the command: ${command}`,
+  peopleTold: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {number} */ drawn) =>
+    (score.people < drawn ? `Left out of ${drawn}, since no rate holds their setpoint: ${drawn - score.people}. ` : "") +
+    `Of ${score.people} people ${score.people_below_70} come below 70 mg/dl, and ${score.people_below_54} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
   noWorkers: "This browser allows the page no workers, so that the people were simulated one after another.",
   points: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {typeof import("./crowd.mjs").RULE} */ rule) =>
     `${score.points.toFixed(2)} points. The rule: the mean part of the time from 70 to 180 mg/dl, in % (${score.in_range_pct.toFixed(2)}), ` +
     `less ${rule.below_70_pct} times that below 70 (${score.below_70_pct.toFixed(2)}), ` +
     `less ${rule.change_mU_min} times the mean change of insulin from sample to sample, in mU/min (${score.change_mU_min.toFixed(2)}).`,
   triedColumns: ["Tuning", "Points", "In range %", "Low %", "Change mU/min", "Situation"],
-  tried: (/** @type {string} */ controller, /** @type {boolean} */ guarded, /** @type {Record<string, number>} */ tuning) =>
-    [controller + (guarded ? ", guarded" : ""), ...Object.entries(tuning).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`)].join(", "),
+  tried: (/** @type {import("./situation.mjs").Situation} */ { controller, guard, tuning }, /** @type {string} */ family, /** @type {number} */ count) =>
+    [
+      controller + (guard ? ", guarded" : ""),
+      ...Object.entries(tuning).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`),
+      `${texts.peopleOf(count)} of ${family}`,
+    ].join(", "),
   take: "Take",
   takeTuning: (/** @type {string} */ name) => `Take the situation of ${name}`,
   harmed: (/** @type {import("./crowd.mjs").Fate} */ fate, /** @type {string} */ lowest, /** @type {string} */ unit) =>

@@ -5,32 +5,32 @@ import { load } from "../../native/targets/wasm/kernels.mjs";
 import { Lab } from "./loop.mjs";
 import { some } from "./many.mjs";
 import { peopleOf } from "./people.mjs";
+import { usual } from "./situation.mjs";
 
 /**
- * Draw people who may be asked for, one turn after another, so that the worker answers in between.
+ * Draw people around the usual patient who may be asked for, one turn after another, so that the worker answers in between.
  * @param {Lab} lab
- * @param {ReturnType<typeof peopleOf>} people
  * @param {{size: number, turns: number[]}} expected
  */
-function draw(lab, people, { size, turns }) {
+function draw(lab, { size, turns }) {
   const [first, ...others] = turns;
   if (first === undefined) return;
+  const people = peopleOf(lab, usual(lab.data).patient);
   for (let person = first; person < first + size; person += lab.kernels.lanes) people(person);
-  setTimeout(() => draw(lab, people, { size, turns: others }));
+  setTimeout(() => draw(lab, { size, turns: others }));
 }
 
 export function start() {
-  /** @type {{lab: Lab, people: ReturnType<typeof peopleOf>} | undefined} */
-  let ready;
+  /** @type {Lab | undefined} */
+  let lab;
   globalThis.onmessage = async (/** @type {MessageEvent} */ { data: asked }) => {
-    if (ready === undefined) {
-      const lab = new Lab(await load(asked.module, "float64"), asked.data);
-      const people = peopleOf(lab);
-      ready = { lab, people };
-      setTimeout(() => draw(lab, people, asked.expected));
+    if (lab === undefined) {
+      const made = new Lab(await load(asked.module, "float64"), asked.data);
+      lab = made;
+      setTimeout(() => draw(made, asked.expected));
       return globalThis.postMessage("ready");
     }
-    const part = some(ready.lab, ready.people, asked.situation, asked.first, asked.count);
+    const part = some(lab, asked.situation, asked.first, asked.count);
     globalThis.postMessage(part, { transfer: [part.glucose.buffer] });
   };
 }

@@ -3,6 +3,7 @@
 
 import { RULE } from "../crowd.mjs";
 import { button, byId, choices, element, say, select, tell } from "../dom.mjs";
+import { peopleAround } from "../situation.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
 
@@ -28,34 +29,37 @@ export function crowdView(session, many) {
   /** Whom the page tries a tuning on, or that it has nobody of the present patient. */
   function hint() {
     const { people, patients } = session.data;
-    const { family, operating_point } = patients[session.situation.patient];
-    if (session.situation.patient === people.patient) return texts.peopleHere(operating_point, people.population);
-    return texts.peopleElsewhere(people.patient, `glucoloop trial --patient ${family} --operating-point ${operating_point}`);
+    const { patient } = session.situation;
+    const { family, operating_point } = patients[patient];
+    const around = peopleAround(patient, session.data);
+    if (around !== null) return texts.peopleHere(patient, around.population);
+    return texts.peopleElsewhere(people[family].patient, `glucoloop trial --patient ${family} --operating-point ${operating_point}`);
   }
 
   /** @param {number} count */
   async function tryOn(count) {
     const { situation } = session;
-    if (situation.patient !== session.data.people.patient) return say(texts.refused(hint()), true);
+    if (peopleAround(situation.patient, session.data) === null) return say(texts.refused(hint()), true);
     bar.hidden = false;
     bar.max = count;
     bar.value = 0;
     const progress = (/** @type {number} */ done) => {
       bar.value = done;
     };
-    const crowd = await many.simulate(situation, count, progress, () => ({ lab: session.lab, people: session.peopleHere }));
+    const crowd = await many.simulate(situation, count, progress, session.lab);
     if (crowd === null) return;
     bar.hidden = true;
     const score = crowd.score();
-    const name = `${texts.tried(situation.controller, situation.guard, situation.tuning)}, ${texts.peopleOf(count)}`;
+    const { family } = session.data.patients[situation.patient];
+    const name = texts.tried(situation, family, score.people);
     tried = [...tried, { score, name, situation }].sort((a, b) => b.score.points - a.score.points).slice(0, MOST_TRIED);
-    session.crowd = { percentiles: crowd.percentiles(texts.peopleOf(count)), situation };
+    session.crowd = { percentiles: crowd.percentiles(texts.peopleOf(score.people)), situation };
     byId("people-points").textContent = texts.points(score, RULE);
     byId("people-tried").replaceChildren(...tried.map(row));
     byId("people-harmed").replaceChildren(...crowd.worst(MOST_HARMED).map(harmed));
     byId("people-box").hidden = false;
     session.changed();
-    const told = texts.peopleTold(count, score.people_below_70, score.people_below_54);
+    const told = texts.peopleTold(score, count);
     say(many.working ? told : `${told} ${texts.noWorkers}`);
   }
 

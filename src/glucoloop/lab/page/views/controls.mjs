@@ -41,10 +41,10 @@ export function controlsView(session) {
     change(situation);
     const { insulin } = usualUnits(data.families[family].route);
     const told = [texts.familyChosen(family, insulin.name, reset.map((part) => texts.resets[part]))];
-    if (had && situation.patient !== data.people.patient) {
+    if (had) {
       session.crowd = null;
       session.follow(null);
-      told.push(texts.peopleGone(data.people.patient));
+      told.push(texts.peopleGone);
     }
     session.show({ insulin });
     say(told.join(" "));
