@@ -36,7 +36,8 @@ async function answered(asked) {
     if (asked.people !== undefined) {
       const { situation } = links.fromLink(asked.link, data);
       const crowd = some(lab, situation, 0, asked.people);
-      return { score: crowd.score(), worst: crowd.worst(3), percentiles: crowd.percentiles("") };
+      const command = repeat.commandForPeople(situation, data, asked.people);
+      return { command, score: crowd.score(), worst: crowd.worst(3), percentiles: crowd.percentiles("") };
     }
     if (asked.person !== undefined) {
       const { situation } = links.fromLink(asked.link, data);

@@ -130,7 +130,7 @@ def test_insulin_under_the_skin_has_its_unit_and_people(shown):
 def test_people_are_drawn_around_the_usual_operating_point_alone(shown):
     hint, said = shown["used"]["elsewhere"]
     assert hint.startswith("Of this family, the page draws people around parker-1999 at setpoint-81 only; ")
-    assert hint.endswith(" by the command: glucoloop trial --patient parker-1999 --operating-point nominal-22")
+    assert hint.endswith("or copy the command below that tries it on people around the present one")
     assert said.startswith(f"{hint}. The picture is still that ")
 
 

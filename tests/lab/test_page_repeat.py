@@ -6,6 +6,7 @@ import shlex
 import tomllib
 
 import numpy as np
+import polars as pl
 import pytest
 
 from glucoloop.cli.app import main
@@ -65,6 +66,26 @@ def test_the_printed_command_file_and_program_give_the_trace_of_the_page(
     exec(compile(answer["python"], "printed", "exec"), names)
     same(vars(names["outcome"].trace), answer)
     assert "Insulin delivered" in capsys.readouterr().out
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "link", ["#controller=pid&closed_loop_min=100&guard=true", "#patient=wilinska-2010&controller=pid"]
+)
+def test_the_printed_command_for_people_gives_those_of_the_page(link, in_node, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [crowd] = in_node([{"link": link, "people": 60}])
+    program, *words = shlex.split(crowd["command"])
+    assert program == "glucoloop"
+    run(*words, "--out", "people")
+    people = pl.read_parquet(tmp_path / "people" / "shards" / "*" / "people.parquet").filter(
+        pl.col("minimum_mg_dl").is_finite()
+    )
+    assert crowd["score"]["people"] == people.height
+    for fate, found in zip(crowd["worst"], people.sort("minimum_mg_dl").iter_rows(named=True), strict=False):
+        assert fate["person"] == found["person"]
+        assert fate["lowest_mg_dl"] == pytest.approx(found["minimum_mg_dl"], abs=0.02)
+        assert fate["highest_mg_dl"] == pytest.approx(found["peak_mg_dl"], abs=0.02)
 
 
 def test_the_program_and_the_file_hold_the_same_keys(in_node, corpus):

@@ -25,8 +25,24 @@ const OPTIONS = {
  * @param {Data} data
  */
 export function commandLine(situation, data) {
-  const words = ["glucoloop run"];
-  for (const [name, value] of keys(situation, data)) {
+  return command("run", keys(situation, data));
+}
+
+/**
+ * The command that tries the same on people around the patient; with noise, each has noise of his own there.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @param {number} people
+ */
+export function commandForPeople(situation, data, people) {
+  const { seed } = data.people[data.patients[situation.patient].family];
+  return command("trial", [["people", people], ...keys(situation, data).filter(([name]) => name !== "seed"), ["seed", seed]]);
+}
+
+/** @param {"run" | "trial"} name @param {ReturnType<typeof keys>} given */
+function command(name, given) {
+  const words = [`glucoloop ${name}`];
+  for (const [name, value] of given) {
     const option = OPTIONS[name] ?? name.replaceAll("_", "-");
     if (Array.isArray(value) && value.length === 0) words.push(`--no-${option}`);
     else if (Array.isArray(value)) words.push(...value.map((part) => `--${option} ${quoted(part)}`));

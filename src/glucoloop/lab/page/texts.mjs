@@ -22,6 +22,7 @@ export const texts = {
     same: "The same as",
     copy: "Copy",
     formCommand: "command line",
+    formPeople: "command line, for people",
     formToml: "configuration file (TOML)",
     formPython: "program in Python",
     people: "One tuning for many people",
@@ -80,7 +81,7 @@ export const texts = {
   refusedLink: (/** @type {string} */ why) => `The link was not used: ${why}. This is the usual situation.`,
   refused: (/** @type {string} */ why) => `${why}. The picture is still that of the last possible situation.`,
   link: "link",
-  forms: { command: "command", toml: "configuration", python: "program" },
+  forms: { command: "command", people: "command for people", toml: "configuration", python: "program" },
   copied: (/** @type {string} */ what) => `The ${what} was copied.`,
   notCopied: "The browser does not allow copying; mark the text and copy it by hand.",
   saved: (/** @type {string} */ name) => `${name} was saved.`,
@@ -216,8 +217,8 @@ export const texts = {
   nobody: (/** @type {number} */ number) => `Person ${number} is not followed: no rate holds the setpoint of that person.`,
   peopleHere: (/** @type {string} */ patient, /** @type {string} */ population) =>
     `The controller as it is now, on people around ${patient.replace("/", " at ")} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
-  peopleElsewhere: (/** @type {string} */ patient, /** @type {string} */ command) =>
-    `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that patient to try a tuning on them, or try it on people of the present one by the command: ${command}`,
+  peopleElsewhere: (/** @type {string} */ patient) =>
+    `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that operating point to try a tuning on them, or copy the command below that tries it on people around the present one`,
   peopleTold: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {number} */ drawn) =>
     (score.people < drawn ? `Left out of ${drawn}, since no rate holds their setpoint: ${drawn - score.people}. ` : "") +
     `Of ${score.people} people ${score.people_below_70} come below 70 mg/dl, and ${score.people_below_54} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,

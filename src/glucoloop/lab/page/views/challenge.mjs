@@ -30,10 +30,9 @@ export function crowdView(session, many) {
   function hint() {
     const { people, patients } = session.data;
     const { patient } = session.situation;
-    const { family, operating_point } = patients[patient];
     const around = peopleAround(patient, session.data);
     if (around !== null) return texts.peopleHere(patient, around.population);
-    return texts.peopleElsewhere(people[family].patient, `glucoloop trial --patient ${family} --operating-point ${operating_point}`);
+    return texts.peopleElsewhere(people[patients[patient].family].patient);
   }
 
   /** @param {number} count */

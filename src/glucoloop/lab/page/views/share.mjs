@@ -2,7 +2,7 @@
 /** What is taken from the page: a link, the same as a command, a file or a program, and the picture and its numbers. */
 
 import { button, byId, say, select, tell } from "../dom.mjs";
-import { commandLine, python, toml } from "../repeat.mjs";
+import { commandForPeople, commandLine, python, toml } from "../repeat.mjs";
 import { scene } from "../scene.mjs";
 import { svg } from "../svg.mjs";
 import { texts } from "../texts.mjs";
@@ -17,6 +17,7 @@ const NAME = "glucoloop-lab";
 export function shareView(session, address) {
   const texts_of = {
     command: () => commandLine(session.situation, session.data),
+    people: () => commandForPeople(session.situation, session.data, Number(select("people-count").value)),
     toml: () => toml(session.situation, session.data, session.version),
     python: () => python(session.situation, session.data),
   };
@@ -25,7 +26,7 @@ export function shareView(session, address) {
   const show = () => {
     tell(byId("same"), texts_of[form()]());
   };
-  select("form").addEventListener("change", show);
+  for (const id of ["form", "people-count"]) select(id).addEventListener("change", show);
   button("copy-same").addEventListener("click", () => copy(texts.forms[form()], texts_of[form()]()));
   button("copy-link").addEventListener("click", () => copy(texts.link, address()));
   button("save-csv").addEventListener("click", () => save("csv", new Blob([csv(session.run.trace)], { type: "text/csv" })));
