@@ -11,7 +11,8 @@ import { createRequire } from "node:module";
 import { cpus, loadavg } from "node:os";
 import { pathToFileURL } from "node:url";
 import { load } from "../src/glucoloop/native/targets/wasm/kernels.mjs";
-import { Lab, summary } from "../src/glucoloop/lab/page/loop.mjs";
+import { Lab } from "../src/glucoloop/lab/page/lab.mjs";
+import { summary } from "../src/glucoloop/lab/page/summary.mjs";
 import { some } from "../src/glucoloop/lab/page/many.mjs";
 import { checked, usual } from "../src/glucoloop/lab/page/situation.mjs";
 

@@ -7,8 +7,10 @@ import { pathToFileURL } from "node:url";
 
 const [page, kernels, request, answer] = process.argv.slice(2);
 const { load } = await import(pathToFileURL(kernels).href);
-const { Lab, summary } = await import(pathToFileURL(`${page}/loop.mjs`).href);
-const situations = await import(pathToFileURL(`${page}/situation.mjs`).href);
+const { Lab } = await import(pathToFileURL(`${page}/lab.mjs`).href);
+const { summary } = await import(pathToFileURL(`${page}/summary.mjs`).href);
+const { checked } = await import(pathToFileURL(`${page}/situation.mjs`).href);
+const { fromHash, hash: hashOf } = await import(pathToFileURL(`${page}/keys.mjs`).href);
 const links = await import(pathToFileURL(`${page}/links.mjs`).href);
 const { usualUnits } = await import(pathToFileURL(`${page}/units.mjs`).href);
 const { ofFault } = await import(pathToFileURL(`${page}/fields.mjs`).href);
@@ -49,11 +51,11 @@ async function answered(asked) {
     const found = typeof asked === "string" ? links.fromLink(asked, data)
       : asked.link !== undefined ? { ...links.fromLink(asked.link, data), samples: asked.samples }
         : { situation: asked, units: usualUnits() };
-    const situation = situations.checked(found.situation, data);
+    const situation = checked(found.situation, data);
     const { memory, ...trace } = lab.simulate(situation, undefined, { memory: true });
     const predictions = (found.samples ?? []).map((sample) => predicted(lab, situation, { ...trace, memory }, sample));
     const terms = (found.samples ?? []).map((sample) => termsOf(lab, situation, { ...trace, memory }, sample));
-    const hash = situations.hash(situation, data, "1.2.3");
+    const hash = hashOf(situation, data, "1.2.3");
     const link = links.link({ situation, units: found.units, person: found.person ?? null }, data, "1.2.3");
     return {
       situation,
@@ -67,7 +69,7 @@ async function answered(asked) {
       hash,
       link,
       units: found.units,
-      again: situations.fromHash(hash, data),
+      again: fromHash(hash, data),
       toml: repeat.toml(situation, data, "1.2.3"),
       command: repeat.commandLine(situation, data),
       python: repeat.python(situation, data),

@@ -1,11 +1,12 @@
 // @ts-check
 /** Files that `glucoloop` writes, read into a situation of the page and runs beside it. */
 
-import { checked, familyOf, fromHash, tuningOf, usual, VERSION } from "./situation.mjs";
+import { fromHash, VERSION } from "./keys.mjs";
+import { checked, familyOf, tuningOf, usual } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
-/** @typedef {import("./loop.mjs").Trace} Trace */
+/** @typedef {import("./lab.mjs").Trace} Trace */
 /** @typedef {Record<string, any>} Keys */
 
 /** Keys that say nothing about what happens to the person whom the page simulates. */

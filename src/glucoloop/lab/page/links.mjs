@@ -2,7 +2,8 @@
 /** The part of the page's address after the #: the situation with its version, and the units in which it is shown. */
 
 import { fromToml, situationOf } from "./configuration.mjs";
-import { familyOf, fromHash, hash, peopleAround, VERSION } from "./situation.mjs";
+import { fromHash, hash, VERSION } from "./keys.mjs";
+import { familyOf, peopleAround } from "./situation.mjs";
 import { unitOf, usualUnits } from "./units.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */

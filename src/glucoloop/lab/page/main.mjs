@@ -4,7 +4,7 @@
 import { load } from "../../native/targets/wasm/kernels.mjs";
 import { fillTexts, say } from "./dom.mjs";
 import { fromLink, link } from "./links.mjs";
-import { Lab } from "./loop.mjs";
+import { Lab } from "./lab.mjs";
 import { Many } from "./many.mjs";
 import { Session } from "./session.mjs";
 import { familyOf, usual } from "./situation.mjs";

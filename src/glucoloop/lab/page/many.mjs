@@ -5,7 +5,7 @@ import { Crowd } from "./crowd.mjs";
 import { LoopOfVector } from "./loop.mjs";
 import { peopleOf, rests } from "./people.mjs";
 
-/** @typedef {import("./loop.mjs").Lab} Lab */
+/** @typedef {import("./lab.mjs").Lab} Lab */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
 

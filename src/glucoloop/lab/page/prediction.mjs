@@ -3,7 +3,7 @@
 
 import { controllerName } from "./loop.mjs";
 
-/** @typedef {import("./loop.mjs").Lab} Lab */
+/** @typedef {import("./lab.mjs").Lab} Lab */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 
 /**
@@ -18,7 +18,7 @@ import { controllerName } from "./loop.mjs";
 /**
  * @param {Lab} lab
  * @param {Situation} situation
- * @param {import("./loop.mjs").Trace} trace of the situation, with the memory of the controller
+ * @param {import("./lab.mjs").Trace} trace of the situation, with the memory of the controller
  * @param {number} sample
  * @returns {Prediction | null} null for a controller that does not predict
  */
@@ -57,7 +57,7 @@ const UNREAD = [2, 4, 5, 6, 7, 10];
 /**
  * @param {Lab} lab
  * @param {Situation} situation
- * @param {import("./loop.mjs").Trace} trace of the situation, with the memory of the controller
+ * @param {import("./lab.mjs").Trace} trace of the situation, with the memory of the controller
  * @param {number} sample
  * @returns {{pid: Pid} | {imc: Imc} | null} null for another controller, or where no reading was used
  */
@@ -92,7 +92,7 @@ export function termsOf(lab, situation, trace, sample) {
   };
 }
 
-/** What the controller of a trace kept before a sample. @param {import("./loop.mjs").Trace} trace @param {number} sample */
+/** What the controller of a trace kept before a sample. @param {import("./lab.mjs").Trace} trace @param {number} sample */
 function keptAt({ memory = new Float64Array(), t_min }, sample) {
   const numbers = memory.length / (t_min.length + 1);
   return memory.subarray(sample * numbers, (sample + 1) * numbers);

@@ -1,7 +1,8 @@
 // @ts-check
 /** A situation as other parts of glucoloop take it: a command, a configuration file, a program in Python. */
 
-import { familyOf, keys, VERSION } from "./situation.mjs";
+import { keys, VERSION } from "./keys.mjs";
+import { familyOf } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */

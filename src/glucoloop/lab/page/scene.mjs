@@ -1,7 +1,7 @@
 // @ts-check
 /** What the picture shows, in the units of the screen: two panels over one axis of time. The chart and the file draw it. */
 
-import { summary } from "./loop.mjs";
+import { summary } from "./summary.mjs";
 import { limitsOf } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { shown } from "./units.mjs";
@@ -63,7 +63,7 @@ const scaled = (values, factor) => (factor === 1 ? values : values.map((value) =
 
 /**
  * Stretches of samples at which the guard acted, each with its reason.
- * @param {import("./loop.mjs").Trace} trace
+ * @param {import("./lab.mjs").Trace} trace
  * @param {number} every
  * @returns {{from: number, to: number, status: number}[]}
  */
@@ -126,7 +126,7 @@ export function scene(session, dark) {
     x: prediction?.t_min ?? [],
     y: values.map(glucose),
   });
-  const rates = (/** @type {import("./loop.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
+  const rates = (/** @type {import("./lab.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
     ({ x: trace.t_min, y: scaled(values, units.insulin.factor), end: trace.t_min.length * every });
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
   const commanded = { name: texts.commanded, colour: colour[0], width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };

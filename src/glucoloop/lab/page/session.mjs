@@ -8,8 +8,8 @@ import { checked, peopleAround, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { usualUnits } from "./units.mjs";
 
-/** @typedef {import("./loop.mjs").Lab} Lab */
-/** @typedef {import("./loop.mjs").Trace} Trace */
+/** @typedef {import("./lab.mjs").Lab} Lab */
+/** @typedef {import("./lab.mjs").Trace} Trace */
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./configuration.mjs").Percentiles} Percentiles */

@@ -2,7 +2,7 @@
 /** A worker: it is given the module and the data of the page once, then simulates the people it is asked for. Until then it draws them. */
 
 import { load } from "../../native/targets/wasm/kernels.mjs";
-import { Lab } from "./loop.mjs";
+import { Lab } from "./lab.mjs";
 import { some } from "./many.mjs";
 import { peopleOf } from "./people.mjs";
 import { usual } from "./situation.mjs";

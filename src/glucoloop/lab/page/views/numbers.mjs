@@ -3,7 +3,7 @@
 
 import { isDark } from "../chart.mjs";
 import { button, byId, element, tell } from "../dom.mjs";
-import { summary } from "../loop.mjs";
+import { summary } from "../summary.mjs";
 import { colours, dashes, guardActs } from "../scene.mjs";
 import { MOST_PINNED } from "../session.mjs";
 import { texts } from "../texts.mjs";

@@ -3,7 +3,7 @@
 
 import { isDark, Picture } from "../chart.mjs";
 import { attribute, byId, element, input, say, tell } from "../dom.mjs";
-import { summary } from "../loop.mjs";
+import { summary } from "../summary.mjs";
 import { scene } from "../scene.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";

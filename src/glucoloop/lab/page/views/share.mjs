@@ -8,7 +8,7 @@ import { svg } from "../svg.mjs";
 import { texts } from "../texts.mjs";
 
 /** @typedef {import("../session.mjs").Session} Session */
-/** @typedef {import("../loop.mjs").Trace} Trace */
+/** @typedef {import("../lab.mjs").Trace} Trace */
 
 const PNG_SCALE = 2;
 const NAME = "glucoloop-lab";
