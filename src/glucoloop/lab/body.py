@@ -123,7 +123,7 @@ def _places(family: str) -> Places:
 
 
 def driven_places(family: str) -> list[int]:
-    """Places that are not zero in the matrices of insulin, which each person has of his own: the end, then the path.
+    """Places that are not zero in the matrices of insulin, which differ between people: the end, then the path.
 
     They are the first of the matrices in `plant_numbers`.
     """

@@ -34,7 +34,7 @@ PEOPLE: Final = 10_000
 """Largest number of people whom the page simulates at once."""
 _UNIFORM, _LOGNORMAL = DISTRIBUTIONS.index("uniform"), DISTRIBUTIONS.index("lognormal")
 _MOST_OPERATIONS: Final = 5000
-"""Length of a person's function up to which it finds his rest too. The page has a shorter search for longer ones."""
+"""Length of a person's function up to which it finds the rest too. The page has a shorter search for longer ones."""
 
 
 def draw_part() -> Part:
@@ -69,9 +69,9 @@ def _distribution(of: Distribution) -> dict[str, float]:
 
 @functools.cache
 def person_part(family: str) -> Part:
-    """What follows from the parameters of a person of a family.
+    """Function of a person's parameters that gives what the page needs of the person.
 
-    They are the numbers of the patient and of the gut in which people differ, and the rates of insulin; and where rest
+    These are the numbers of the patient and of the gut in which people differ, and the rates of insulin; and where rest
     is found in few operations, the basal rate, the state and glucose there, NaN if no rate holds the setpoint.
     """
     with_rest = _person_part(family, rests=True)
