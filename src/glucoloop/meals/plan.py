@@ -136,10 +136,8 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     Parameters
     ----------
     plan : MealPlan
-    seed : int
-        Seed, from 0 to 2**32 - 1.
-    person : (n,) array of int
-        Numbers of the persons, from 0 to 2**32 - 1, in any order.
+    seed, person
+        As for `patients.population.draw`.
 
     Returns
     -------

@@ -284,10 +284,8 @@ def step_response(model: LinearModel, samples: int) -> Array:
 
     Parameters
     ----------
-    model
-        The model.
-    samples
-        Number of coefficients, at least 1.
+    model, samples
+        As for `impulse_response`.
 
     Returns
     -------
