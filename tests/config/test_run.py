@@ -19,7 +19,7 @@ keys = st.fixed_dictionaries(
         "setpoint_mg_dl": st.floats(40, 400),
         "meals": st.lists(st.tuples(st.floats(0.1, 200), st.floats(0, 500)).map(lambda m: f"{m[0]!r}g@{m[1]!r}min")),
         "announce_meals": st.booleans(),
-        "duration_min": st.floats(1, 1e5),
+        "duration_min": st.integers(1, 20000).map(lambda k: 5.0 * k),
         "noise_variance": st.floats(0, 100),
         "dead_time_min": st.integers(0, 10).map(lambda k: 5.0 * k),
         "pump_resolution_mU_min": st.floats(0.01, 5),

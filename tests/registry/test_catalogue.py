@@ -88,6 +88,12 @@ def test_unknown_names_are_answered():
         controller_entry("mpc").setting("gain")
     assert known_names("a", []) == "there are none"
     assert known_names("name7", [f"name{k}" for k in range(20)]) == "did you mean 'name7'?"
+    many = [*(f"name{k}" for k in range(20)), "noise_variance", "noise_bound_mg_dl"]
+    assert (
+        known_names("largest_noise_mg", many, where="see there")
+        == "those like it are: noise_variance, noise_bound_mg_dl"
+    )
+    assert known_names("zzz_mg", many, where="see there") == "none of the 22 known ones is like it; see there"
 
 
 @pytest.mark.parametrize(

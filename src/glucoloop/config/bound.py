@@ -10,7 +10,7 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, plain
 from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.bound import NOT_OF_A_BOUND, BoundKeys
-from glucoloop.config.options.situation import whole_samples
+from glucoloop.config.options.situation import refuse_parts_of_samples, whole_samples
 from glucoloop.config.run import ask_about_surroundings, completed
 from glucoloop.registry.settings import refuse_unknown_keys
 
@@ -22,9 +22,8 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
 
     Parameters
     ----------
-    keys : mapping
-    names : mapping, optional
-        Name under which the user gave each key, for messages.
+    keys, names : mapping
+        As for `config.run.read_run`.
 
     Raises
     ------
@@ -37,6 +36,7 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
         ask_about_surroundings(asked, asked.eaten(), names)
     asked = dataclasses.replace(asked, meals=tuple(meal_text(meal) for meal in asked.eaten()))
     whole_samples(asked.dead_time_min, asked.sample_time_min)
+    refuse_parts_of_samples(asked.duration_min, asked.sample_time_min, names)
     if len(asked.known_after_min) > _MOST_KNOWN:
         called = (names or {}).get("known_after_min", "known_after_min")
         raise ValueError(f"{called} has {len(asked.known_after_min)} times; give at most {_MOST_KNOWN}")

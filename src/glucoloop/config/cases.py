@@ -10,7 +10,7 @@ from glucoloop.config.run import case_key_names, controllers_of, overlay, refuse
 from glucoloop.printable import is_printable
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.guard import GUARD
-from glucoloop.registry.settings import known_names
+from glucoloop.registry.settings import AMONG_OPTIONS, known_names
 
 CASES_KEY: Final = "case"
 """Key of the tables of cases in a file: ``[[case]]``."""
@@ -81,7 +81,7 @@ def refuse_foreign(case: Mapping[str, object], shared: Container[str], of: str, 
         if key in shared:
             raise ValueError(f"{key} belongs to the {of}, which all cases share; give it outside the cases")
         if key not in known:
-            raise ValueError(f"unknown key {key!r}; {known_names(key, known)}")
+            raise ValueError(f"unknown key {key!r}; {known_names(key, known, where=AMONG_OPTIONS)}")
 
 
 def refuse_idle(

@@ -34,4 +34,4 @@ def read_export(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     """
     chip = checked(ChipKeys, own_keys(keys, ChipKeys), names)
     run = {key: value for key, value in keys.items() if key not in declared(ChipKeys)}
-    return Export(run=read_run(run, names), chip=chip)
+    return Export(run=read_run(run, names, only_design=True), chip=chip)

@@ -15,7 +15,12 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys, case_keys
-from glucoloop.config.options.situation import PAPER_SAMPLE_TIME_MIN, SituationKeys, whole_samples
+from glucoloop.config.options.situation import (
+    PAPER_SAMPLE_TIME_MIN,
+    SituationKeys,
+    refuse_parts_of_samples,
+    whole_samples,
+)
 from glucoloop.config.unusual import (
     Names,
     ask_about,
@@ -59,7 +64,7 @@ class Run:
         return dataclasses.replace(self, case=dataclasses.replace(self.case, model=path))
 
 
-def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> Run:
+def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None, *, only_design: bool = False) -> Run:
     """Read the configuration of a run from flat keys.
 
     Parameters
@@ -67,6 +72,8 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     keys : mapping
     names : mapping, optional
         Name under which the user gave each key, for messages.
+    only_design : bool
+        Whether the loop is never closed, so that its length does not count.
 
     Raises
     ------
@@ -80,6 +87,8 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
         ask_about_clock(situation.meals, situation.duration_min)
     refuse_impossible(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
+    if not only_design:
+        refuse_parts_of_samples(situation.duration_min, situation.sample_time_min, names)
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
     situation = dataclasses.replace(situation, meals=meals, faults=faults, **parts_told(situation))

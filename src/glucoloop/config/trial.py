@@ -13,7 +13,7 @@ from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.options.case import IDENTIFICATION_KEYS
-from glucoloop.config.options.situation import SituationKeys
+from glucoloop.config.options.situation import SituationKeys, refuse_parts_of_samples
 from glucoloop.config.options.trial import SITUATION_KEYS, TrialKeys
 from glucoloop.config.population import named_population, population_keys, read_population
 from glucoloop.config.run import (
@@ -35,7 +35,6 @@ from glucoloop.registry.clock_text import time_of_day_text
 from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import refuse_unknown_keys
-from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.units import MIN_PER_DAY
 
 _LENGTHS: Final = ("days", "duration_min")
@@ -89,7 +88,7 @@ def read_trial(
         time_spread_min=own.meal_time_spread_min,
         horizon_min=own.duration_min,
     )
-    sample_grid(plan.horizon_min, situation.sample_time_min)  # refuses a part of a sample
+    refuse_parts_of_samples(plan.horizon_min, situation.sample_time_min, names, has_duration="days" not in keys)
     traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
     surroundings = dataclasses.replace(situation.situation(), faults=faults, **parts_told(situation))

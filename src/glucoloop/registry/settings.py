@@ -20,6 +20,10 @@ from glucoloop.plausible import Quantity
 Value = int | float | str
 
 MOST_NAMES_TOLD: Final = 12
+AMONG_OPTIONS: Final = "--help of the command has each as an option"
+"""Text on where all keys of a configuration are told."""
+_SHORTEST_WORD: Final = 4
+"""Length from which a part of a name says what it is about; shorter ones are mostly units."""
 
 
 @dataclass(frozen=True)
@@ -232,16 +236,28 @@ def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "")
     names = list(known)
     for key in keys:
         if key not in names:
-            raise ValueError(f"unknown key {key!r}{of}; {known_names(key, names)}")
+            told = known_names(key, names, where=AMONG_OPTIONS)
+            raise ValueError(f"unknown key {key!r}{of}; {told}")
 
 
-def known_names(unknown: str, known: Iterable[str]) -> str:
-    """Text about known names after an unknown one: the most similar one, and the others unless they are many."""
+def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:
+    """Text about known names after an unknown one: the most similar one, and the others unless they are many.
+
+    Where they are many and `where` says where all stand, those that share a word with the unknown one are told.
+    """
     names = list(known)
     if not names:
         return "there are none"
     close = difflib.get_close_matches(unknown, names, n=1)
     if close and len(names) > MOST_NAMES_TOLD:
         return f"did you mean {close[0]!r}?"
+    if where and len(names) > MOST_NAMES_TOLD:
+        words = {word for word in unknown.casefold().split("_") if len(word) >= _SHORTEST_WORD}
+        alike = [name for name in names if words & set(name.casefold().split("_"))]
+        if len(alike) == 1:
+            return f"did you mean {alike[0]!r}?"
+        if 1 < len(alike) <= MOST_NAMES_TOLD:
+            return f"those like it are: {', '.join(alike)}"
+        return f"none of the {len(names)} known ones is like it; {where}"
     meant = f"did you mean {close[0]!r}? " if close else ""
     return f"{meant}the known ones are: {', '.join(names)}"

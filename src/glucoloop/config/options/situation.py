@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from glucoloop.config.key import Key
+from glucoloop.config.key import Key, declared
 from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
 from glucoloop.plausible import (
     DEAD_TIME,
@@ -367,6 +368,46 @@ def situation_of(keys: Any, **other: Any) -> Situation:
 
     said = {field.name: getattr(keys, field.name) for field in fields(Situation) if hasattr(keys, field.name)}
     return Situation(**{**said, **other})
+
+
+def refuse_parts_of_samples(
+    horizon_min: float, sample_time_min: float, names: Mapping[str, str] | None = None, *, has_duration: bool = True
+) -> None:
+    """Refuse a run that is not a whole number of samples long.
+
+    Parameters
+    ----------
+    horizon_min, sample_time_min : float
+    names : mapping, optional
+        Name under which the user gave each key; where any is an option, the mend is told as options.
+    has_duration : bool
+        Whether the horizon can be given in minutes.
+
+    Raises
+    ------
+    ValueError
+        With the nearest sample time and the nearest duration that would be possible.
+    """
+
+    def samples_of(minutes: float) -> int | None:
+        number = max(1, round(horizon_min / minutes))
+        return number if abs(number * minutes - horizon_min) <= 1e-9 * horizon_min else None
+
+    if samples_of(sample_time_min) is not None:
+        return
+    options = any(name.startswith("-") for name in (names or {}).values())
+    own = declared(SituationKeys)
+    sample_time, duration = (own[key].flag if options else f"{key} =" for key in ("sample_time_min", "duration_min"))
+    tenths = (tenth / 10.0 for tenth in range(1, round(10.0 * LONGEST_SAMPLE_TIME_MIN) + 1))
+    near = (minutes for minutes in tenths if sample_time_min / 2.0 < minutes < 2.0 * sample_time_min)
+    possible = [minutes for minutes in near if samples_of(minutes) is not None]
+    mends = [f"{sample_time} {min(possible, key=lambda minutes: abs(minutes - sample_time_min)):g}"] if possible else []
+    if has_duration:
+        mends.append(f"{duration} {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
+    raise ValueError(
+        f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
+        f"give {' or '.join(mends) or 'another sample time'}"
+    )
 
 
 def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead time") -> int:

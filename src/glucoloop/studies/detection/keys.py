@@ -52,7 +52,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     of_trial = {key: keys[key] for key in TAKEN if key in keys and key != "known_dead_time"}
     check_estimators(own.estimators, (names or {}).get("estimators", "estimators"))
     settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
-    trial = read_trial(overlay_trial(USUAL, of_trial, names), _cases(own, keys, settings), names)
+    trial = read_trial({"days": 1, **overlay_trial(USUAL, of_trial, names)}, _cases(own, keys, settings), names)
     asked = {key: value for key, value in settings.items() if key in ESTIMATING.estimator_settings}
     complete = catalogue.complete(ESTIMATING.name, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
     if asked:
