@@ -55,6 +55,10 @@ def pytest_collection_finish():
     gc.freeze()  # modules stay
 
 
+def pytest_unconfigure():
+    gc.unfreeze()  # libraries that count what is left at the end find nothing
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.stem in LONG.get(item.path.parent.name, ()):
