@@ -271,6 +271,16 @@ def test_questions(glucoloop, refused, monkeypatch):
     assert many.err == "The first 1000 rows; --csv prints all.\n"
     assert "999" in many.out
     assert "1000" not in many.out
+    wide = glucoloop("query", "a", "select * from people order by person, controller")
+    assert wide.err == "The first 20 rows; --csv prints all.\n"
+    assert "…" not in wide.out
+    assert glucoloop("query", "a", "select * from people where false").err == "No row answers the question.\n"
+    assert [line.split() for line in wide.out.splitlines() if line.startswith(("person ", "controller "))][:4] == [
+        ["person", "0"],
+        ["controller", "basal"],
+        ["person", "0"],
+        ["controller", "pid"],
+    ]
 
 
 @pytest.mark.long

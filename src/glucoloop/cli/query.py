@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from glucoloop.cli.screen import note, show
+from glucoloop.cli.screen import fits, note, show
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from glucoloop.storage.trials.query import Answer, TrialTables
 
 HELP: Final = (
@@ -28,6 +30,8 @@ HELP: Final = (
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
 )
 _MOST_SHOWN: Final = 1000
+_MOST_RECORDS: Final = 20
+"""Most rows that are shown one column below the other."""
 
 
 def command(
@@ -116,9 +120,28 @@ def _print_table(answer: Answer) -> None:
         table.add_column(name, justify="right" if numbers else "left")
     for row in shown[:_MOST_SHOWN]:
         table.add_row(*_cells(row))
-    show(table)
-    if len(shown) > _MOST_SHOWN:
-        note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
+    most = _MOST_SHOWN
+    if fits(table):
+        show(table)
+    else:
+        most = _MOST_RECORDS
+        for row in shown[:most]:
+            show(_record(answer.columns, row))
+        if not shown:
+            note(["No row answers the question."])
+    if len(shown) > most:
+        note([f"The first {most} rows; --csv prints all."])
+
+
+def _record(columns: list[str], row: tuple[Any, ...]) -> Table:
+    """A row of a table that is too wide for a line: one column below the other."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for name, cell in zip(columns, _cells(row), strict=True):
+        table.add_row(name, cell)
+    table.add_row()
+    return table
 
 
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:

@@ -5,8 +5,16 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.interrupts import leave_if_asked
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+_PIPED: Final = 200
+_WIDEST: Final = 100_000
 
 
 @contextlib.contextmanager
@@ -48,9 +56,21 @@ def note(texts: Iterable[str]) -> None:
 
 
 def show(table: object) -> None:
-    """Print a table on standard output; piped, it is plain text and as wide as it needs to be."""
+    """Print a table on standard output; piped, it is plain text of up to 200 characters a line."""
+    _console().print(table)
+
+
+def fits(table: Table) -> bool:
+    """Whether a table is shown without anything cut off or broken into lines."""
+    from rich.measure import Measurement
+
+    console = _console()
+    return Measurement.get(console, console.options.update(max_width=_WIDEST), table).maximum <= console.width
+
+
+def _console() -> Console:
     from rich.console import Console
 
-    width = None if sys.stdout.isatty() else 200
+    width = None if sys.stdout.isatty() else _PIPED
     # No markup: square brackets and colons in a label or an answer are its own.
-    Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout).print(table)
+    return Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout)
