@@ -202,13 +202,16 @@ RECORDS = {
     "": "is empty",
     "t_min,insulin_mU_min\n0,1\n": "no column 'glucose_mg_dl'",
     "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n5,1,high\n": "'high'",
-    "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n5,1,91,7\n": "is not a CSV table",
+    "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n5,1,91,7\n": "is not a CSV table: its line 3 has 4 fields",
     "t_min,insulin_mU_min,glucose_mg_dl\n5,1,90\n0,1,90\n": "later than the row before",
     "t_min,insulin_mU_min,glucose_mg_dl\n0,-1,90\n5,1,90\n": "at least 0",
     "t_min,insulin_mU_min,glucose_mg_dl\n0,1,5\n5,1,5\n": "mmol/l",
     "t_min,insulin_mU_min,glucose_mg_dl\n0,1,90\n60,1,90\n": "--max-gap",
     "t_min,insulin_mU_min,glucose_mg_dl\n": "reading: 0 of 0",
     "t_min;insulin_mU_min;glucose_mg_dl\n0;20;90\n": "separates its columns by semicolons; separate them by commas",
+    "t_min;insulin_mU_min;glucose_mg_dl\n0;20,5;90,1\n": "separates its columns by semicolons",
+    "t_min\tinsulin_mU_min\tglucose_mg_dl\n0\t20\t90\n": "separates its columns by tabs",
+    "# from my pump\nt_min,insulin_mU_min,glucose_mg_dl\n0,20,90\n": "its line 2 has 3 fields",
     "\n".join(["t_min,insulin_mU_min,glucose_mg_dl", *(f"{5 * k},20,90" for k in range(100))]): (
         "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is moved"
     ),

@@ -116,6 +116,19 @@ def csv(table: pl.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
+def _ragged(text: str) -> str | None:
+    """Sentence on the first line with more fields than the first one names; None where fields may be quoted."""
+    lines = text.splitlines()
+    counts = [line.count(",") + 1 for line in lines]
+    number = next((number for number, count in enumerate(counts) if count > counts[0]), None)
+    if number is None or '"' in text:
+        return None
+    return (
+        f"its line {number + 1} has {counts[number]} fields, but its first line, which has to name the columns, "
+        f"{counts[0]}; give all lines as many, separated by commas"
+    )
+
+
 def read_record_columns(path: Path) -> dict[str, list[object]]:
     """Columns of a record from a CSV file, with numbers as floats; meals are last, if there are any.
 
@@ -127,13 +140,18 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
         For a file that is not a table, or that lacks a column.
     """
     text = read_text(path, "a record")
+    first = next(iter(text.splitlines()), "")
+    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in first and "," not in first:
+            raise ValueError(
+                f"{path} separates its columns by {called}; separate them by commas, with points in numbers"
+            )
     try:
         table = pl.read_csv(io.BytesIO(text.encode()), infer_schema=False)
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
-        raise ValueError(f"{path} is not a CSV table: {next(iter(str(error).splitlines()), 'it is damaged')}") from None
-    if len(table.columns) == 1 and ";" in table.columns[0]:
-        raise ValueError(f"{path} separates its columns by semicolons; separate them by commas, with points in numbers")
+        why = _ragged(text) or next(iter(str(error).splitlines()), "it is damaged")
+        raise ValueError(f"{path} is not a CSV table: {why}") from None
     for column in (*RECORD_COLUMNS, MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one
             raise ValueError(f"{path} has the column {column!r} twice; leave one out")
