@@ -1,4 +1,4 @@
-"""Text that can be printed in one line, whatever its source."""
+"""Text that can be printed in one line, whatever its source, and numbers with their nouns."""
 
 from __future__ import annotations
 
@@ -19,3 +19,8 @@ def printable(text: str) -> str:
     if is_printable(text):
         return text
     return "".join(letter if is_printable(letter) else repr(letter)[1:-1] for letter in text)
+
+
+def how_many(count: int, one: str, many: str | None = None) -> str:
+    """A number with its noun or verb: "1 person", "20 people"; `many` is by default `one` with an s."""
+    return f"{count} {one if count == 1 else many or f'{one}s'}"

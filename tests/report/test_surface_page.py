@@ -38,6 +38,7 @@ def test_best_and_printed_are_marked_and_listed(surface_of):
     assert re.search(r"title='\(1, 8, 1, 0\)[^']*'>10<b>★</b></td>", page)
     assert re.search(r"title='\(2, 8, 1, 0\)[^']*'>40<b>◆</b></td>", page)
     assert page.count("<tr class='printed'>") == 1
+    assert "<th scope='col'>Remarks</th>" in page  # on the left, as the remarks are
     assert "<p>A &amp; B.</p>" in page
     assert "A &lt;title&gt;" in page
     assert not re.search(r"<script|src=|href=", page)

@@ -16,6 +16,7 @@ from glucoloop.cli.study import carried_out, needed_folder, read_request, read_w
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
 from glucoloop.cli.trial_telling import tell
+from glucoloop.printable import how_many
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
@@ -81,7 +82,7 @@ def command(given: Given) -> None:
                 folder.finish(results(folder, simulate))
         computed = trial.people - before
         if computed:
-            note([f"{computed} people in {time.monotonic() - began:.1f} s."])
+            note([f"{how_many(computed, 'person', 'people')} in {time.monotonic() - began:.1f} s."])
         return folder.summary()
 
     tell(trial, carried_out(trial_folder(out, trial, overwrite=output.overwrite), finish), output, out)

@@ -14,6 +14,7 @@ from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_peopl
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
+from glucoloop.printable import how_many
 from glucoloop.registry.patients import patient_entry
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.facts import controllers_facts, trial_facts
@@ -50,7 +51,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
     bands = _bands(folder)
     setpoint = trial.target_mg_dl
     report = TrialReport(
-        title=f"{trial.population.name}, {trial.people} people",
+        title=f"{trial.population.name}, {how_many(trial.people, 'person', 'people')}",
         setpoint_mg_dl=setpoint,
         units_per_hour=patient_entry(trial.patient).under_the_skin,
         people=summary.people,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.request import Output
 from glucoloop.cli.screen import show
 from glucoloop.cli.telling import print_json
+from glucoloop.printable import how_many
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -73,9 +74,15 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
     infeasible, beyond = summary["unable"], summary["basal_beyond_pump"]
     setpoint = f"{summary['setpoint_mg_dl']:g} mg/dl"
     if count := infeasible["count"]:
-        yield f"Of {summary['people']} people {count} have no basal rate for {setpoint}: {_persons(infeasible)}."
+        yield (
+            f"Of {how_many(summary['people'], 'person', 'people')} {how_many(count, 'has', 'have')} no basal rate for "
+            f"{setpoint}: {_persons(infeasible)}."
+        )
     if beyond["count"]:
-        yield f"{beyond['count']} people would need more than the pump gives to rest there: {_persons(beyond)}."
+        yield (
+            f"{how_many(beyond['count'], 'person', 'people')} would need more than the pump gives to rest there: "
+            f"{_persons(beyond)}."
+        )
     for label, of in summary["controllers"].items():
         below = of.get("below_validity", {"count": 0})  # earlier versions did not measure it
         if below["count"]:
@@ -85,7 +92,7 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
             )
         if of["not_finite"]["count"]:
             lost = of["not_finite"]
-            yield f"{label}: glucose of {lost['count']} people did not stay finite: {_persons(lost)}."
+            yield f"{label}: glucose of {_people(lost['count'])} did not stay finite: {_persons(lost)}."
 
 
 def _people(count: int) -> str:

@@ -115,8 +115,9 @@ def _row(told: Result, label: str, part: MetricDistribution, counts: np.ndarray,
     height = np.rint(_HEIGHT * (1.0 - 0.95 * np.sqrt(counts / counts.max()))).astype(int)
     steps = "".join(f"V{y}H{right}" for y, right in zip(height.tolist(), x[1:].tolist(), strict=True))
     place = np.interp(np.array([part.p5, part.median, part.p95]) / told.divisor, edges, x)
+    whom = f"{count(int(people))} {'person' if people == 1 else 'people'}"
     alt = (
-        f"{told.title.strip()} under {label}, of {count(int(people))} people: median {told.text(part.median)}, "
+        f"{told.title.strip()} under {label}, of {whom}: median {told.text(part.median)}, "
         f"5 % below {told.text(part.p5)}, 5 % above {told.text(part.p95)} {told.unit}"
     )
     return (

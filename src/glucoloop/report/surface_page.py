@@ -180,7 +180,9 @@ def _legend() -> str:
 
 def _list(surface: TuningSurface, printed: TuningRank) -> str:
     columns = "".join(
-        f"<th scope='col' class='value'>{html.escape(name or 'Remarks')}{'<br>' * bool(unit)}{html.escape(unit)}</th>"
+        f"<th scope='col' class='value'>{html.escape(name)}{'<br>' * bool(unit)}{html.escape(unit)}</th>"
+        if name
+        else "<th scope='col'>Remarks</th>"
         for name, unit in heads(surface)
     )
     lines = []

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from glucoloop.printable import how_many
 from glucoloop.registry.metrics import NOT_AVAILABLE, described
 from glucoloop.report import _page
 from glucoloop.report._page import count, either, in_both_units, percent, scrolling
@@ -322,7 +323,7 @@ def _worst(report: TrialReport) -> str:
 
     most_worst = min(shown, max(len(case.worst) for case in report.cases.values()))
     caption = (
-        f"The {most_worst} people with the least glucose under each "
+        f"The {how_many(most_worst, 'person', 'people')} with the least glucose under each "
         "controller, and what is different about each of them: the basal rate, and the parameters that are farthest "
         "from the middle of their range. A person's button shows that person alone."
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
+from glucoloop.printable import how_many
 from glucoloop.registry.metrics import NOT_AVAILABLE
 from glucoloop.studies.detection.result import TOLD_AFTER_MIN, DetectionResult
 
@@ -49,7 +50,7 @@ def detection_table(result: DetectionResult) -> Table:
         of_size = {name: of["by_size"][size] for name, of in told.items()}
         some = next(iter(of_size.values()))
         cells = (_cell(of, tuple(f"delay_{q}_min" for q in _SPREAD), 0, False) for of in of_size.values())
-        table.add_row(f"  {_size(some)}, {some['meals']} meals", *cells, "min")
+        table.add_row(f"  {_size(some)}, {how_many(some['meals'], 'meal')}", *cells, "min")
     table.add_section()
     for after in TOLD_AFTER_MIN:
         keys = tuple(f"size_error_at_{after:.0f}_min_{q}_g" for q in _SPREAD)

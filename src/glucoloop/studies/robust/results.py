@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.config.toml import toml_text
+from glucoloop.printable import how_many
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
@@ -111,24 +112,25 @@ def sentences(asked: Robust, found: Found) -> Iterator[str]:
     for bound in found.bounds:
         whose = "" if bound.of is None else f", what {bound.of} comes to"
         yield f"Bound: {bound.objective} at most {bound.most:.4g}{whose}."
-    tried, kept = len(found.candidates), int(verdict.keeps.sum())
-    told = f"Of {tried} tunings {kept} {'keeps' if kept == 1 else 'keep'} the bounds"
+    tried, kept = how_many(len(found.candidates), "tuning"), int(verdict.keeps.sum())
+    told = f"Of {tried} {how_many(kept, 'keeps', 'keep')} the bounds"
     if not verdict.bounded:
         yield f"{told}; chosen is the one that exceeds them least, candidate {found.chosen.number}."
         return
     preferred = f"the least of {asked.far.prefer}" if asked.far.prefer in objectives else "nearest to the least of both"
-    front = f"{int(verdict.front.sum())} make the front of {' and '.join(objectives)}"
+    front = f"{how_many(int(verdict.front.sum()), 'makes', 'make')} the front of {' and '.join(objectives)}"
     yield (
-        f"{f'{told}, and {front}' if found.bounds else f'Of {tried} tunings {front}'}; "
+        f"{f'{told}, and {front}' if found.bounds else f'Of {tried} {front}'}; "
         f"chosen is candidate {found.chosen.number}, {preferred}."
     )
 
 
 def _title(asked: Robust) -> str:
     own, search = asked.own, asked.search
+    tunings, people = how_many(asked.far.rounds * search.batch, "tuning"), how_many(own.people, "person", "people")
     return (
-        f"{search.case.label}: {asked.far.rounds * search.batch} tunings, {own.people} people of "
-        f"{search.trial.population.name} and {own.seeds} seeds of noise {search.trial.noise_variance:g} (mg/dl)²"
+        f"{search.case.label}: {tunings}, {people} of {search.trial.population.name} and {how_many(own.seeds, 'seed')} "
+        f"of noise {search.trial.noise_variance:g} (mg/dl)²"
     )
 
 

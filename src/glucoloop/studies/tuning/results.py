@@ -10,6 +10,7 @@ from typing import Any
 import polars as pl
 
 from glucoloop.config.toml import toml_text
+from glucoloop.printable import how_many
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report import Repeat
 from glucoloop.report.facts import run_facts
@@ -62,7 +63,7 @@ class Searched:
         if printed.rank is None:
             return f"{told} is not acceptable here."
         if printed.rank == 1:
-            return f"{told} is the best of {printed.points} acceptable ones."
+            return f"{told} is the best of {how_many(printed.points, 'acceptable one')}."
         best = "" if printed.best is None else f" with {printed.sse:.4g} against {printed.best_sse:.4g} of the best"
         return f"{told} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
 
@@ -112,13 +113,14 @@ def _notes(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
     broken = int((~surface.feasible).sum())
     ringing = int((surface.oscillates & surface.feasible).sum())
     yield (
-        f"Of {points} tunings {broken} break a constraint and {ringing} more oscillate; "
-        f"{int(surface.acceptable.sum())} are acceptable."
+        f"Of {how_many(points, 'tuning')} {how_many(broken, 'breaks', 'break')} a constraint and "
+        f"{how_many(ringing, 'more oscillates', 'more oscillate')}; "
+        f"{how_many(int(surface.acceptable.sum()), 'is', 'are')} acceptable."
     )
     if surface.refused:
-        yield f"{len(surface.refused)} tunings have no controller: {surface.refused[0][1]}."
+        yield f"{how_many(len(surface.refused), 'tuning has', 'tunings have')} no controller: {surface.refused[0][1]}."
     if asked.run.situation.noisy:
-        yield f"Results are medians of {surface.seeds} seeds; oscillation was judged without noise."
+        yield f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without noise."
 
 
 def files_of(found: Searched) -> tuple[dict[str, str | bytes], str | None]:

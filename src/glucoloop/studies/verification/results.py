@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from glucoloop.printable import how_many
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.studies.verification.campaign import Campaign, met
 from glucoloop.studies.verification.nonsense import NonsenseResult
@@ -26,7 +27,7 @@ def campaign_told(campaign: Campaign, result: CampaignResult, seconds: float) ->
     yield _controllers(result)
     yield from broken_lines(result)
     more = f"; {result.repeated} of them closed twice" if result.repeated else ""
-    yield f"{result.loops} loops, {result.samples} samples, {seconds:.1f} s{more}."
+    yield f"{how_many(result.loops, 'loop')}, {result.samples} samples, {seconds:.1f} s{more}."
     yield (
         f"Below 60: mean time below 60 mg/dl. Better, worse: people with a guard who are lower for less or longer than "
         f"without, by more than {Guarding.MARGIN_PCT:g} % of the run. Most, person: the largest such difference, whose."
