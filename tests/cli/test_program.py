@@ -52,6 +52,13 @@ def test_help_lists_controllers_and_symbols(glucoloop, monkeypatch):
         assert part in out
 
 
+@pytest.mark.parametrize("columns", ["60", "80"])
+def test_help_cuts_no_name_off(glucoloop, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    out = glucoloop("run", "--help").out
+    assert "…" not in out
+
+
 def test_version(glucoloop):
     assert glucoloop("--version").out == f"glucoloop {__import__('glucoloop').__version__}\n"
 

@@ -36,6 +36,7 @@ from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import interrupted, mistake, sentence
 from glucoloop.cli.results import forgotten
 from glucoloop.cli.screen import note
+from glucoloop.cli.whole_names import WholeNames
 from glucoloop.storage.trials.stoppable import left_behind
 
 USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
@@ -70,6 +71,8 @@ app.command("adversary", help=adversary.HELP)(adversary.command)
 app.command("query", help=query.HELP)(query.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
 app.command("claims", help=claims.HELP)(claims.command)
+for _registered in app.registered_commands:
+    _registered.cls = WholeNames
 
 
 def _tell_version(asked: bool) -> None:
