@@ -106,6 +106,9 @@ def test_nothing_of_the_figure_is_clipped(width):
     assert drawn.x1 <= figure.get_figwidth()
     assert drawn.y1 <= figure.get_figheight()
     assert {text.get_text() for text in figure.legends[0].get_texts()} == {"moving-horizon", "kalman", "true rate"}
+    thresholds = [text for axes in figure.axes for text in axes.texts if text.get_text() == "0.5"]
+    first, second = (text.get_window_extent() for text in thresholds)
+    assert not first.overlaps(second)
 
 
 def test_help_tells_of_both_estimators(glucoloop, monkeypatch):

@@ -83,7 +83,7 @@ def _draw_curve(axes: Axes, of: EstimatorResult, index: int) -> Artist:
         axes.annotate(
             f"{of.threshold:g}",
             place,
-            xytext=(4, 4),
+            xytext=(4 + 2.2 * FONT_PT * index, 4),  # beside one another where two estimators are at one place
             textcoords="offset points",
             fontsize=FONT_PT,
             color=style["color"],
