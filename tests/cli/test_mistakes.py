@@ -109,7 +109,7 @@ CONFIGURATIONS = {
     b"controller = {name = 'pid'}": "controller is {'name': 'pid'}; give a text, the name of one",
     b"noise = 1.45": "unknown key 'noise'; in a file it is 'noise_variance'",
     b"model = 3": "model is 3; give a text",
-    b"[[case]]": "unknown key 'case'",
+    b"[[case]]": "unknown key 'case'; give a file with cases to glucoloop compare or glucoloop trial",
 }
 
 

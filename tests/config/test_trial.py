@@ -98,7 +98,8 @@ def test_upper_layer_takes_what_it_excludes_away():
 
 REFUSED = [
     ({"peple": 3}, "unknown key 'peple' of a trial; did you mean 'people'"),
-    ({"integrator": "fast"}, "unknown key 'integrator'"),
+    ({"integrator": "fast"}, "unknown key 'integrator' of a trial, though a run has it; leave it out"),
+    ({"controller": "mpc"}, "unknown key 'controller' of a trial; did you mean 'controllers'"),
     ({"model": "m.json"}, "unknown key 'model'"),
     ({"people": 0}, "people is 0; give a value of at least 1 and at most 1000000000"),
     ({"people": 2.5}, "people is 2.5; give a whole number"),

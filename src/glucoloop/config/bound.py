@@ -11,8 +11,7 @@ from glucoloop.config.key import declared, plain
 from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.bound import NOT_OF_A_BOUND, BoundKeys
 from glucoloop.config.options.situation import refuse_parts_of_samples, whole_samples
-from glucoloop.config.run import ask_about_surroundings, completed
-from glucoloop.registry.settings import refuse_unknown_keys
+from glucoloop.config.run import ask_about_surroundings, completed, refuse_unknown_beside
 
 _MOST_KNOWN: Final = 20
 
@@ -30,7 +29,7 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     ValueError
         For an unknown key, a value of the wrong type or out of bounds, or nothing asked for.
     """
-    refuse_unknown_keys(keys, [key for key in declared(BoundKeys) if key not in NOT_OF_A_BOUND])
+    refuse_unknown_beside(keys, [key for key in declared(BoundKeys) if key not in NOT_OF_A_BOUND], " of a bound")
     asked = checked(BoundKeys, completed(keys), names)
     if not asked.allow_unusual:
         ask_about_surroundings(asked, asked.eaten(), names)

@@ -7,7 +7,8 @@ configuration that was read is complete.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
@@ -357,8 +358,22 @@ def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
     for key in keys:
         if key not in known and key in _KEY_OF_OPTION:
             raise ValueError(f"unknown key {key!r}; in a file it is {_KEY_OF_OPTION[key]!r}")
+        if key == "case":
+            raise ValueError(f"unknown key {key!r}; give a file with cases to glucoloop compare or glucoloop trial")
     refuse_unknown_keys(keys, known)
 
+
+def refuse_unknown_beside(keys: Mapping[str, object], known: Sequence[str], of: str) -> None:
+    """Refuse a key that is not known, with a sentence of its own if a run has it; `of` as for `refuse_unknown_keys`."""
+    of_run = run_keys()
+    for key in keys:
+        if key not in known and key in of_run and not difflib.get_close_matches(key, known, cutoff=_NAMESAKE):
+            raise ValueError(f"unknown key {key!r}{of}, though a run has it; leave it out")
+    refuse_unknown_keys(keys, known, of)
+
+
+_NAMESAKE: Final = 0.9
+"""Similarity from which a key was hardly meant as it stands, such as controller for controllers."""
 
 _KEY_OF_OPTION: Final = {
     key.flag.strip("-").replace("-", "_"): name

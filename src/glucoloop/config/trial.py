@@ -26,6 +26,7 @@ from glucoloop.config.run import (
     parts_told,
     read_case,
     refuse_impossible,
+    refuse_unknown_beside,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
@@ -34,7 +35,6 @@ from glucoloop.patients.population import Population, populations_of
 from glucoloop.registry.clock_text import time_of_day_text
 from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.settings import refuse_unknown_keys
 from glucoloop.units import MIN_PER_DAY
 
 _LENGTHS: Final = ("days", "duration_min")
@@ -177,7 +177,7 @@ def _own_case_keys(controllers: Sequence[str]) -> list[str]:
 
 def _refuse_unknown(keys: Mapping[str, object], controllers: Sequence[str]) -> None:
     known = [*trial_key_names(), *(key for key in _own_case_keys(controllers) if key != "controller")]
-    refuse_unknown_keys(keys, known, " of a trial")
+    refuse_unknown_beside(keys, known, " of a trial")
 
 
 def _population(told: object, name: str, patient: str) -> Population:

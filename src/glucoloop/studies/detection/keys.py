@@ -7,11 +7,10 @@ from typing import Any
 
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
-from glucoloop.config.run import controllers_of
+from glucoloop.config.run import controllers_of, refuse_unknown_beside
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.controllers import ESTIMATING
-from glucoloop.registry.settings import refuse_unknown_keys
 from glucoloop.studies.detection.detection import Detection, check_estimators
 from glucoloop.studies.detection.options import NO_SITUATION, TAKEN, USUAL, USUAL_DAYS, DetectionKeys
 
@@ -87,4 +86,4 @@ def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None)
     if NO_SITUATION in keys:
         called = (names or {}).get(NO_SITUATION, NO_SITUATION)
         raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")
-    refuse_unknown_keys(keys, known, " of a test of estimators")
+    refuse_unknown_beside(keys, known, " of a test of estimators")

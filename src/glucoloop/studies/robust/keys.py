@@ -8,12 +8,12 @@ from typing import Any, Final
 
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
-from glucoloop.config.run import Run, read_run
+from glucoloop.config.run import Run, read_run, refuse_unknown_beside
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.case import Case
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.ranges import Tuned, parse_range
-from glucoloop.registry.settings import known_names, refuse_unknown_keys
+from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
@@ -73,7 +73,7 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
         For a key that is unknown, wrong or at odds with another.
     """
     known, called = robust_key_names(), {key: (names or {}).get(key, key) for key in keys}
-    refuse_unknown_keys(keys, known, " of a search")
+    refuse_unknown_beside(keys, known, " of a search")
     own = checked(RobustKeys, own_keys(keys, RobustKeys), names)
     far = checked(HowFar, own_keys(keys, HowFar), names)
     if len(own.objectives) != 2:
