@@ -130,6 +130,15 @@ def test_what_is_zero_for_everybody_has_no_filled_band(report, make_case):
     assert page.count('data-kind="band"') == 2  # those of glucose
 
 
+def test_what_is_the_same_for_everybody_has_no_axis(report, make_case):
+    edges = np.linspace(0.0, 1.0, 61)
+    same = MetricDistribution(edges, np.histogram(np.full(400, 0.511), edges)[0], 0.511, 0.511, 0.511)
+    cases = {"one": dataclasses.replace(make_case(10.0), metric_counts={"undershoot_mg_dl": same})}
+    page = trial_page(dataclasses.replace(report, cases=cases))
+    assert page.count("the same for everybody") == 1
+    assert 'class="outline"' not in page
+
+
 def test_the_grid_shows_everybody_once(page, report):
     for grid, case in zip(page.split('<div class="cvga">')[1:], report.cases.values(), strict=True):
         cells = re.findall(r"M(\d+) (\d+)h1v1h-1z", grid.partition("</svg>")[0])

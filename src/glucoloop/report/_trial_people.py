@@ -86,21 +86,34 @@ def distribution_picture(report: TrialReport, metric: str) -> str:
     first, last = (int(occupied[0]), int(occupied[-1])) if occupied.size else (0, edges.size - 2)
     shown = slice(first, last + 1)
     span = (float(edges[first]), float(edges[last + 1]))
+    alike = first == last and all(told.text(part.p5) == told.text(part.p95) for part in of_all.values())
     rows = "".join(
-        _row(told, label, part, np.asarray(part.counts, float)[shown], edges[first : last + 2], index)
+        _row(told, label, part, np.asarray(part.counts, float)[shown], edges[first : last + 2], index, alike=alike)
         for index, (label, part) in enumerate(of_all.items())
     )
+    unit = f'<p class="time-unit">{html.escape(told.unit)}</p>'
     if all(map(_all_zero, of_all.values())):
         return rows
+    if alike:
+        return f"{rows}{unit}"
     ticks = "".join(
         f'<span style="left: {100.0 * (tick - span[0]) / (span[1] - span[0]):.4g}%">{tick:g}</span>'
         for tick in nice_ticks(*span, 5)
     )
-    return f'{rows}<div class="below" aria-hidden="true">{ticks}</div><p class="time-unit">{html.escape(told.unit)}</p>'
+    return f'{rows}<div class="below" aria-hidden="true">{ticks}</div>{unit}'
 
 
-def _row(told: Result, label: str, part: MetricDistribution, counts: np.ndarray, edges: np.ndarray, index: int) -> str:
-    """One controller: its name and numbers, and the shares of the people as an outline."""
+def _row(
+    told: Result,
+    label: str,
+    part: MetricDistribution,
+    counts: np.ndarray,
+    edges: np.ndarray,
+    index: int,
+    *,
+    alike: bool,
+) -> str:
+    """One controller: its name and numbers, and the shares of the people as an outline unless all are alike."""
     numbers = _in_unit(told, f"<b>{told.text(part.median)}</b> ({told.text(part.p5)} – {told.text(part.p95)})", part)
     head = (
         f'<div class="row"><span><span class="chip" style="background: {colour(index)}"></span>{html.escape(label)}'
@@ -111,6 +124,8 @@ def _row(told: Result, label: str, part: MetricDistribution, counts: np.ndarray,
     people = counts.sum()
     if not people:
         return head
+    if alike:
+        return f'{head}<p class="none">the same for everybody</p>'
     x = np.rint(_WIDTH * (edges - edges[0]) / (edges[-1] - edges[0])).astype(int)
     height = np.rint(_HEIGHT * (1.0 - 0.95 * np.sqrt(counts / counts.max()))).astype(int)
     steps = "".join(f"V{y}H{right}" for y, right in zip(height.tolist(), x[1:].tolist(), strict=True))

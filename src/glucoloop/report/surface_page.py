@@ -221,6 +221,7 @@ i.breaks, i.oscillates { background-color: #9bbf6a; }
 td.refused, i.refused, td.not-tried { background: radial-gradient(#555 1px, #bbb 1.5px) 0 0 / 6px 6px; }
 td.impossible, i.impossible { background: rgba(128, 128, 128, 0.2); }
 .list td, .list th { padding-right: 1.1rem; }
+.list td { white-space: nowrap; }
 .list tr.printed td { font-weight: 600; }
 @media (max-width: 44rem) { /* colours alone; the numbers are in the list below */
   .cells { width: 100%; table-layout: fixed; }
