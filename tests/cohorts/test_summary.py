@@ -76,6 +76,26 @@ def test_metrics_are_those_of_all_people(cases, summary):
             assert told == pytest.approx(expected, rel=1e-12)
 
 
+def test_a_metric_that_some_people_do_not_have_is_summarised_over_those_who_have_it(cases):
+    first_low = np.where(cases["mpc"].metrics["minimum_mg_dl"] < 60.0, cases["mpc"].metrics["sse"], np.nan)
+    nobody = np.full(PEOPLE, np.nan)
+    people = dataclasses.replace(
+        cases["mpc"], metrics={**cases["mpc"].metrics, "first_low_min": first_low, "never_min": nobody}
+    )
+    told = summarise_people(dealt({"mpc": people}, 700), max_insulin_mU_min=66.9).cases["mpc"].metrics
+    having = first_low[np.isfinite(first_low)]
+    assert told["first_low_min"] == pytest.approx(
+        {
+            "mean": having.mean(), "sd": having.std(ddof=1), "min": having.min(), "max": having.max(),
+            **{f"p{p}": np.percentile(having, p) for p in (1, 5, 25, 75, 95, 99)}, "median": np.median(having),
+            "people": having.size,
+        },
+        rel=1e-12,
+    )  # fmt: skip
+    assert told["never_min"].pop("people") == 0
+    assert np.isnan(list(told["never_min"].values())).all()
+
+
 def test_who_is_not_able_and_who_is_beyond_the_pump_are_named(cases, summary):
     people = cases["mpc"]
     assert summary.people == PEOPLE

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.cohorts.order_statistics import Floats, Moments, quantiles
+from glucoloop.cohorts.order_statistics import Floats, Moments, finite, quantiles
 from glucoloop.cohorts.people import PeopleRows, Shards
 from glucoloop.metrics.control_variability import CELLS, grid_counts
 
@@ -59,8 +59,8 @@ class CaseSummary:
     """Results of one controller."""
 
     metrics: Mapping[str, Mapping[str, float]]
-    """Statistics of each metric: mean, sd, min, p1 to p99, max and count; for one that is 0 or 1, the count of each and
-    the share.
+    """Statistics of each metric: mean, sd, min, p1 to p99 and max, and the number of people where some have no value;
+    for one that is 0 or 1, the number of people with 1, and their share.
     """
     ever_below: Mapping[int, Mapping[str, float]]
     """Number and share of people who were ever below a glucose, by that glucose [mg/dl]."""
@@ -144,7 +144,7 @@ class _Case:
         self.not_finite.add(people.person[people.feasible & ~whole])
         self.below_validity.add(people.person[whole & people.below_validity])
         for moment, values in zip(self.moments, columns(people), strict=True):
-            moment.add(values)
+            moment.add(finite(values))
         minimum = people.metrics["minimum_mg_dl"][whole]
         self.cvga += grid_counts(minimum, people.metrics["peak_mg_dl"][whole])
         for limit in LOW_MG_DL:
@@ -157,7 +157,7 @@ class _Case:
         feasible = self.moments[0].count
         return CaseSummary(
             metrics={
-                name: _share(moment) if name in self.yes_or_no else _spread(moment, values)
+                name: _share(moment) if name in self.yes_or_no else _spread(moment, values, feasible)
                 for name, moment, values in zip(self.names, self.moments, found.tolist(), strict=True)
             },
             ever_below={limit: _of(count, feasible) for limit, count in self.ever_below.items()},
@@ -277,7 +277,7 @@ def _share(moment: Moments) -> dict[str, float]:
     return _of(round(moment.mean * moment.count), moment.count)
 
 
-def _spread(moment: Moments, values: Sequence[float]) -> dict[str, float]:
+def _spread(moment: Moments, values: Sequence[float], people: int) -> dict[str, float]:
     nobody = not moment.count
     nan = float("nan")
     return {
@@ -286,4 +286,5 @@ def _spread(moment: Moments, values: Sequence[float]) -> dict[str, float]:
         "min": nan if nobody else moment.least,
         **dict(zip(QUANTILES, values, strict=True)),
         "max": nan if nobody else moment.greatest,
+        **({} if moment.count == people else {"people": moment.count}),
     }
