@@ -32,6 +32,12 @@ def test_a_person_counts_the_same_whoever_else_is_drawn_and_however_many_days_fo
     assert not np.array_equal(some, counted([50.0, 60.0, 70.0], [17, 3], seed=8))
 
 
+def test_who_eats_nothing_counts_nothing():
+    assert counted_meals((), 7, error_pct=30.0, bias_pct=0.0) == ()
+    run = read_run({"meals": [], "announce_meals": True, "carb_error_pct": 30.0})
+    assert run.situation.scenario().meals == ()
+
+
 def test_nothing_impossible_is_announced():
     told = counted([900.0, 5.0], error_pct=100.0)
     assert told.min() == 0.0

@@ -58,7 +58,7 @@ def counted_meals(meals: Sequence[Meal], seed: int, *, error_pct: float, bias_pc
         As for `counted_g`.
     """
     ordered = in_order(meals)
-    eaten = np.array([[meal.carbs_g] for meal in ordered])
+    eaten = np.array([meal.carbs_g for meal in ordered])[:, None]
     told = counted_g(
         eaten, seed, np.zeros(1, int), error_pct=error_pct, bias_pct=bias_pct, meals_a_day=max(1, len(ordered))
     )
