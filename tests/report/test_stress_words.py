@@ -8,9 +8,11 @@ import pytest
 
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
+from glucoloop.studies.stress import results
 from glucoloop.studies.stress._cells import SHADES, UNKNOWN, shade_of, short_mg_dl, short_pct
 from glucoloop.studies.stress._grid import grid_of
-from glucoloop.studies.stress._words import numbers_told, verdict
+from glucoloop.studies.stress._words import left_out, numbers_told, verdict
+from glucoloop.studies.stress.page import stress_page
 from glucoloop.studies.stress.stress import STANDARD_FAULTS
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
@@ -184,6 +186,33 @@ def test_cells_in_which_nobody_took_part_do_not_count_as_standing(make_stress, m
         "time more below 60 mg/dl than without the fault. Without the guard, 1 of 1 stand. Nobody could take "
         "part in 1 more."
     )
+
+
+def test_who_took_no_part_is_told(make_stress):
+    result = make_stress(["imc"], [STUCK], able=40, infeasible=3)
+    told = "Of 43 people 3 have no basal rate for the setpoint and took no part."
+    assert left_out(result) == [told]
+    assert told in stress_page(result)
+    assert next(results.verdict(result)) == told
+    assert left_out(make_stress(["imc"], [STUCK])) == []
+
+
+def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
+    result = make_stress(["imc"], [STUCK, DRIFT], able=40)
+    rows = tuple(dataclasses.replace(row, people=38) if row.tried.fault == DRIFT else row for row in result.rows)
+    assert left_out(dataclasses.replace(result, rows=rows)) == [
+        "In 2 of 6 cells glucose did not stay finite, there or without the fault, at most of 2 of 40 people "
+        f"(imc | {DRIFT}); nothing is known of them there."
+    ]
+
+
+def test_nothing_is_concluded_from_cells_in_which_nobody_took_part(make_stress):
+    result = make_stress(["imc"], [STUCK], able=0, infeasible=40)
+    empty = {"people": 0, "below_60_mean_pct": math.nan, "below_60_worst_pct": math.nan, "worst_more_pct": 0.0}
+    rows = tuple(dataclasses.replace(row, **empty) for row in result.rows)
+    result = dataclasses.replace(result, rows=rows)
+    assert list(results.verdict(result)) == ["Of 40 people 40 have no basal rate for the setpoint and took no part."]
+    assert not any("In none is the mean time" in told for told in verdict(grid_of(result)))
 
 
 def test_a_test_without_faults_says_so(make_stress):

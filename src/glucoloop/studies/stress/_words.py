@@ -7,7 +7,7 @@ from typing import Final
 
 from glucoloop.studies.stress._cells import short_mg_dl, short_pct
 from glucoloop.studies.stress._grid import Grid
-from glucoloop.studies.stress.stress import MOST_MORE_PCT, MOST_NAMED, NO_FAULT, StressRow
+from glucoloop.studies.stress.stress import MOST_MORE_PCT, MOST_NAMED, NO_FAULT, StressResult, StressRow
 
 _MOST_LISTED: Final = 5
 
@@ -17,6 +17,24 @@ def verdict(grid: Grid) -> list[str]:
     if not grid.faults[1:]:
         return ["No fault was tried.", *_without_a_fault(grid)]
     return [*_standing(grid), *_failing(grid), *_harm_of_the_guard(grid), *_without_a_fault(grid)]
+
+
+def left_out(result: StressResult) -> list[str]:
+    """Sentences on people who are in no row, or not in all."""
+    told, able = [], max(row.people for row in result.rows) if result.able is None else result.able
+    if result.infeasible:
+        told.append(
+            f"Of {people_told(result.infeasible + able)} {result.infeasible} "
+            f"{'has' if result.infeasible == 1 else 'have'} no basal rate for the setpoint and took no part."
+        )
+    lost = [row for row in result.rows if row.people < able]
+    if lost:
+        most = min(lost, key=lambda row: row.people)
+        told.append(
+            f"In {len(lost)} of {len(result.rows)} cells glucose did not stay finite, there or without the fault, at "
+            f"most of {able - most.people} of {people_told(able)} ({most.tried.label}); nothing is known of them there."
+        )
+    return told
 
 
 def people_told(people: int) -> str:
@@ -80,6 +98,9 @@ def _harm_of_the_guard(grid: Grid) -> list[str]:
     if len(grid.guards) < 2:
         return []
     pairs = [grid.pair(controller, fault) for controller in grid.controllers for fault in grid.faults]
+    pairs = [pair for pair in pairs if all(row.people for row in pair)]
+    if not pairs:
+        return []
     longer = [(row.below_60_mean_pct - bare.below_60_mean_pct, row) for bare, row in pairs]
     longer = [(difference, row) for difference, row in longer if difference > 0.0]
     if not longer:

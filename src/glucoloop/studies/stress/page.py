@@ -12,7 +12,7 @@ from glucoloop.report.fault_words import settings_in_words, when_in_words
 from glucoloop.studies.stress._cells import QUANTITIES, Shade, grouped, legend_shades, shade_of, short_pct
 from glucoloop.studies.stress._grid import GUARDS, Grid, grid_of, people_of
 from glucoloop.studies.stress._style import STYLE
-from glucoloop.studies.stress._words import failing, numbers_told, verdict, worse_told
+from glucoloop.studies.stress._words import failing, left_out, numbers_told, verdict, worse_told
 from glucoloop.studies.stress.stress import MOST_MORE_PCT, StressResult, StressRow
 
 _FILES: Final = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
@@ -44,7 +44,7 @@ def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
     grid = grid_of(result)
     sections = [
         _lead(result, grid),
-        section("What stands and what does not", "", _paragraphs(verdict(grid)), "verdict"),
+        section("What stands and what does not", "", _paragraphs([*left_out(result), *verdict(grid)]), "verdict"),
         _map(grid),
         _why(result, grid),
         _all(grid),

@@ -15,6 +15,7 @@ from glucoloop.storage.resumable import Work
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 from glucoloop.storage.trials.folder import TrialFolder
+from glucoloop.studies.stress._words import left_out
 from glucoloop.studies.stress.figure import plot_stress
 from glucoloop.studies.stress.keys import StressTest
 from glucoloop.studies.stress.page import stress_page
@@ -35,7 +36,8 @@ def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
     """Results of a test whose shards are done."""
     rows = stress_rows(asked.stress, folder.people())
     prepared = prepare(asked.stress.trial)
-    return _result(asked, rows, [reason_of(prepared, row) for row in rows if row.tried.guarded and not row.stands])
+    reasons = [reason_of(prepared, row) for row in rows if row.tried.guarded and not row.stands]
+    return _result(asked, folder, rows, reasons)
 
 
 def told_before(asked: StressTest, folder: TrialFolder) -> StressResult:
@@ -50,16 +52,22 @@ def told_before(asked: StressTest, folder: TrialFolder) -> StressResult:
         )
         for of in folder.summary()["reasons"]
     ]
-    return _result(asked, rows, reasons)
+    return _result(asked, folder, rows, reasons)
 
 
-def _result(asked: StressTest, rows: Sequence[StressRow], reasons: Sequence[Reason]) -> StressResult:
+def _result(
+    asked: StressTest, folder: TrialFolder, rows: Sequence[StressRow], reasons: Sequence[Reason]
+) -> StressResult:
+    # who has a basal rate does not depend on the cell
+    able = sum(int(next(iter(shard.values())).feasible.sum()) for shard in folder.people())
     return StressResult(
         rows=tuple(rows),
         reasons=tuple(reasons),
         facts={**controllers_facts(asked.base.cases), **trial_facts(asked.base)},
         repeat="stress --config stress.toml",
         keys=asked.keys(),
+        able=able,
+        infeasible=asked.base.people - able,
     )
 
 
@@ -79,6 +87,7 @@ def summary_of(result: StressResult) -> dict[str, Any]:
     """Plain values for JSON."""
     return {
         "facts": dict(result.facts),
+        **({} if result.able is None else {"people": result.able + result.infeasible, "able": result.able}),
         "rows": [{**_flat(row), "worse": list(row.worse)} for row in result.rows],
         "reasons": [
             {
@@ -103,7 +112,8 @@ def _flat(row: StressRow) -> Mapping[str, Any]:
 
 def verdict(result: StressResult) -> Iterator[str]:
     """Sentences on the people for whom a fault did more harm than allowed with the guard, and the reasons."""
-    guarded = [row for row in result.rows if row.tried.guarded and row.tried.fault]
+    yield from left_out(result)
+    guarded = [row for row in result.rows if row.tried.guarded and row.tried.fault and row.people]
     if not guarded:
         return
     broken = [row for row in guarded if not row.stands]

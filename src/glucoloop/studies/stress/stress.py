@@ -260,3 +260,7 @@ class StressResult:
     """Command that repeats the test from its folder, without the name of the program."""
     keys: Mapping[str, Any] = field(default_factory=dict)
     """Configuration of the test."""
+    able: int | None = None
+    """Number of people with a basal rate; by default all of them are in a row."""
+    infeasible: int = 0
+    """Number of people without a basal rate, who are in no row."""
