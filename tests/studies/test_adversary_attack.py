@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
+from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
 from glucoloop.studies.adversary.attack import Attack
@@ -55,6 +56,18 @@ def test_it_is_the_loop_of_simulate(attack, pid, space):
     np.testing.assert_allclose(lane.insulin_mU_min, trace.insulin_mU_min, atol=0.05)
     assert (lane.status == np.asarray(trace.status)).mean() > 0.9
     assert harm.lowest_mg_dl[0] == pytest.approx(float(jnp.min(trace.fine_glucose_mg_dl)), abs=0.05)
+
+
+def test_carbohydrate_is_announced_as_people_count_it():
+    keys = {"controllers": ["basal-bolus"], "guards": "without", "duration_min": 120.0, "people": 3, "seed": 5}
+    told = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -20.0}
+    ((trial, (cell, *_)),) = read_adversary({**keys, **told, "errors_pct": [10.0]}).groups()
+    attack = Attack(trial, controller_of(trial, trial.cases[0]), cell.space, lanes=4)
+    none, never = np.zeros((trial.samples, 3)), np.full((cell.space.stretches, 3), float(trial.samples))
+    found = attack.on_people(np.arange(3), none, never)
+    tried = run_people(prepare(trial), "basal-bolus", np.arange(3)).metrics
+    np.testing.assert_allclose(found.lowest_mg_dl, tried["minimum_mg_dl"], atol=1e-6)
+    np.testing.assert_allclose(found.peak_mg_dl, tried["peak_mg_dl"], atol=1e-6)
 
 
 def test_a_sequence_does_the_same_whichever_others_are_tried_beside_it(attack, space):

@@ -13,12 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
+from glucoloop.cohorts.engine import announced_to
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import eaten
+from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.sensors.erring import erring
 from glucoloop.simulation.closed_loop import sample_grid
@@ -141,6 +143,7 @@ class Attack:
             self._grid,
             _Fold(point_min=trial.sample_time_min / len(self._grid.inside_min)),
             meals=eaten(trial.plan.nominal()),
+            own_announcements=trial.miscounts,
             own=with_basal_of_each(controller),
             around=Surroundings(sensor=self._sensor, pump=around.pump),
             varied=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
@@ -232,7 +235,13 @@ class Attack:
         with one_at_a_time:
             people, around = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
             key = keys_of_people(self._trial.seed, people.draw.person)
-        return self._loop.run(people, key, around=around, threads=os.cpu_count() or 1)
+            told = self._announced_to(people.draw.person)
+        return self._loop.run(people, key, around=around, announced_g=told, threads=os.cpu_count() or 1)
+
+    def _announced_to(self, person: Array) -> Array | None:
+        """Carbohydrate as each person counts it; None where nobody miscounts."""
+        trial = self._trial
+        return announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
         own = dataclasses.replace(self._sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
