@@ -98,3 +98,25 @@ def test_comparison_tells_the_distance_to_the_bound(glucoloop, tmp_path):
     told = glucoloop("compare", "--config", "c/compare.toml").out
     row = next(line for line in told.splitlines() if "Distance to the bound" in line).split()
     assert row[4:6] == [f"{bound['distances'][label]['distance_mg_dl']:.2f}" for label in ("basal", "idle")]
+
+
+@pytest.mark.long
+def test_a_controller_that_gives_boluses_has_no_distance_to_a_bound_of_rates(glucoloop):
+    cases = ("--case", "basal-bolus", "--case", "basal", "--announce-meals")
+    arguments = ("compare", "--bound", "--patient", "hovorka-2004", "--meal", "80g@60min", "--duration", 300)
+    answer = glucoloop(*arguments, *cases, "--json")
+    bound = answer.json["bound"]
+    # a bolus at the meal does better than any rates within the pump's limits
+    assert answer.json["cases"]["basal-bolus"]["metrics"]["overshoot_mg_dl"] < bound["deviation_mg_dl"] - 20.0
+    assert list(bound["distances"]) == ["basal"]
+    assert "basal-bolus gave boluses" in answer.err
+    row = next(line for line in glucoloop(*arguments, *cases).out.splitlines() if "Distance to the bound" in line)
+    assert row.split()[4:6] == ["n/a", f"{bound['distances']['basal']['distance_mg_dl']:.2f}"]
+
+
+@pytest.mark.long
+def test_a_bound_of_rates_says_that_boluses_may_do_better(glucoloop):
+    told = "without boluses"
+    asked = ("bound", "--duration", 120, "--meal", "20g@30min", "--known-after", 10)
+    assert told in glucoloop(*asked, "--patient", "hovorka-2004").out
+    assert told not in glucoloop(*asked).out

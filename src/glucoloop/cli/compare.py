@@ -164,7 +164,16 @@ def _report(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None) -> dict
 def _distances(outcomes: Mapping[str, Outcome], bound: OptimalDoses) -> dict[str, Distance]:
     from glucoloop.bounds import distance_to_bound
 
-    return {label: distance_to_bound(outcome.trace.fine_glucose_mg_dl, bound) for label, outcome in outcomes.items()}
+    return {
+        label: distance_to_bound(outcome.trace.fine_glucose_mg_dl, bound)
+        for label, outcome in outcomes.items()
+        if not _gave_boluses(outcome)
+    }
+
+
+def _gave_boluses(outcome: Outcome) -> bool:
+    """Whether there was a bolus, which the bound does not know: it is that of rates within the pump's limits."""
+    return outcome.trace.bolus_mU is not None and bool((outcome.trace.bolus_mU > 0.0).any())
 
 
 def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: Output, files: dict[str, str]) -> None:
@@ -174,6 +183,12 @@ def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: O
             f"The bound is that of a controller that knows each meal {_known(bound.known_after_min)}, the patient "
             f"and the "
             f"pump's limits{'' if bound.converged else '; it did not converge, so it is not a bound'}.",
+            *(
+                f"{label} gave boluses. The bound is of rates alone, so it does not hold for {label}, which has no "
+                "distance from it."
+                for label, outcome in outcomes.items()
+                if _gave_boluses(outcome)
+            ),
             *(["A controller that prepares for a likely meal could do better."] if len(_meals(outcomes)) > 1 else []),
         )
     from glucoloop.report import comparison_table

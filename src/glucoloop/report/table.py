@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from glucoloop.bounds import Distance
 from glucoloop.metrics import Metrics
+from glucoloop.registry.metrics import NOT_AVAILABLE
 from glucoloop.report.rows import metric_rows
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     metrics : mapping of str to Metrics
         Metrics of one person each, by label.
     distances : mapping of str to Distance, optional
-        Distances to the bound of the situation, under the same labels, for a further section.
+        Distances to the bound of the situation, under the same labels, for a further section; a run for which the
+        bound does not hold has none.
 
     Returns
     -------
@@ -64,7 +66,10 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
         table.add_section()
         table.add_row(Text("Bound", "bold"))
         for name, field in rows.items():
-            table.add_row(*_cells(name, [f"{getattr(distances[label], field):z.2f}" for label in metrics], "mg/dl"))
+            values = [
+                f"{getattr(distances[label], field):z.2f}" if label in distances else NOT_AVAILABLE for label in metrics
+            ]
+            table.add_row(*_cells(name, values, "mg/dl"))
     return table
 
 

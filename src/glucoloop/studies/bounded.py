@@ -71,6 +71,11 @@ class Bounded:
                 yield f"{label}: {not_valid}"
         if self.config.dead_time_min and self.plans:
             yield f"Readings are {self.config.dead_time_min:g} min late, so each meal is known later by that time."
+        if self.config.situation().whom[0].under_the_skin:
+            yield (
+                "The doses are rates within the pump's limits, without boluses; a controller that gives boluses can do "
+                "better."
+            )
         if len(self.config.meals) > 1:
             yield (
                 "Each meal is known only after it begins; a controller that prepares for a likely meal could do better."
