@@ -215,6 +215,15 @@ def test_a_long_run_is_thinned_and_says_so(report, make_case, drawn):
     assert len(page) < 300_000
 
 
+def test_people_whose_glucose_did_not_stay_finite_are_told(report, page, reader):
+    assert "did not stay finite" not in page
+    label = next(iter(report.cases))
+    lost = dataclasses.replace(report.cases[label], not_finite=17)
+    read = reader(trial_page(dataclasses.replace(report, cases={**report.cases, label: lost})))
+    assert "Glucose did not stay finite; in no other number" in read.text["th"]
+    assert "17" in read.text["td"]
+
+
 def test_a_trial_in_which_nobody_could_be_tried_makes_a_page(report, make_case, reader):
     case = make_case(10.0)
     empty = dataclasses.replace(

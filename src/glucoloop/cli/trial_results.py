@@ -127,6 +127,7 @@ def _case_report(
         table=_headlines(summary, settling=_one_meal(trial)),
         worst=_worst(trial, label, summary, simulate),
         ever_below={limit: (int(of["people"]), float(of["share_pct"])) for limit, of in summary.ever_below.items()},
+        not_finite=summary.not_finite.count,
     )
 
 

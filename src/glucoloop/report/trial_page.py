@@ -99,6 +99,9 @@ def _harm(report: TrialReport) -> str:
         for limit in limits
     ]
     rows.append(["Lowest glucose of all", *(_lowest(case) for case in report.cases.values())])
+    if any(case.not_finite for case in report.cases.values()):
+        cells = (count(case.not_finite) if case.not_finite else "nobody" for case in report.cases.values())
+        rows.append(["Glucose did not stay finite; in no other number", *cells])
     table = _page.table(["People", *_names(report)], rows, kind="headlines")
     return _page.section("Who was harmed", "", scrolling(table, "People with low glucose"))
 

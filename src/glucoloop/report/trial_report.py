@@ -80,6 +80,8 @@ class CaseReport:
     """People with the worst outcomes, the worst first."""
     ever_below: Mapping[int, tuple[int, float]] = field(default_factory=dict)
     """Number of people, and their share in percent, who were ever below a glucose, by that glucose [mg/dl]."""
+    not_finite: int = 0
+    """Number of people whose glucose or insulin did not stay finite; they are in none of the other numbers."""
 
 
 @dataclass(frozen=True)
