@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from glucoloop.cli.request import file_keys, with_lists
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
+from glucoloop.registry.plugins import added
 from glucoloop.registry.settings import About, settings_record
 from glucoloop.studies.detection.keys import detection_keys
 
@@ -188,3 +190,21 @@ def test_every_command_takes_it(outside, glucoloop, command):
     answer = glucoloop(command, *COMMANDS[command], *folder, "--controller", NAME)
     # it leaves the pump's limits to the pump, and verify finds that: the promise about what is asked for is broken
     assert answer.code == (1 if command == "verify" else 0), answer.err
+
+
+def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, outside):
+    asked = ("trial", "--people", 2, "--controller", NAME, *SHORT, "--out", "people")
+    assert glucoloop(*asked).code == 0
+    before = glucoloop(*asked)
+    assert "was computed with code of" not in before.out
+    _edit(outside / "your_own_controller.py")
+    assert "people was computed with code of your_own_controller " in glucoloop(*asked).err
+    # unfinished, it would mix what two versions of the code computed
+    (outside / "people" / "SHA256SUMS").unlink()
+    assert refused(*asked).startswith("people was computed with code of your_own_controller ")
+
+
+def _edit(module):
+    module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
+    sys.modules.pop(module.stem)
+    added.cache_clear()

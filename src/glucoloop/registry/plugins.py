@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import importlib
 import importlib.metadata
 import sys
@@ -61,6 +62,33 @@ class Catalogue(dict[str, E]):
         return [*self, *added_names(self._group)]
 
 
+_CODE: dict[str, tuple[str, str]] = {}
+"""Package or module of each part that was found elsewhere, and the digest of its code, by the name of the part."""
+
+
+def code_of(names: Iterable[str]) -> dict[str, str]:
+    """Digests of the code of other packages from which parts of these names were loaded; other names are left out."""
+    found = dict(_CODE[name] for name in names if name in _CODE)
+    return {f"code of {package}": digest for package, digest in sorted(found.items())}
+
+
+def _note_code(name: str, value: str) -> None:
+    """Note the code of a part as it was when it was loaded: all files of its package, or the file of its module."""
+    package = value.partition(":")[0].partition(".")[0]
+    module = sys.modules.get(package)
+    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
+    alone = getattr(module, "__file__", None)
+    files = [file for folder in folders for file in sorted(folder.rglob("*.py"))] or ([Path(alone)] if alone else [])
+    digest = hashlib.sha256()
+    try:
+        for file in files:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    except OSError:
+        return
+    if files:
+        _CODE[name] = package, digest.hexdigest()[:16]
+
+
 def added_names(group: str) -> list[str]:
     """Names that installed packages add to a group; the packages are not imported."""
     return sorted(point.name for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"))
@@ -89,10 +117,14 @@ def added(group: str, name: str, kind: type) -> Any | None:
     """
     for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"):
         if point.name == name:
-            return _of_kind(loaded(point.value), point.value, kind)
-    if ":" in name:
-        return _of_kind(loaded(name), name, kind)
-    return None
+            return _found(name, point.value, kind)
+    return _found(name, name, kind) if ":" in name else None
+
+
+def _found(name: str, value: str, kind: type) -> Any:
+    found = _of_kind(loaded(value), value, kind)
+    _note_code(name, value)
+    return found
 
 
 def loaded(value: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeGuard
@@ -10,6 +10,7 @@ from typing import Any, Final, TypeGuard
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.config.cases import CASES_KEY
+from glucoloop.registry.plugins import code_of
 from glucoloop.storage.strict_json import json_text
 
 ARITHMETIC: Final = "arithmetic.json"
@@ -31,12 +32,25 @@ class Origin:
     def here(config: Mapping[str, Any]) -> Origin:
         """Origin of work that begins now."""
         given = {key: value for key, value in config.items() if value is not None}
-        return Origin(glucoloop.__version__, given, arithmetic.identity())
+        return Origin(glucoloop.__version__, given, {**arithmetic.identity(), **outside_code(given)})
 
     def without(self, keys: frozenset[str]) -> Origin:
         """Origin without some keys of the configuration."""
         left = {key: value for key, value in self.config.items() if key not in keys}
         return Origin(self.version, left, self.arithmetic)
+
+
+def outside_code(config: object) -> dict[str, str]:
+    """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
+    return code_of(text.partition(",")[0].strip() for text in _texts(config))
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(inner)
 
 
 def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:

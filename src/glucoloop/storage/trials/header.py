@@ -17,7 +17,7 @@ from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.origin import Origin
+from glucoloop.storage.origin import Origin, outside_code
 from glucoloop.storage.strict_json import json_text
 
 HEADER: Final = "trial.json"
@@ -52,7 +52,8 @@ def _version_of_tables() -> str:
 
 def header_of(trial: Trial) -> Header:
     """The header of a trial that begins now."""
-    here = arithmetic.identity()
+    config = {key: value for key, value in trial_keys(trial).items() if value is not None}
+    here = {**arithmetic.identity(), **outside_code(config)}
     libraries = {name: here[name] for name in arithmetic.LIBRARIES}
     return Header(
         version=glucoloop.__version__,
@@ -61,7 +62,7 @@ def header_of(trial: Trial) -> Header:
         shards=trial.shards,
         libraries={**libraries, _TABLES: _version_of_tables()},
         arithmetic={name: value for name, value in here.items() if name not in libraries},
-        config={key: value for key, value in trial_keys(trial).items() if value is not None},
+        config=config,
     )
 
 
