@@ -60,7 +60,7 @@ export function some(lab, situation, first, count) {
   const people = peopleOf(lab, situation.patient);
   const loop = new LoopOfVector(lab, situation);
   for (let begin = 0; begin < count; begin += lanes) {
-    const vector = people(first + begin);
+    const vector = people.from(first + begin);
     const present = vector.map(rests);
     if (!present.includes(true)) continue;
     loop.begin(

@@ -12,76 +12,83 @@ import { uniform } from "./threefry.mjs";
 /** @typedef {import("./lab.mjs").Lab} Lab */
 /** @typedef {import("./stage.mjs").Body} Body */
 
-/** The people of a page by the patient around whom they are drawn. @type {WeakMap<Lab, Map<string, (first: number) => Body[]>>} */
-const known = new WeakMap();
+/** The people around a patient, at rest, a vector of them at a time; each is made once. Who has no basal rate has NaN for it. */
+class People {
+  /** @param {Lab} lab @param {string} patient that has people */
+  constructor(lab, patient) {
+    this.lab = lab;
+    this.patient = patient;
+    this.nominal = lab.data.patients[patient];
+    this.of = lab.data.people[this.nominal.family];
+    this.draw = lab.stage("draw");
+    /** What follows from the parameters of a person. */
+    this.stage = lab.stage(functionOf(this.nominal.family, "person"));
+    this.outputs = this.stage.fields.outputs;
+    /** Numbers of each distribution, in the order in which a draw takes them. */
+    this.distributions = this.of.parameters.map(({ distribution }) => Object.keys(this.draw.fields.shared).map((name) => distribution[name]));
+    /** What brings people to rest whose function does not. @type {Rest | undefined} made when somebody is asked for */
+    this.rest = undefined;
+    /** @type {Map<number, Body[]>} */
+    this.made = new Map();
+  }
 
-/**
- * The people around a patient, at rest; each is made once. Who has no basal rate has NaN for it.
- * @param {Lab} lab
- * @param {string} patient that has people
- * @returns {(first: number) => Body[]} those of the vector that begins with a person
- */
-export function peopleOf(lab, patient) {
-  const of = known.get(lab) ?? new Map();
-  known.set(lab, of);
-  const found = of.get(patient) ?? drawn(lab, patient);
-  of.set(patient, found);
-  return found;
-}
+  /** The vector that begins with a person. @param {number} first @returns {Body[]} */
+  from(first) {
+    const found = this.made.get(first) ?? this.make(first);
+    this.made.set(first, found);
+    return found;
+  }
 
-/** @param {Lab} lab @param {string} patient @returns {(first: number) => Body[]} */
-function drawn(lab, patient) {
-  const { data } = lab;
-  const { lanes } = lab.kernels;
-  const nominal = data.patients[patient];
-  const of = data.people[nominal.family];
-  const draw = lab.stage("draw");
-  const stage = lab.stage(functionOf(nominal.family, "person"));
-  const { outputs } = stage.fields;
-  const size = { numbers: outputs.numbers, rates: outputs.rates, x: outputs.x, gut: nominal.gut.length };
-  const distributions = of.parameters.map(({ distribution }) => Object.keys(draw.fields.shared).map((name) => distribution[name]));
-  /** What the function of a person tells of him. @param {string} name @param {number} count @param {number} lane */
-  const told = (name, count, lane) => {
-    const at = stage.place(name, "outputs");
-    return Array.from({ length: count }, (_, i) => stage.outputs[(at + i) * lanes + lane]);
-  };
-  /** @param {number} lane @returns {Body} */
-  const begun = (lane) => {
-    const matrices = driven(told("rates", size.rates, lane), of);
-    const body = {
-      ...nominal,
-      numbers: told("numbers", size.numbers, lane),
-      gut: size.gut > 0 ? told("gut.0", size.gut, lane) : nominal.gut,
-      driven: of.driven.map((place) => matrices[place]),
-    };
-    if (size.x === undefined) return body;
-    const [basal_insulin_mU_min] = told("basal_insulin_mU_min", 1, lane);
-    const [glucose_mg_dl] = told("glucose_mg_dl", 1, lane);
-    return { ...body, basal_insulin_mU_min, glucose_mg_dl, x: told("x", size.x, lane) };
-  };
-  /** What brings people to rest whose function does not. @type {Rest | undefined} made when somebody is asked for */
-  let rest;
-  /** @param {number} first */
-  const made = (first) => {
+  /** @param {number} first @returns {Body[]} */
+  make(first) {
+    const { lab, of, draw, stage, outputs } = this;
+    const { lanes } = lab.kernels;
     of.parameters.forEach(({ word }, parameter) => {
-      draw.shared.set(distributions[parameter]);
+      draw.shared.set(this.distributions[parameter]);
       for (let lane = 0; lane < lanes; lane++) draw.own[lane] = uniform(of.seed, word, first + lane);
       draw.step();
       for (let lane = 0; lane < lanes; lane++) stage.own[parameter * lanes + lane] = draw.outputs[lane];
     });
     stage.step();
-    const people = Array.from({ length: lanes }, (_, lane) => begun(lane));
-    if (size.x !== undefined) return people;
-    rest ??= new Rest(lab, patient);
-    return rest.bring(people);
-  };
-  /** @type {Map<number, Body[]>} */
-  const kept = new Map();
-  return (first) => {
-    const found = kept.get(first) ?? made(first);
-    kept.set(first, found);
-    return found;
-  };
+    const people = Array.from({ length: lanes }, (_, lane) => this.person(lane));
+    if ("x" in outputs) return people;
+    this.rest ??= new Rest(lab, this.patient);
+    return this.rest.bring(people);
+  }
+
+  /** The person whose numbers the function gave last; of whom it finds no rest, that is the nominal patient's. @param {number} lane @returns {Body} */
+  person(lane) {
+    const { nominal, of, outputs } = this;
+    const matrices = driven(this.told("rates", outputs.rates, lane), of);
+    const body = {
+      ...nominal,
+      numbers: this.told("numbers", outputs.numbers, lane),
+      gut: nominal.gut.length > 0 ? this.told("gut.0", nominal.gut.length, lane) : nominal.gut,
+      driven: of.driven.map((place) => matrices[place]),
+    };
+    if (!("x" in outputs)) return body;
+    const [[basal_insulin_mU_min], [glucose_mg_dl]] = ["basal_insulin_mU_min", "glucose_mg_dl"].map((name) => this.told(name, 1, lane));
+    return { ...body, basal_insulin_mU_min, glucose_mg_dl, x: this.told("x", outputs.x, lane) };
+  }
+
+  /** Numbers that the function gave of a person. @param {string} name of the first @param {number} count @param {number} lane */
+  told(name, count, lane) {
+    const { stage } = this;
+    const at = stage.place(name, "outputs");
+    return Array.from({ length: count }, (_, i) => stage.outputs[(at + i) * stage.lanes + lane]);
+  }
+}
+
+/** People of a page by the patient around whom they are drawn. @type {WeakMap<Lab, Map<string, People>>} */
+const known = new WeakMap();
+
+/** The people around a patient. @param {Lab} lab @param {string} patient that has people @returns {People} */
+export function peopleOf(lab, patient) {
+  const ofLab = known.get(lab) ?? new Map();
+  known.set(lab, ofLab);
+  const found = ofLab.get(patient) ?? new People(lab, patient);
+  ofLab.set(patient, found);
+  return found;
 }
 
 /**
@@ -92,7 +99,7 @@ function drawn(lab, patient) {
  */
 export function personOf(lab, patient, person) {
   const lane = person % lab.kernels.lanes;
-  const body = peopleOf(lab, patient)(person - lane)[lane];
+  const body = peopleOf(lab, patient).from(person - lane)[lane];
   return rests(body) ? body : null;
 }
 

@@ -16,7 +16,7 @@ function draw(lab, { size, turns }) {
   const [first, ...others] = turns;
   if (first === undefined) return;
   const people = peopleOf(lab, usual(lab.data).patient);
-  for (let person = first; person < first + size; person += lab.kernels.lanes) people(person);
+  for (let person = first; person < first + size; person += lab.kernels.lanes) people.from(person);
   setTimeout(() => draw(lab, { size, turns: others }));
 }
 
