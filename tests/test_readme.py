@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 # Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
 PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 
@@ -36,7 +36,13 @@ def written():
 
 
 def test_there_are_commands_to_check():
-    assert len(written()) > 10
+    assert len(written()) > 100
+
+
+def test_a_block_after_an_included_one_is_read(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```{include} figures.md\n```\n\n```text\nglucoloop run --out DIR\n```\n", encoding="utf-8")
+    assert commands(page) == ["glucoloop run --out DIR"]
 
 
 @pytest.mark.parametrize("line", written())
@@ -47,7 +53,7 @@ def test_a_command_that_is_written_exists_with_its_options(line):
         return
     assert words[0] in program.commands, f"no such command; the known ones are: {', '.join(program.commands)}"
     command = program.commands[words[0]]
-    arguments = [word for word in words[1:] if word != "DIR"]
+    arguments = [word for word in words[1:] if word not in ("DIR", "--help")]
     if arguments:
         command.make_context(words[0], arguments)  # raises for an option that does not exist
 
