@@ -114,7 +114,7 @@ def cells_of(page):
 
 def written(command):
     """The command as it was run, without the patient."""
-    return f"glucoloop {command} {COMMANDS[command][0].replace('OUT', 'kept')}".strip()
+    return f"glucoloop {command} {COMMANDS[command][0].replace('OUT', f'{command}-kept')}".strip()
 
 
 def table(cells):
