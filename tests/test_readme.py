@@ -58,6 +58,24 @@ def test_a_command_that_is_written_exists_with_its_options(line):
         command.make_context(words[0], arguments)  # raises for an option that does not exist
 
 
+def options():
+    """Options of the commands, and those that a script of the repository names."""
+    program = typer.main.get_command(app)
+    found = {"--help"}
+    for command in [program, *program.commands.values()]:
+        for of in [command, *getattr(command, "commands", {}).values()]:
+            found |= {name for option in of.params for name in [*option.opts, *option.secondary_opts]}
+    for script in [*ROOT.glob("*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
+        found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_an_option_that_a_text_names_exists(page):
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    assert set(re.findall(r"(?<!`)`(--[a-z-]+)", text)) <= options()
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_stand_in_blocks_that_are_read_here(page):
     languages = {language for language, text in FENCE.findall(page.read_text(encoding="utf-8")) if "glucoloop " in text}
