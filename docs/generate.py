@@ -226,13 +226,18 @@ def first_sentence(thing: object) -> str:
     return text.replace("``", "`")
 
 
+def lowered(sentence: str) -> str:
+    """A sentence as a part of another one."""
+    return f"{sentence[0].lower()}{sentence[1:].removesuffix('.')}"
+
+
 def faults() -> str:
     rows = [
         [
             f"`{entry.name}`",
             entry.part,
             entry.summary,
-            "; ".join(f"`{s.name}={s.default.text}`: {s.summary[0].lower()}{s.summary[1:]}" for s in entry.settings),
+            "; ".join(f"`{s.name}={s.default.text}`: {lowered(s.summary)}" for s in entry.settings),
         ]
         for entry in FAULTS.values()
     ]

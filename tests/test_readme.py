@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -120,3 +121,11 @@ def test_links_of_the_readme_lead_to_files():
 
 def test_the_picture_is_small():
     assert (ROOT / "docs" / "first-run.png").stat().st_size < 200_000
+
+
+def test_the_layers_of_contributing_are_those_that_are_checked():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contract = settings["tool"]["importlinter"]["contracts"][0]
+    checked = [re.findall(r"\((?!_)(\w+)\)", layer) for layer in contract["layers"]]
+    [told] = [block for block in blocks(ROOT / "CONTRIBUTING.md", "") if "cli > papers" in block]
+    assert [layer.split(", ") for layer in re.split(r"\s*>\s*", told.strip())] == [layer for layer in checked if layer]
