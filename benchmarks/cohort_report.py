@@ -156,7 +156,7 @@ def _grouped(figure: float) -> str:
     if figure < 1000.0:
         return _number(figure)
     step = 10.0 ** (len(str(int(figure))) - 3)
-    return f"{round(figure / step) * step:,.0f}".replace(",", " ")
+    return f"{round(figure / step) * step:,.0f}".replace(",", "\N{NO-BREAK SPACE}")
 
 
 def _speed_table(found: dict[str, Any]) -> list[str]:
