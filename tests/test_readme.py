@@ -108,7 +108,8 @@ def test_the_example_of_the_readme_is_the_one_in_examples():
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
-def test_an_example_of_a_page_is_python_that_runs(page):
+def test_an_example_of_a_page_is_python_that_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     if page != README:
         exec(compile("\n".join(blocks(page, "python")), str(page), "exec"), {})
 
