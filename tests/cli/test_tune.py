@@ -66,6 +66,14 @@ def test_filters_of_a_controller_with_estimation(glucoloop):
     assert found["model"] is None
 
 
+def test_seeds_are_of_any_noise(glucoloop):
+    answer = glucoloop(
+        "tune", "--move-horizon", 2, "--prediction-horizon", 7, *SHORT, "--sensor", "white-noise, variance=4",
+        "--seeds", 2,
+    )  # fmt: skip
+    assert "Results are medians of 2 seeds; oscillation was judged in the run of the first." in answer.out
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [
@@ -77,7 +85,7 @@ def test_filters_of_a_controller_with_estimation(glucoloop):
         (("--controller", "mpc-se", "--reference-filter", "1"), "less than 1"),
         (("--controller", "pid"), "'pid' cannot be tuned"),
         (("--controller", "mpv"), "did you mean 'mpc'"),
-        (("--seeds", 3), "without noise all are alike"),
+        (("--seeds", 3), "without noise, another sensor or a fault all are alike"),
         (("--noise", 1, "--seeds", 0), "--seeds is 0"),
         (("--top", 0), "--top is 0"),
         (("--duration", 101), "whole number of samples"),

@@ -24,6 +24,8 @@ def test_people_trail(measured):
     np.testing.assert_array_equal(measured(glucose, inside=5).very_low_events, [0.0, 1.0])
 
 
-@pytest.mark.parametrize(("sample_time_min", "samples"), [(1.0, 15), (5.0, 3), (10.0, 2), (30.0, 1)])
+@pytest.mark.parametrize(
+    ("sample_time_min", "samples"), [(1.0, 15), (5.0, 3), (6.0, 3), (10.0, 2), (11.0, 2), (15.0, 1), (30.0, 1)]
+)
 def test_a_quarter_of_an_hour_in_samples(sample_time_min, samples):
     assert samples_in_a_row(sample_time_min) == samples

@@ -347,6 +347,19 @@ def test_full_disk_is_told_in_a_sentence(tmp_path, make_trial, pretend, monkeypa
     )
 
 
+@pytest.mark.parametrize(("reason", "mend"), [(errno.ENOSPC, "free some space and run the same"), (errno.EROFS, "")])
+def test_a_folder_that_cannot_be_made_has_a_mend(tmp_path, make_trial, pretend, monkeypatch, reason, mend):
+    def refuse(*_):
+        raise OSError(reason, os.strerror(reason))
+
+    monkeypatch.setattr("glucoloop.storage.disk.make_folders", refuse)
+    with pytest.raises(ValueError, match="cannot be written") as told:
+        run(tmp_path / "out", make_trial(), pretend)
+    assert f"{os.strerror(reason)}; {mend}" in str(told.value)
+    assert str(told.value).endswith("choose another with --out")
+    assert ("free some space" in str(told.value)) == bool(mend)
+
+
 def test_disk_that_is_too_small_for_a_shard(tmp_path, make_trial, pretend):
     """A limit of the system on the size of a file: writing fails in the middle of it."""
     import resource

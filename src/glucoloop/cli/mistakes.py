@@ -5,7 +5,6 @@ All errors of all commands pass through here, so that each kind is worded in one
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 import traceback
@@ -65,12 +64,17 @@ def interrupted(told: str | None = None) -> NoReturn:
 
 
 def _of_the_system(error: OSError) -> str | None:
+    from glucoloop.storage.disk import is_full
+
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     return _with_results(f"{where}{error.strerror}") + (
-        "; free some space or choose another place" if full else "; choose another place" if error.filename else ""
+        "; free some space or choose another place"
+        if is_full(error)
+        else "; choose another place"
+        if error.filename
+        else ""
     )
 
 

@@ -10,6 +10,7 @@ statement", Lancet Diabetes Endocrinol. 11(1), 2023: level 1 is below 70 mg/dl, 
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import jax
@@ -23,6 +24,7 @@ from glucoloop.simulation.loop import Sampled
 BOUNDS_MG_DL: Final = {"low_events": 70.0, "very_low_events": 54.0}
 """Bound of the events of each level, by the name of its result."""
 LASTING_MIN: Final = 15.0
+_ROUNDING: Final = 1e-9
 
 
 @pytree
@@ -71,7 +73,7 @@ class LowEvents(Metric):
 
 
 def samples_in_a_row(sample_time_min: jax.Array | float) -> jax.Array | float:
-    """Number of samples in 15 min, at least 1."""
+    """Least number of samples that take 15 min or longer."""
     if is_traced(sample_time_min):
-        return jnp.maximum(1.0, jnp.round(LASTING_MIN / sample_time_min))
-    return max(1.0, float(round(LASTING_MIN / float(sample_time_min))))  # native code does not round
+        return jnp.ceil(LASTING_MIN / sample_time_min - _ROUNDING)
+    return float(math.ceil(LASTING_MIN / float(sample_time_min) - _ROUNDING))  # native code does not round

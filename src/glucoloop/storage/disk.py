@@ -26,6 +26,7 @@ try:
 except ImportError:  # Windows, where nothing is locked
     fcntl = None  # type: ignore[assignment]
 
+_FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 SUMS: Final = "SHA256SUMS"
 PART: Final = ".part"
 LARGEST_BYTES: Final = 4_000_000_000
@@ -51,6 +52,11 @@ _KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
+
+
+def is_full(error: OSError) -> bool:
+    """Whether there was no space left for what was to be written."""
+    return error.errno in _FULL
 
 
 def kind(path: Path) -> str:

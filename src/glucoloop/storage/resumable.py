@@ -299,9 +299,9 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
         except OSError as error:
             stack.close()
             disk.remove_empty(made)
+            again = "free some space and run the same command again, or " if disk.is_full(error) else ""
             raise ValueError(
-                f"the output folder {path} cannot be written: {error.strerror}; "
-                "free some space and run the same command again, or choose another with --out"
+                f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
             ) from None
         try:
             yield folder

@@ -69,7 +69,8 @@ def search(
 ) -> TuningSurface:
     """Simulate the loop with every tuning of a grid, as one batch, and score each.
 
-    With noisy readings, oscillation is judged in a loop of its own without noise.
+    With noise around the sensor, oscillation is judged in a loop of its own without that noise; otherwise in the run of
+    the first seed.
 
     Parameters
     ----------

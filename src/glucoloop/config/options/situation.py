@@ -294,6 +294,11 @@ class SituationKeys:
         return self.noise_variance > 0.0
 
     @property
+    def drawn(self) -> bool:
+        """Whether runs may differ by their seeds: by noise, by another sensor, or by a fault."""
+        return self.noisy or self.sensor != USUAL_SENSOR or bool(self.faults)
+
+    @property
     def miscounts(self) -> bool:
         """Whether carbohydrate is counted with an error."""
         return self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0

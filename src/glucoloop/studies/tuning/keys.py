@@ -60,8 +60,11 @@ def read_grid_search(keys: Mapping[str, object], names: Mapping[str, str] | None
     own = checked(GridKeys, own_keys(keys, GridKeys), names)
     run = read_run({key: value for key, value in keys.items() if key not in called}, names)
     noisy = run.situation.noisy
-    if own.seeds not in (None, 1) and not noisy:
-        raise ValueError(f"{called['seeds']} is {own.seeds}, but without noise all are alike; leave it out")
+    if own.seeds not in (None, 1) and not run.situation.drawn:
+        raise ValueError(
+            f"{called['seeds']} is {own.seeds}, but without noise, another sensor or a fault all are alike; "
+            "leave it out"
+        )
     ranges = {**_usual_ranges(run), **given}
     return GridSearch(
         run=run,

@@ -44,6 +44,11 @@ class GridKeys:
 
     seeds: Annotated[
         int | None,
-        _grid("Number of runs of each tuning with noise, from --seed on.", told="5", at_least=1, at_most=MOST_SEEDS),
+        _grid(
+            "Number of runs of each tuning with noise, another sensor or a fault, from --seed on.",
+            told="5",
+            at_least=1,
+            at_most=MOST_SEEDS,
+        ),
     ] = None
     top: Annotated[int, _grid("Number of tunings in the table.", at_least=1, at_most=100_000)] = 10

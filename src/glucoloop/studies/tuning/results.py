@@ -121,6 +121,8 @@ def _notes(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
         yield f"{how_many(len(surface.refused), 'tuning has', 'tunings have')} no controller: {surface.refused[0][1]}."
     if asked.run.situation.noisy:
         yield f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without noise."
+    elif surface.seeds > 1:
+        yield f"Results are medians of {surface.seeds} seeds; oscillation was judged in the run of the first."
 
 
 def files_of(found: Searched) -> tuple[dict[str, str | bytes], str | None]:
