@@ -58,6 +58,7 @@ def test_fingerprint_is_of_everything_that_matters():
         ({"people": 0}, "a trial of 0 people is not possible; give from 1 to"),
         ({"first_person": 2**32 - 999}, "the first person is 4294966297; with 1000 people give from 0 to 4294966296"),
         ({"shard_people": 0}, "a shard of 0 people"),
+        ({"start_min": 1.5}, "a start 1.5 min after midnight is not possible; give whole minutes"),
         ({"traces": 1001}, "traces of 1001 people are not possible; give none, all, or 1 to 1000"),
         ({"cases": ()}, "a trial without a controller"),
     ],

@@ -81,6 +81,8 @@ class Trial(Situation):
             raise ValueError(f"a shard of {self.shard_people} people is not possible; give 1 or more")
         if not isinstance(self.traces, str) and not 1 <= self.traces <= self.people:
             raise ValueError(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
+        if self.start_min is not None and not float(self.start_min).is_integer():
+            raise ValueError(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
         labels = [case.label for case in self.cases]
         if not labels:
             raise ValueError("a trial without a controller is not possible; give one or more")

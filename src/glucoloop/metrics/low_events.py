@@ -24,7 +24,8 @@ from glucoloop.simulation.loop import Sampled
 BOUNDS_MG_DL: Final = {"low_events": 70.0, "very_low_events": 54.0}
 """Bound of the events of each level, by the name of its result."""
 LASTING_MIN: Final = 15.0
-_ROUNDING: Final = 1e-9
+_ROUNDING: Final = 1e-4
+"""Part of a sample by which rounding of its time, in float32 too, may make more samples of the same minutes."""
 
 
 @pytree

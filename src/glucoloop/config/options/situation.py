@@ -296,7 +296,12 @@ class SituationKeys:
     @property
     def drawn(self) -> bool:
         """Whether runs may differ by their seeds: by noise, by another sensor, or by a fault."""
-        return self.noisy or self.sensor != USUAL_SENSOR or bool(self.faults)
+        return self.noisy or self.drawn_otherwise
+
+    @property
+    def drawn_otherwise(self) -> bool:
+        """Whether something else than noise around the sensor may be drawn: its own noise, or a fault."""
+        return self.sensor != USUAL_SENSOR or bool(self.faults)
 
     @property
     def miscounts(self) -> bool:

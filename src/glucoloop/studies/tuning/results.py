@@ -120,7 +120,10 @@ def _notes(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
     if surface.refused:
         yield f"{how_many(len(surface.refused), 'tuning has', 'tunings have')} no controller: {surface.refused[0][1]}."
     if asked.run.situation.noisy:
-        yield f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without noise."
+        yield (
+            f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without "
+            f"{'the noise around the sensor' if asked.run.situation.drawn_otherwise else 'noise'}."
+        )
     elif surface.seeds > 1:
         yield f"Results are medians of {surface.seeds} seeds; oscillation was judged in the run of the first."
 
