@@ -1,5 +1,10 @@
 """``glucoloop lab`` writes the page, and nothing over another file."""
 
+import errno
+import os
+
+import pytest
+
 from glucoloop.lab.pack import page
 
 
@@ -20,3 +25,13 @@ def test_a_place_that_cannot_be_written_is_refused(refused, tmp_path):
     assert "--out is missing; name the file, like --out lab.html" in refused("lab")
     assert "is a folder; name a file in it" in refused("lab", "--out", tmp_path)
     assert f"there is no folder {tmp_path / 'absent'}" in refused("lab", "--out", tmp_path / "absent" / "lab.html")
+
+
+@pytest.mark.parametrize(("reason", "mend"), [(errno.ENOSPC, "free some space or choose"), (errno.EROFS, "choose")])
+def test_a_page_that_cannot_be_written_has_a_mend(refused, tmp_path, monkeypatch, reason, mend):
+    def refuse(*_):
+        raise OSError(reason, os.strerror(reason))
+
+    monkeypatch.setattr("glucoloop.storage.disk.put_file", refuse)
+    told = refused("lab", "--out", tmp_path / "page.html")
+    assert f"cannot be written: {os.strerror(reason)}; {mend} another place with --out" in told

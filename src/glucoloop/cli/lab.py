@@ -10,9 +10,10 @@ from glucoloop.cli.options import Given, Option, with_options
 HELP: Final = (
     "Write the laboratory as a page: one HTML file that simulates the closed loop in the browser, without a server and "
     "without the network.\n\n"
-    "Meals, controller, tuning, guard, noise and dead time are changed by hand, and the picture follows. The page has "
-    "the patient of Parker, Doyle and Peppas (1999) under PID, IMC, MPC and MPC/SE; its numbers are those of "
-    "glucoloop run within 0.02 mg/dl, and it tells the command that repeats them.\n\n"
+    "Meals, controller, tuning, guard, faults, noise and dead time are changed by hand, and the picture follows. The "
+    "page has the patients parker-1999, hovorka-2004 and wilinska-2010, and people of their populations, under PID, "
+    "IMC, MPC and MPC/SE; its numbers are those of glucoloop run within 0.02 mg/dl, and it tells the command that "
+    "repeats them.\n\n"
     "  glucoloop lab --out lab.html"
 )
 _OPTIONS: Final = (
@@ -35,11 +36,14 @@ def command(given: Given) -> None:
     if not place.parent.is_dir():
         raise ValueError(f"{place} cannot be written: there is no folder {place.parent}; make it first")
     from glucoloop.lab.pack import page
-    from glucoloop.storage.disk import put_file
+    from glucoloop.storage.disk import is_full, put_file
 
     text = page().encode()
     try:
         put_file(place, text)
     except OSError as error:
-        raise ValueError(f"{place} cannot be written: {error.strerror}") from None
+        more = "free some space or " if is_full(error) else ""
+        raise ValueError(
+            f"{place} cannot be written: {error.strerror}; {more}choose another place with --out"
+        ) from None
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")

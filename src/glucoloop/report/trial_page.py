@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from glucoloop.cohorts.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
 from glucoloop.printable import how_many
 from glucoloop.registry.metrics import NOT_AVAILABLE, described
 from glucoloop.report import _page
@@ -203,7 +204,8 @@ def _responses(report: TrialReport) -> str:
     caption = (
         "Glucose free of noise, and delivered insulin, over the people: the line is the median, the darker band holds "
         "the middle half of the people at each moment (25 to 75 %), the paler one 90 % of them (5 to 95 %). "
-        "A percentile is of all people at a moment, and no person's course. The green band is 70 to 180 mg/dl, the "
+        "A percentile is of all people at a moment, and no person's course; it is read from counts, and off by less "
+        f"than {GLUCOSE_BIN_MG_DL:g} mg/dl or {INSULIN_BIN_MU_MIN:g} mU/min. The green band is 70 to 180 mg/dl, the "
         f"solid grey line the setpoint, the dashed one {report.lowest_glucose_mg_dl:g} mg/dl."
     )
     if report.meals:

@@ -74,8 +74,6 @@ export class Crowd {
     this.below = new Float64Array(people);
     this.change = new Float64Array(people);
     this.last = new Float64Array(people);
-    /** Whether anything was told of a person. */
-    this.present = new Uint8Array(people);
     this.moments = 0;
   }
 
@@ -89,7 +87,6 @@ export class Crowd {
    */
   add(person, sample, glucose_mg_dl, later_mg_dl, insulin_mU_min) {
     this.glucose[sample * this.people + person] = glucose_mg_dl;
-    this.present[person] = 1;
     if (sample === 0) this.count(person, glucose_mg_dl);
     else this.change[person] += Math.abs(insulin_mU_min - this.last[person]);
     this.last[person] = insulin_mU_min;
@@ -104,7 +101,7 @@ export class Crowd {
    * @param {number} first of the people
    */
   join(part, first) {
-    for (const name of /** @type {const} */ (["lowest", "highest", "inside", "below", "change", "present"])) this[name].set(part[name], first);
+    for (const name of /** @type {const} */ (["lowest", "highest", "inside", "below", "change"])) this[name].set(part[name], first);
     for (let k = 0; k <= this.samples; k++) {
       this.glucose.set(part.glucose.subarray(k * part.people, (k + 1) * part.people), k * this.people + first);
     }
@@ -113,7 +110,7 @@ export class Crowd {
 
   /** Numbers of the people of whom something was told. */
   get everybody() {
-    return Array.from({ length: this.people }, (_, person) => person).filter((person) => this.present[person]);
+    return Array.from({ length: this.people }, (_, person) => person).filter((person) => this.lowest[person] < Infinity);
   }
 
   /** @param {number} person @param {number} glucose_mg_dl */
