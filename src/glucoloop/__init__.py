@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from glucoloop.metrics import summarise
     from glucoloop.patients import at_basal, at_setpoint, patient, population, virtual_people
     from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
+    from glucoloop.refusal import Refusal
     from glucoloop.report import plot
     from glucoloop.sensors import dead_time, white_noise
     from glucoloop.simulation import (
@@ -67,6 +68,7 @@ _HOME = {
     "MealHabits": "estimation.unknown_meal",
     "MealTuning": "control",
     "PIDTuning": "control",
+    "Refusal": "refusal",
     "Scenario": "meals",
     "StateTuning": "control",
     "Stepper": "simulation",
@@ -112,6 +114,7 @@ __all__ = [
     "MealHabits",
     "MealTuning",
     "PIDTuning",
+    "Refusal",
     "Scenario",
     "StateTuning",
     "Stepper",

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.units import MG_DL_PER_MMOL_L, MG_PER_G, MIN_PER_H, MU_PER_U, PMOL_PER_U
 
 CONFIRM_OPTION: Final = "add --allow-unusual"
@@ -53,7 +54,7 @@ class Quantity:
 
     def __post_init__(self) -> None:
         if not self.least < self.most:
-            raise ValueError(
+            raise Refusal(
                 f"the plausible range of {self.name} from {self.least:g} to {self.most:g} {self.unit} is empty; "
                 "give a lower bound below the upper one"
             )
@@ -165,7 +166,7 @@ def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_AR
     """
     asked = doubt(value, quantity, called, confirm)
     if asked is not None:
-        raise ValueError(asked)
+        raise Refusal(asked)
 
 
 def _rounded(value: float) -> str:

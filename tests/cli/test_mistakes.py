@@ -12,6 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from glucoloop.cli import main
+from glucoloop.cli.mistakes import BUG
+from glucoloop.config import run as run_config
 
 MISTAKES = {
     "run --controller mcp": ["unknown controller 'mcp'", "did you mean 'mpc'?"],
@@ -411,6 +413,15 @@ def test_bug_keeps_its_traceback(monkeypatch):
     monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: int("bug"))
     with pytest.raises(ValueError, match="invalid literal"):
         main(["run"])
+
+
+def test_bug_within_the_package_is_no_mistake_of_the_user(monkeypatch):
+    made: dict = {}
+    exec(compile("def bug(*_, **__):\n    return float('abc')\n", run_config.__file__, "exec"), made)
+    monkeypatch.setattr("glucoloop.config.run.read_run", made["bug"])
+    with pytest.raises(ValueError, match="could not convert") as raised:
+        main(["run"])
+    assert raised.value.__notes__ == [BUG]
 
 
 def test_unwritable_place_is_told(refused, tmp_path):

@@ -33,7 +33,7 @@ from glucoloop.cli import (
     verify,
 )
 from glucoloop.cli.interrupts import heeded
-from glucoloop.cli.mistakes import interrupted, mistake, sentence
+from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
 from glucoloop.cli.results import forgotten
 from glucoloop.cli.screen import note
 from glucoloop.cli.whole_names import WholeNames
@@ -91,7 +91,7 @@ def _program(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; bugs raise."""
+    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; a bug raises (1)."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     with forgotten():
         _main(arguments)
@@ -115,6 +115,7 @@ def _main(arguments: list[str]) -> NoReturn:
     except Exception as error:
         told = sentence(error)
         if told is None:
+            error.add_note(BUG)
             raise
         mistake(told)
     # Typer turns an interrupt into this code when it is not to leave by itself.

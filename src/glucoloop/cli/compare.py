@@ -12,6 +12,7 @@ from glucoloop.cli.request import Output, file_keys, split_off_output, with_list
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import tell_results
 from glucoloop.cli.telling import mmol_lines
+from glucoloop.refusal import Refusal
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def command(given: Given) -> None:
             with stage(f"Closing the loop of {label}"):
                 try:
                     outcomes[label] = close_the_loop(run)
-                except ValueError as error:
+                except Refusal as error:
                     error.args = (f"case {label!r}: {error}",)
                     raise
         if bounded:
@@ -93,7 +94,7 @@ def _bounded(keys: Given, of_file: Given) -> bool:
     """Whether the bound is requested, for which a run has no key."""
     in_file = of_file.pop(_BOUND.key, False)
     if not isinstance(in_file, bool):
-        raise ValueError(f"bound is {in_file!r}; give true or false")
+        raise Refusal(f"bound is {in_file!r}; give true or false")
     return bool(keys.pop(_BOUND.key, in_file))
 
 

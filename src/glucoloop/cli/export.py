@@ -12,6 +12,7 @@ from glucoloop.cli.screen import stage
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.options.export import ChipKeys
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.config.export import Export
@@ -53,7 +54,7 @@ def command(given: Given) -> None:
     note_on_boluses(asked.run.situation.patient, [asked.run.case.controller])
     with output.folder() as folder:
         if folder is None:
-            raise ValueError("an exported controller is a folder; name one with --out")
+            raise Refusal("an exported controller is a folder; name one with --out")
         with stage("Importing the simulator"):
             from glucoloop.cli.compiled import keep_compiled
             from glucoloop.cli.exported import report, tell, write
@@ -86,7 +87,7 @@ def _check(given: Given) -> None:
     extra = sorted(given.keys() - {"check", "samples", "json", "target"})
     if extra:
         called = ", ".join(names(OPTIONS, {key: given[key] for key in extra}).values())
-        raise ValueError(f"--check reads how the controller was designed from the folder; leave out {called}")
+        raise Refusal(f"--check reads how the controller was designed from the folder; leave out {called}")
     folder = Path(str(given["check"]))
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
@@ -94,7 +95,7 @@ def _check(given: Given) -> None:
         from glucoloop.config.export import read_export
     configuration = folder / "run.toml"
     if not configuration.is_file():
-        raise ValueError(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
+        raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     asked = read_export(file_keys(configuration))
     chosen: Given = {key: given[key] for key in ("samples", "target") if key in given}
     wanted = read_export({**asked.keys(), **chosen}, names(OPTIONS, given))

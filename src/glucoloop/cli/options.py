@@ -17,6 +17,7 @@ import typer
 from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import all_settings
 from glucoloop.registry.guard import GUARD, usual_text
 
@@ -83,7 +84,7 @@ class Option:
         try:
             return kind(text)
         except ValueError:
-            raise ValueError(f"{self.name} is {text!r}; give {_NUMBERS[kind]}") from None
+            raise Refusal(f"{self.name} is {text!r}; give {_NUMBERS[kind]}") from None
 
 
 def options_of(record: type, **words: Mapping[str, str | None]) -> tuple[Option, ...]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from glucoloop.cli.screen import fits, note, show
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -48,9 +49,9 @@ def command(
 ) -> None:
     """Run the query and print the answer."""
     if json and csv:
-        raise ValueError("--json and --csv exclude one another; leave one out")
+        raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
-        raise ValueError("DIR is empty; give the folder of a trial")
+        raise Refusal("DIR is empty; give the folder of a trial")
     seconds = None if timeout is None else _seconds(timeout)
     from glucoloop.storage.trials.query import trial_tables
 
@@ -75,7 +76,7 @@ def _seconds(text: str) -> float:
     except ValueError:
         seconds = math.nan
     if not 0.0 < seconds < math.inf:
-        raise ValueError(f"--timeout is {text!r}; give a number of seconds above 0")
+        raise Refusal(f"--timeout is {text!r}; give a number of seconds above 0")
     return seconds
 
 

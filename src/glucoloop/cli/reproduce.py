@@ -9,6 +9,7 @@ from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import show, stages
 from glucoloop.cli.telling import print_json, where_written
 from glucoloop.papers.parker1999.options import ReproduceKeys
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,7 +44,7 @@ def command(given: Given) -> None:
     keys, output, _ = split_off_output(given)
     paper = keys.pop("paper")
     if paper not in PAPERS:
-        raise ValueError(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
+        raise Refusal(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
     from glucoloop.config.checked import checked
 
     asked = checked(ReproduceKeys, {key: value for key, value in keys.items() if value != []}, names(_OPTIONS, keys))
@@ -56,7 +57,7 @@ def command(given: Given) -> None:
 
         part = chosen(asked.table, asked.figure)
         if part is not None and not part.entries and output.out is None:
-            raise ValueError("--figure without --out would show nothing; give --out and a folder for the picture")
+            raise Refusal("--figure without --out would show nothing; give --out and a folder for the picture")
         keep_compiled()
         studies, rows = carry_out(
             asked.points, seeds=asked.runs, seed=asked.seed, quick=asked.quick, progress=progress, part=part

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.options import CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import setting_names
 from glucoloop.registry.keyed_values import keyed_values
 
@@ -30,7 +31,7 @@ class Output:
     def place(self) -> Path | None:
         """Path of the output folder, or None if nothing is to be written; ValueError if there is none to overwrite."""
         if self.out is None and self.overwrite:
-            raise ValueError("--overwrite is about an output folder; name one with --out")
+            raise Refusal("--overwrite is about an output folder; name one with --out")
         return self.out
 
     def folder(self) -> contextlib.AbstractContextManager[OutputFolder | None]:
@@ -48,7 +49,7 @@ def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
     keys = dict(given)
     out, config = keys.pop("out", None), keys.pop("config", None)
     if out == "" or config == "":
-        raise ValueError(f"--{'out' if out == '' else 'config'} is empty; give a path")
+        raise Refusal(f"--{'out' if out == '' else 'config'} is empty; give a path")
     output = Output(
         out=None if out is None else Path(out),
         overwrite=bool(keys.pop("overwrite", False)),
@@ -74,7 +75,7 @@ def with_lists(keys: Given) -> Given:
         if not keys.get(several):
             keys.pop(several, None)
         if without and several in keys:
-            raise ValueError(f"--{called} and --no-{called} exclude one another; leave one out")
+            raise Refusal(f"--{called} and --no-{called} exclude one another; leave one out")
         if without:
             keys[several] = []
     return keys
@@ -86,9 +87,9 @@ def _with_settings(keys: Given) -> Given:
     options = {option.key: option.name for option in (*SITUATION, *CASE)}
     for key in given:
         if key in keys:
-            raise ValueError(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
+            raise Refusal(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
         if key in options and key not in setting_names():
-            raise ValueError(f"{key} is not a setting of a controller; give {options[key]} in place of --setting")
+            raise Refusal(f"{key} is not a setting of a controller; give {options[key]} in place of --setting")
     return {**keys, **given}
 
 

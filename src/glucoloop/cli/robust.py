@@ -12,6 +12,7 @@ from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL, usual_texts
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import SEARCHED
 from glucoloop.studies.robust.options import RANGES, SEARCH_PANEL, SUBJECTS_PANEL, TAKEN, USUAL, HowFar, RobustKeys
 
@@ -85,7 +86,7 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     top = keys.pop(_TOP.key, 10)
     if top < 1:
-        raise ValueError(f"--top is {top}; give 1 or more")
+        raise Refusal(f"--top is {top}; give 1 or more")
     out = needed_folder(output, "a search", "robust")
     asked = read_request(keys, file, _read)
     from glucoloop.storage.rows import rows_folder

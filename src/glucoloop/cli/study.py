@@ -12,6 +12,7 @@ from glucoloop.cli.options import Given, Option, names
 from glucoloop.cli.request import Output, file_keys, with_lists
 from glucoloop.cli.screen import note, show, stage
 from glucoloop.cli.telling import print_json, where_written
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.storage.resumable import ResumableFolder, Work
@@ -44,7 +45,7 @@ def read_with_cases(keys: Given, of_file: Given, options: Sequence[Option], read
 def needed_folder(output: Output, what: str, example: str) -> Path:
     """The output folder of a study that is always kept in one."""
     if output.out is None:
-        raise ValueError(f"--out is missing; {what} is kept in a folder, name one like --out {example}")
+        raise Refusal(f"--out is missing; {what} is kept in a folder, name one like --out {example}")
     return output.out
 
 

@@ -17,6 +17,7 @@ from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
 from glucoloop.cli.trial_telling import tell
 from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
@@ -50,11 +51,11 @@ def computing(keys: Given) -> Computing:
     """Take the place of the computation out of the keys."""
     workers, dask = keys.pop(WORKERS.key, None), keys.pop(DASK.key, None)
     if workers is not None and not 1 <= workers <= _MOST_WORKERS:
-        raise ValueError(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
+        raise Refusal(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
     if dask is not None and dask != "local" and "://" not in dask:
-        raise ValueError(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
+        raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
-        raise ValueError(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+        raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
     return Computing(workers, dask)
 
 

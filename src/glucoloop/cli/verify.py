@@ -12,6 +12,7 @@ from glucoloop.cli.options import OUTPUT, Given, Option, among, options_of, with
 from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import show, stage
 from glucoloop.cli.telling import note_on_boluses
+from glucoloop.refusal import Refusal
 from glucoloop.studies.verification.options import CAMPAIGN_PANEL, CampaignKeys
 
 if TYPE_CHECKING:
@@ -51,11 +52,11 @@ def command(given: Given) -> None:
     """Check the request, run the loops, and print the results."""
     as_json = bool(given.pop("json", False))
     if "person" in given and "loops" in given:
-        raise ValueError("--loops and --person exclude one another; leave one out")
+        raise Refusal("--loops and --person exclude one another; leave one out")
     if "nonsense" in given and "loops" in given:
-        raise ValueError("--loops and --nonsense exclude one another; leave one out")
+        raise Refusal("--loops and --nonsense exclude one another; leave one out")
     if "patient" in given and "nonsense" in given:
-        raise ValueError("--nonsense has no patient at all; leave --patient out")
+        raise Refusal("--nonsense has no patient at all; leave --patient out")
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.studies.verification.campaign import Campaign
@@ -70,8 +71,8 @@ def command(given: Given) -> None:
                 nonsense = NonsenseCheck(**{named.get(key, key): value for key, value in given.items()})
             else:
                 campaign = Campaign(**given)
-        except ValueError as error:
-            raise ValueError(_called(str(error))) from None
+        except Refusal as error:
+            raise Refusal(_called(str(error))) from None
     if campaign is not None:
         note_on_boluses(campaign.patient, given.get("controllers", ()))
     keep_compiled()

@@ -24,6 +24,7 @@ from glucoloop.meals.counting import counted_g
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import People
 from glucoloop.simulation.engines import one_at_a_time
@@ -198,7 +199,7 @@ def run_people(
     """
     number = np.asarray(person, np.int64)
     if not number.size:
-        raise ValueError("nobody was asked for; give the number of at least one person")
+        raise Refusal("nobody was asked for; give the number of at least one person")
     of_case = prepared.cases[label]
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:

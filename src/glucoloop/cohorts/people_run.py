@@ -22,6 +22,7 @@ from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
@@ -100,7 +101,7 @@ def simulate_people(
     for name in ("setpoint_mg_dl", "initial_glucose_mg_dl"):
         asked = getattr(scenario, name)
         if asked is not None and asked != setpoint:
-            raise ValueError(
+            raise Refusal(
                 f"the scenario's {name} is {asked:g}, but the people rest at {setpoint:g} mg/dl; "
                 f"draw them with setpoint_mg_dl={asked:g}"
             )

@@ -18,6 +18,7 @@ from glucoloop.limits import LARGEST_COUNTER, MOST_PEOPLE
 from glucoloop.meals.plan import MealPlan
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.population import Population
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 FORMAT: Final = 4
@@ -66,29 +67,27 @@ class Trial(Situation):
 
     def __post_init__(self) -> None:
         if not 1 <= self.people <= MOST_PEOPLE:
-            raise ValueError(f"a trial of {self.people} people is not possible; give from 1 to {MOST_PEOPLE}")
+            raise Refusal(f"a trial of {self.people} people is not possible; give from 1 to {MOST_PEOPLE}")
         last = LARGEST_COUNTER + 1 - self.people
         if not 0 <= self.first_person <= last:
-            raise ValueError(
-                f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}"
-            )
+            raise Refusal(f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}")
         if self.population.patient != self.patient:
-            raise ValueError(
+            raise Refusal(
                 f"the population {self.population.name} is one of {self.population.patient}, but the patient is "
                 f"{self.patient}; give a population of {self.patient}"
             )
         if self.shard_people < 1:
-            raise ValueError(f"a shard of {self.shard_people} people is not possible; give 1 or more")
+            raise Refusal(f"a shard of {self.shard_people} people is not possible; give 1 or more")
         if not isinstance(self.traces, str) and not 1 <= self.traces <= self.people:
-            raise ValueError(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
+            raise Refusal(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
         if self.start_min is not None and not float(self.start_min).is_integer():
-            raise ValueError(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
+            raise Refusal(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
         labels = [case.label for case in self.cases]
         if not labels:
-            raise ValueError("a trial without a controller is not possible; give one or more")
+            raise Refusal("a trial without a controller is not possible; give one or more")
         for label in labels:
             if labels.count(label) > 1:
-                raise ValueError(f"two cases are called {label!r}; give each a label of its own")
+                raise Refusal(f"two cases are called {label!r}; give each a label of its own")
 
     @property
     def products(self) -> str:

@@ -18,6 +18,7 @@ from glucoloop.config.run import (
     read_run,
     refuse_unknown,
 )
+from glucoloop.refusal import Refusal
 
 MOST_CASES: Final = 20
 
@@ -54,7 +55,7 @@ def read_comparison(
         or belongs to the situation, which all cases share.
     """
     if not 2 <= len(cases) <= MOST_CASES:
-        raise ValueError(
+        raise Refusal(
             f"a comparison of {len(cases)} {'case' if len(cases) == 1 else 'cases'} is not possible; "
             f"give from 2 to {MOST_CASES}, like --case mpc --case 'careful: mpc, move_weight=1'"
         )
@@ -66,13 +67,13 @@ def read_comparison(
     for case in cases:
         label = label_of(case)
         if label in read:
-            raise ValueError(f"two cases are called {label!r}; give each a label of its own")
+            raise Refusal(f"two cases are called {label!r}; give each a label of its own")
         own = {key: value for key, value in case.items() if key != "label"}
         try:
             refuse_foreign(own, declared(SituationKeys), "situation", case_key_names(*controllers_of(own)))
             read[label] = read_case(under_shared(shared, own), situation)
-        except ValueError as error:
-            raise ValueError(f"case {label!r}: {error}") from None
+        except Refusal as error:
+            raise Refusal(f"case {label!r}: {error}") from None
     guarded = any(case.guard for case in read.values())
     refuse_idle(shared, [case.controller for case in read.values()], guarded=guarded, names=names)
     return Comparison(situation=situation, cases=read)

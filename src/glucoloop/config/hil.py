@@ -13,6 +13,7 @@ from glucoloop.config.options.hil import DisturbanceKeys, HilKeys
 from glucoloop.config.run import Run, read_run
 from glucoloop.firmware.hil.build import EMULATED
 from glucoloop.firmware.hil.faults import Disturbances
+from glucoloop.refusal import Refusal
 
 
 @dataclass(frozen=True)
@@ -58,12 +59,12 @@ def read_hil(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     run = read_run({key: value for key, value in keys.items() if key not in declared(HilKeys)}, names)
     asked = Hil(run=run, chip=chip)
     if not asked.emulated and "/" not in chip.chip:
-        raise ValueError(
+        raise Refusal(
             f"the chip is {chip.chip!r}; the known ones are: {', '.join(EMULATED)}, or the path of a serial port such "
             "as /dev/ttyACM0"
         )
     if not asked.emulated and asked.disturbances.of_power:
-        raise ValueError(
+        raise Refusal(
             f"the power of the board at {chip.chip} cannot be cut from here, nor its program made to hang; "
             "let --power-cuts and --hangs be 0, or take an emulated chip"
         )

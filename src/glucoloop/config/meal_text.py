@@ -8,6 +8,7 @@ from typing import Final
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
 from glucoloop.plausible import MEAL
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H
 
 # No two parts in a row can take the same characters: a long text that is no meal is refused as fast as it is read.
@@ -29,14 +30,14 @@ def parse_meal(text: str) -> Meal:
     """
     match = _MEAL.fullmatch(text)
     if match is None:
-        raise ValueError(
+        raise Refusal(
             f"{text!r} is not a meal; write grams and a time, like 50g@50min or 50g@1.5h, "
             "and after a slash how long eating takes, like 50g@50min/15min"
         )
     carbs_g = float(match["carbs"])
     meant = MEAL.looks_like(carbs_g) if carbs_g > LARGEST_MEAL_G else None
     if meant is not None:
-        raise ValueError(f"a meal of {carbs_g:g} g is not possible; {meant}")
+        raise Refusal(f"a meal of {carbs_g:g} g is not possible; {meant}")
     eating_min = 0.0 if match["eating"] is None else _minutes(match["eating"], match["eating_unit"])
     return Meal(carbs_g=carbs_g, t_min=_minutes(match["time"], match["unit"]), eating_min=eating_min)
 

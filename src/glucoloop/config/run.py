@@ -34,6 +34,7 @@ from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
+from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.entries import Choice
 from glucoloop.registry.fault_text import fault_text, parse_fault
@@ -135,14 +136,14 @@ def refuse_impossible(situation: SituationKeys) -> None:
     for _ in metrics_with(situation.metrics):  # refuses one that is unknown, or at odds with another
         pass
     if situation.miscounts and not situation.announce_meals:
-        raise ValueError(
+        raise Refusal(
             "an error of counting carbohydrate concerns announced meals only; announce the meals (--announce-meals), "
             "or leave the error and the bias out"
         )
     meal_model_of(patient(situation.patient, situation.operating_point), situation.situation().gut)
     known = sites(patient(situation.patient, situation.operating_point))
     if situation.site is not None and situation.site not in known:
-        raise ValueError(
+        raise Refusal(
             f"glucose of {situation.patient} cannot be read at the site {situation.site!r}; give {' or '.join(known)}"
         )
 
@@ -171,7 +172,7 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
     own = own_keys(keys, CaseKeys)
     controller = own.get("controller", catalogue.USUAL_CONTROLLER)
     if not isinstance(controller, str):
-        raise ValueError(f"controller is {controller!r}; give a text, the name of one")
+        raise Refusal(f"controller is {controller!r}; give a text, the name of one")
     _refuse_reserved(catalogue.controller_entry(controller))
     known = catalogue.setting_names(controller)
     settings = {key: value for key, value in keys.items() if key in known}
@@ -194,7 +195,7 @@ def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
     reserved = {*declared(SituationKeys), *declared(CaseKeys), *GUARD, "label"}
     for setting in entry.settings:
         if setting.name in reserved:
-            raise ValueError(
+            raise Refusal(
                 f"the controller {entry.name} has a setting {setting.name!r}, which is a key of every run already; "
                 "its author has to give it another name"
             )
@@ -215,7 +216,7 @@ def refuse_limits_without_guard(keys: Mapping[str, object], *, guarded: bool, na
     """
     for key in keys:
         if key in GUARD and not guarded:
-            raise ValueError(
+            raise Refusal(
                 f"{(names or {}).get(key, key)} is a limit of the guard, which is off; switch it on, or leave it out"
             )
 
@@ -236,7 +237,7 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
             ask_about_settings(told.entry.settings, told.settings, called)
         start_min = float(told.settings.get(START, 0.0))
         if start_min >= duration_min:
-            raise ValueError(
+            raise Refusal(
                 f"the fault {told.name} begins at {start_min:g} min, but the run ends at {duration_min:g} min; "
                 "let it begin earlier, or leave it out"
             )
@@ -286,7 +287,7 @@ def overlay(
         both = [key for key in IDENTIFICATION_KEYS if key in layer]
         if "model" in layer and both:
             called = (names or {}).get(both[0], both[0])
-            raise ValueError(
+            raise Refusal(
                 f"{called} tells how a model is identified, but the model comes from {layer['model']}; "
                 "leave out one of them"
             )
@@ -346,8 +347,8 @@ def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
             continue
         try:
             catalogue.controller_entry(name)
-        except ValueError as error:
-            raise ValueError(f"case {label!r}: {error}" if isinstance(label, str) else str(error)) from None
+        except Refusal as error:
+            raise Refusal(f"case {label!r}: {error}" if isinstance(label, str) else str(error)) from None
         named.append(name)
     return named
 
@@ -357,9 +358,9 @@ def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
     known = run_keys(*controllers_of(keys, cases))
     for key in keys:
         if key not in known and key in _KEY_OF_OPTION:
-            raise ValueError(f"unknown key {key!r}; in a file it is {_KEY_OF_OPTION[key]!r}")
+            raise Refusal(f"unknown key {key!r}; in a file it is {_KEY_OF_OPTION[key]!r}")
         if key == "case":
-            raise ValueError(f"unknown key {key!r}; give a file with cases to glucoloop compare or glucoloop trial")
+            raise Refusal(f"unknown key {key!r}; give a file with cases to glucoloop compare or glucoloop trial")
     refuse_unknown_keys(keys, known)
 
 
@@ -368,7 +369,7 @@ def refuse_unknown_beside(keys: Mapping[str, object], known: Sequence[str], of: 
     of_run = run_keys()
     for key in keys:
         if key not in known and key in of_run and not difflib.get_close_matches(key, known, cutoff=_NAMESAKE):
-            raise ValueError(f"unknown key {key!r}{of}, though a run has it; leave it out")
+            raise Refusal(f"unknown key {key!r}{of}, though a run has it; leave it out")
     refuse_unknown_keys(keys, known, of)
 
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import tomli_w
 
 import glucoloop
+from glucoloop.refusal import Refusal
 
 VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""
@@ -30,23 +31,23 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
         For a text that is not TOML, or is too long or too deeply nested for a configuration.
     """
     if len(text) > LARGEST_CHARACTERS:
-        raise ValueError(
+        raise Refusal(
             f"{name} is too large for a configuration: {len(text)} characters, at most {LARGEST_CHARACTERS} will do"
         )
     if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-        raise ValueError(f"{name} has a line with more than {_MOST_DOTS} dots; break it into several")
+        raise Refusal(f"{name} has a line with more than {_MOST_DOTS} dots; break it into several")
     try:
         keys = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{name} is not TOML: {str(error).rstrip('.')}") from None
+        raise Refusal(f"{name} is not TOML: {str(error).rstrip('.')}") from None
     except RecursionError:
-        raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat") from None
+        raise Refusal(f"{name} is nested too deeply for a configuration; its keys are flat") from None
     except ValueError:  # Python refuses a number of thousands of digits
-        raise ValueError(_too_large(name)) from None
+        raise Refusal(_too_large(name)) from None
     if deeper_than(keys, _DEEPEST):
-        raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat")
+        raise Refusal(f"{name} is nested too deeply for a configuration; its keys are flat")
     if any(_holds_too_large(value) for value in keys.values()):
-        raise ValueError(_too_large(name))
+        raise Refusal(_too_large(name))
     version = keys.pop(VERSION_KEY, None)
     return keys, None if version is None else str(version)
 

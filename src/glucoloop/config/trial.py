@@ -32,6 +32,7 @@ from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
+from glucoloop.refusal import Refusal
 from glucoloop.registry.clock_text import time_of_day_text
 from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import patient_entry
@@ -70,7 +71,7 @@ def read_trial(
     _refuse_unknown(keys, named)
     called = {key: (names or {}).get(key, key) for key in keys}
     if all(key in keys for key in _LENGTHS):
-        raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
+        raise Refusal(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
     own = checked(TrialKeys, own_keys(keys, TrialKeys), names)
     situation = checked(SituationKeys, completed({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
     meals = [parse_meal(text) for text in own.meals]
@@ -187,7 +188,7 @@ def _population(told: object, name: str, patient: str) -> Population:
         return read_population(told, patient)
     if isinstance(told, str):
         return named_population(told, patient)
-    raise ValueError(f"{name} is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
+    raise Refusal(f"{name} is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
 
 
 def _traces(told: object, name: str) -> Literal["none", "all"] | int:
@@ -196,14 +197,14 @@ def _traces(told: object, name: str) -> Literal["none", "all"] | int:
     number = int(told) if isinstance(told, str) and told.isdecimal() and len(told) < _DIGITS else told
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
-    raise ValueError(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
+    raise Refusal(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
 
 
 def _controllers(keys: Mapping[str, object]) -> list[dict[str, object]]:
     """A case for each controller that is named without settings."""
     named = keys.get(CONTROLLERS_KEY, [])
     if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
-        raise ValueError(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
+        raise Refusal(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
     return [{"label": name, "controller": name} for name in named]
 
 
@@ -214,7 +215,7 @@ def _cases(
     names: Mapping[str, str] | None,
 ) -> tuple[Case, ...]:
     if len(tables) > MOST_CASES:
-        raise ValueError(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
+        raise Refusal(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
     read = [_read_case(table, shared, situation) for table in tables or [{"label": USUAL_CONTROLLER}]]
     guarded = any(case.guard is not None for case in read)
     refuse_idle(shared, [case.controller for case in read], guarded=guarded, names=names)
@@ -227,6 +228,6 @@ def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situat
     try:
         refuse_foreign(own, trial_key_names(), "trial", _own_case_keys(controllers_of(own)))
         case = read_case(under_shared(shared, own), situation)
-    except ValueError as error:
-        raise ValueError(f"case {label!r}: {error}") from None
+    except Refusal as error:
+        raise Refusal(f"case {label!r}: {error}") from None
     return case.case(label)

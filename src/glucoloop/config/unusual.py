@@ -14,6 +14,7 @@ from glucoloop.config.meal_text import names_unit, parse_meal
 from glucoloop.meals import Meal
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import Setting
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
@@ -59,7 +60,7 @@ def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
         if not names_unit(text) and 0.0 < meal.t_min < HOURS_PER_DAY:
             size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
             eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""
-            raise ValueError(
+            raise Refusal(
                 f"the meal {text!r} begins {time} min after the start; that looks like hours. "
                 f"Write {size}@{time}h{eating}, or {size}@{time}min{eating} if minutes are meant"
             )

@@ -15,6 +15,7 @@ from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, hea
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.guard import GuardSettings
 from glucoloop.units import MIN_PER_DAY
 
@@ -350,7 +351,7 @@ def guarded(
         and not is_traced(basal_mU_min, limits)
         and not (math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min)
     ):
-        raise ValueError(
+        raise Refusal(
             f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
             f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
         )

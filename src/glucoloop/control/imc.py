@@ -20,6 +20,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import IMCSettings
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -136,14 +137,14 @@ def design_imc(
     check_gain(gain)
     for name, value in (("lag", tau_min), ("filter", filter_min)):
         if not is_traced(value) and not 0.0 < value < math.inf:
-            raise ValueError(f"a {name} of {value:g} min is not possible; give a finite value above 0")
+            raise Refusal(f"a {name} of {value:g} min is not possible; give a finite value above 0")
     if is_traced(delay_min):
         raise ArgumentTypeError(
             "delay_min is traced by JAX, but it decides how many doses the controller remembers; give a plain number"
         )
     delay = round(delay_min / sample_time_min) if math.isfinite(delay_min) else -1
     if delay < 0 or abs(delay * sample_time_min - delay_min) > 1e-9:
-        raise ValueError(
+        raise Refusal(
             f"a dead time of {delay_min:g} min is not possible; "
             f"give a multiple of the sample time, {sample_time_min:g} min"
         )

@@ -38,6 +38,7 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 ESTIMATORS: Final = ("moving-horizon", "kalman")
 _LEAST_VARIANCE: Final = 0.01
@@ -370,11 +371,9 @@ def design_meal_mpc(
     tuning = MealTuning() if tuning is None else tuning
     habits = MealHabits() if habits is None else habits
     if estimator not in ESTIMATORS:
-        raise ValueError(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
+        raise Refusal(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     own = individual_model(model, model.insulin_mU_min)
     chosen: MealEstimator
     if estimator == "kalman":

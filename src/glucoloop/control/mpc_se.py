@@ -27,6 +27,7 @@ from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.estimation.noise_level import NoisyFilters, SensorError, check_pace, no_error, noisy_filters, shares
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 Matrix = npt.NDArray[np.float64]
 
@@ -264,11 +265,9 @@ def design_mpc_se(
     0.5276
     """
     if offset_free not in OFFSET_FREE:
-        raise ValueError(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
+        raise Refusal(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     Q = np.asarray(process_noise, float)
     Q = np.diag(Q) if Q.ndim == 1 else Q
     parts = (model.Phi, model.Gamma, model.C, model.reading_row)

@@ -27,6 +27,7 @@ from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pac
 from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -244,15 +245,13 @@ def design_nlqdmc_se(
     Q = np.asarray(process_noise, float)
     Q = np.diag(Q) if Q.ndim == 1 else Q
     if Q.shape != (n, n) or not np.all(np.isfinite(Q)) or not np.allclose(Q, Q.T) or np.linalg.eigvalsh(Q)[0] < -1e-12:
-        raise ValueError(f"the process noise must be a covariance of the {n} states; give {n} variances of 0 or more")
+        raise Refusal(f"the process noise must be a covariance of the {n} states; give {n} variances of 0 or more")
     if not 0.0 < measurement_variance < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a measurement variance of {measurement_variance:g} (mg/dl)^2 is not possible; give a finite value above 0"
         )
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     check_pace(noise_pace)
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     return NLQDMC(

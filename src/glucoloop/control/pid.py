@@ -20,6 +20,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import PIDSettings
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @checked
@@ -48,16 +49,14 @@ class PIDTuning:
 
     def __post_init__(self) -> None:
         if not is_traced(self.gain_mU_min_per_mg_dl) and not 0.0 < self.gain_mU_min_per_mg_dl < math.inf:
-            raise ValueError(
+            raise Refusal(
                 f"a gain of {self.gain_mU_min_per_mg_dl:g} mU/min per mg/dl is not possible; "
                 "give a finite value above 0"
             )
         if not is_traced(self.integral_time_min) and not self.integral_time_min > 0.0:
-            raise ValueError(
-                f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0"
-            )
+            raise Refusal(f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0")
         if not is_traced(self.derivative_time_min) and not 0.0 <= self.derivative_time_min < math.inf:
-            raise ValueError(
+            raise Refusal(
                 f"a derivative time of {self.derivative_time_min:g} min is not possible; "
                 "give a finite value of 0 or more"
             )
@@ -84,7 +83,7 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
     check_gain(gain)
     known = not is_traced(tau_min, delay_min, closed_loop_min)
     if known and not (tau_min > 0.0 and delay_min >= 0.0 and closed_loop_min > 0.0):
-        raise ValueError(
+        raise Refusal(
             f"a lag of {tau_min:g}, a dead time of {delay_min:g} and a closed loop of {closed_loop_min:g} min are not "
             "possible together; give a lag and a closed loop above 0 and a dead time of 0 or more"
         )

@@ -10,6 +10,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.refusal import Refusal
 from glucoloop.registry.sensors import LONGEST_LAG_MIN
 from glucoloop.registry.settings import About, settings_record, usual
 
@@ -81,7 +82,7 @@ class MPCTuning:
 
     def __post_init__(self) -> None:
         if self.prediction_horizon < self.move_horizon:
-            raise ValueError(
+            raise Refusal(
                 f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
                 f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
             )

@@ -20,6 +20,7 @@ from glucoloop.identification.meal_response import meal_columns, meal_impulse_re
 from glucoloop.identification.record import Record
 from glucoloop.identification.reliability import Reliability, doubts, reliability
 from glucoloop.models.step_response import StepResponseModel, lagged_inputs
+from glucoloop.refusal import Refusal
 
 METHODS = ("csrs", "least-squares")
 # Correlation between two past inputs, relative to the input's power, above which cross-correlation would
@@ -137,21 +138,19 @@ def identify_record(
     Parker, Doyle & Peppas 1999, section III.
     """
     if method not in METHODS:
-        raise ValueError(f"Unknown identification method {method!r}: use one of {', '.join(map(repr, METHODS))}.")
+        raise Refusal(f"Unknown identification method {method!r}: use one of {', '.join(map(repr, METHODS))}.")
     memory = _check.whole_number("The memory", memory, 1)
     _check.input_and_readings(record.insulin_mU_min, record.glucose_mg_dl)
     if np.ndim(record.glucose_mg_dl) != 1:
-        raise ValueError(
+        raise Refusal(
             f"Readings of shape {np.shape(record.glucose_mg_dl)} are not one-dimensional: use one record at a time."
         )
     by_pulses = method == "csrs"
     meals = meal_columns(record)
     if by_pulses and not starts_at_rest:
-        raise ValueError("Cross-correlation takes the record to start at rest: use method='least-squares'.")
+        raise Refusal("Cross-correlation takes the record to start at rest: use method='least-squares'.")
     if by_pulses and meals.shape[1]:
-        raise ValueError(
-            "Cross-correlation takes the patient to fast, but there are meals: use method='least-squares'."
-        )
+        raise Refusal("Cross-correlation takes the patient to fast, but there are meals: use method='least-squares'.")
     if basal_insulin_mU_min is None:
         basal = _median_rate(record, by_pulses or not starts_at_rest)
     else:
@@ -163,7 +162,7 @@ def identify_record(
         unknown = max(0, meal_memory(record.sample_time_min) - memory)
         insulin, glucose, meals = insulin[unknown:], glucose[unknown:], meals[unknown:]
     if not insulin.any() or (not starts_at_rest and jnp.ptp(insulin) == 0):
-        raise ValueError(
+        raise Refusal(
             "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is "
             "moved up and down, as design_csrs does."
         )
@@ -241,7 +240,7 @@ def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
 def _median_rate(record: Record, median_will_do: bool) -> float:
     levels = np.unique(np.asarray(record.insulin_mU_min))
     if len(levels) == 2 and not median_will_do:
-        raise ValueError(
+        raise Refusal(
             f"The insulin has only the two levels {levels[0]:g} and {levels[1]:g} mU/min, so its median does not tell "
             "the basal rate before the record: give basal_insulin_mU_min, or starts_at_rest=False."
         )
@@ -250,14 +249,14 @@ def _median_rate(record: Record, median_will_do: bool) -> float:
 
 def _finite(name: str, value: float) -> float:
     if not np.isfinite(value) or value < 0:
-        raise ValueError(f"The {name} is {value}: it must be a finite number of at least 0.")
+        raise Refusal(f"The {name} is {value}: it must be a finite number of at least 0.")
     return float(value)
 
 
 def _refuse_correlated(insulin: np.ndarray[tuple[int, ...], np.dtype[np.float64]], memory: int) -> None:
     """Refuse an input for which cross-correlation isn't the impulse response."""
     if len(insulin) < 2 * memory:
-        raise ValueError(
+        raise Refusal(
             f"A record of {len(insulin)} samples is too short for cross-correlation over {memory} samples: at least "
             f"{2 * memory} are needed, for one pulse up and one down. Lengthen the record or shorten the memory."
         )
@@ -268,13 +267,13 @@ def _refuse_correlated(insulin: np.ndarray[tuple[int, ...], np.dtype[np.float64]
     if correlation[worst] > LARGEST_CORRELATION:
         lag = abs(int(worst[0]) - int(worst[1]))
         what = f"is correlated with itself {lag} samples later" if lag else "moves too close to the end of the record"
-        raise ValueError(
+        raise Refusal(
             f"The insulin {what} (by {correlation[worst]:.2g} of its power, at most {LARGEST_CORRELATION:g} will do), "
             "so cross-correlation would mistake one response for another: use method='least-squares'."
         )
     imbalance = abs(float(insulin.sum())) / float(np.abs(insulin).sum())
     if imbalance > LARGEST_CORRELATION:
-        raise ValueError(
+        raise Refusal(
             f"The insulin deviates up and down unequally (by {imbalance:.2g} of its total, at most "
             f"{LARGEST_CORRELATION:g} will do), so the baseline would leak into the response: give the basal rate, or "
             "use method='least-squares'."

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -51,11 +52,11 @@ def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max
         Unless ``0 < max_change`` and ``0 <= min < max``, all finite.
     """
     if not is_traced(max_change_mU_min) and not 0.0 < max_change_mU_min < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a rate limit of {max_change_mU_min:g} mU/min per sample is not possible; give a finite value above 0"
         )
     if not is_traced(min_mU_min, max_mU_min) and not 0.0 <= min_mU_min < max_mU_min < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a dose range of {min_mU_min:g} to {max_mU_min:g} mU/min is not possible; "
             "give 0 or more as the lower and a larger finite value as the upper bound"
         )

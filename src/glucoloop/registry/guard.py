@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
 from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS, USUAL_PATIENT, PatientEntry
 from glucoloop.registry.settings import About, Setting, Value, known_names, settings_of, settings_record
 
@@ -211,7 +212,7 @@ class GuardSettings:
             For an unknown route.
         """
         if insulin_route not in OF_ROUTE:
-            raise ValueError(f"unknown route of insulin {insulin_route!r}; the known ones are: {', '.join(OF_ROUTE)}")
+            raise Refusal(f"unknown route of insulin {insulin_route!r}; the known ones are: {', '.join(OF_ROUTE)}")
         return cls(**OF_ROUTE[insulin_route])
 
     def __post_init__(self) -> None:
@@ -224,12 +225,12 @@ class GuardSettings:
                     "give plain numbers, outside of the transformation"
                 )
         if not self.lowest_reading_mg_dl < self.highest_reading_mg_dl:
-            raise ValueError(
+            raise Refusal(
                 f"readings from {self.lowest_reading_mg_dl:g} to {self.highest_reading_mg_dl:g} mg/dl are no range; "
                 "give a highest_reading_mg_dl above lowest_reading_mg_dl"
             )
         if not self.gap_min <= self.long_gap_min:
-            raise ValueError(
+            raise Refusal(
                 f"a guard's long_gap_min of {self.long_gap_min:g} is less than its gap_min of {self.gap_min:g}; "
                 "give as much or more"
             )
@@ -265,7 +266,7 @@ def complete_guard(given: Mapping[str, object], entry: PatientEntry = USUAL_PATI
     """
     for key in given:
         if key not in GUARD:
-            raise ValueError(f"a guard has no limit {key!r}; {known_names(key, GUARD)}")
+            raise Refusal(f"a guard has no limit {key!r}; {known_names(key, GUARD)}")
     checked = {key: GUARD[key].check(value) for key, value in given.items()}
     every = {key: checked.get(key, usual_limit(key, entry)) for key in GUARD}
     if given:

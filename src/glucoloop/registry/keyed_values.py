@@ -6,6 +6,8 @@ import contextlib
 from collections.abc import Iterable
 from typing import Final
 
+from glucoloop.refusal import Refusal
+
 _TRUTHS: Final = {"true": True, "false": False}
 
 
@@ -21,9 +23,9 @@ def keyed_values(parts: Iterable[str], of: str, example: str) -> dict[str, objec
     for part in parts:
         key, _, value = (piece.strip() for piece in part.partition("="))
         if not key or not value:
-            raise ValueError(f"{part!r} in the {of} is not a key with a value; write it like {example}")
+            raise Refusal(f"{part!r} in the {of} is not a key with a value; write it like {example}")
         if key in keys:
-            raise ValueError(f"{key} is given twice in the {of}; leave one out")
+            raise Refusal(f"{key} is given twice in the {of}; leave one out")
         keys[key] = value_of(value)
     return keys
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.entries import Choice, PartCatalogue, PartEntry
 from glucoloop.registry.plugins import made_by
 from glucoloop.units import MU_PER_U
@@ -49,7 +50,7 @@ class Result:
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
-            raise ValueError(
+            raise Refusal(
                 f"{self.name!r} cannot name the result of a metric; use letters, digits and underscores only, "
                 "as in 'time_70_140_pct'"
             )
@@ -353,7 +354,7 @@ def metrics_with(further: Iterable[str] = ()) -> Iterator[MetricChoice]:
     for metric in (*_USUAL, *others):
         for result in metric.results:
             if result.name in seen:
-                raise ValueError(
+                raise Refusal(
                     f"the metric {metric.entry.name} gives {result.name}, which the metric {seen[result.name]} gives "
                     "already; leave one of them out, or rename it"
                 )
@@ -371,5 +372,5 @@ def described(name: str, further: Iterable[str] = ()) -> Result:
     """
     known = {result.name: result for metric in metrics_with(further) for result in metric.results}
     if name not in known:
-        raise ValueError(f"unknown metric {name!r}; use one of {', '.join(known)}")
+        raise Refusal(f"unknown metric {name!r}; use one of {', '.join(known)}")
     return known[name]

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.plugins import Catalogue, loaded
 from glucoloop.registry.settings import Default, Tunings, known_names
 
@@ -65,7 +66,7 @@ class PatientEntry:
 
     def __post_init__(self) -> None:
         if self.insulin_route not in ROUTES:
-            raise ValueError(
+            raise Refusal(
                 f"the patient {self.name} has insulin by the route {self.insulin_route!r}; the known ones are: "
                 f"{', '.join(ROUTES)}"
             )
@@ -85,7 +86,7 @@ class PatientEntry:
         """
         points = {point.name: point for point in self.operating_points}
         if name not in points:
-            raise ValueError(f"unknown operating point {name!r} of {self.name}; {known_names(name, points)}")
+            raise Refusal(f"unknown operating point {name!r} of {self.name}; {known_names(name, points)}")
         return points[name]
 
     @property
@@ -240,7 +241,7 @@ def patient_entry(name: str) -> PatientEntry:
     """
     of = next((entry for entry in PATIENTS.values() if name in [point.name for point in entry.operating_points]), None)
     if of is not None and name not in PATIENTS.names():
-        raise ValueError(f"{name!r} is an operating point of {of.name} and no patient; give it as the operating point")
+        raise Refusal(f"{name!r} is an operating point of {of.name} and no patient; give it as the operating point")
     return PATIENTS.find(name)
 
 

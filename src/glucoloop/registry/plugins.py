@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import known_names
 
 
@@ -54,7 +55,7 @@ class Catalogue(dict[str, E]):
         """
         entry: E | None = self.get(name) or added(self._group, name, self._kind)
         if entry is None:
-            raise ValueError(f"unknown {self._what} {name!r}; {known_names(name, self.names())}")
+            raise Refusal(f"unknown {self._what} {name!r}; {known_names(name, self.names())}")
         return entry
 
     def names(self) -> list[str]:
@@ -141,9 +142,9 @@ def loaded(value: str) -> Any:
         for part in attribute.split("."):
             found = getattr(found, part)
     except AttributeError:
-        raise ValueError(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
+        raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
     except Exception as error:  # whatever somebody else's module does when it is imported
-        raise ValueError(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
+        raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
     return found
 
 
@@ -158,12 +159,14 @@ def made_by(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     """
     try:
         return function(*args, **kwargs)
+    except Refusal:
+        raise
     except ValueError as error:
         [*_, (frame, _)] = traceback.walk_tb(error.__traceback__)
-        raised_by = str(frame.f_globals.get("__name__"))
-        if raised_by.partition(".")[0] != function.__module__.partition(".")[0]:
+        raised_by = str(frame.f_globals.get("__name__")).partition(".")[0]
+        if raised_by != function.__module__.partition(".")[0] or raised_by == __name__.partition(".")[0]:
             raise
-        raise ValueError(str(error)) from error
+        raise Refusal(str(error)) from error
 
 
 def _imported(module: str) -> Any:
@@ -179,5 +182,5 @@ def _imported(module: str) -> Any:
 
 def _of_kind(found: Any, name: str, kind: type) -> Any:
     if not isinstance(found, kind):
-        raise ValueError(f"{name} is an instance of {type(found).__name__}; it has to be one of {kind.__name__}")
+        raise Refusal(f"{name} is an instance of {type(found).__name__}; it has to be one of {kind.__name__}")
     return found

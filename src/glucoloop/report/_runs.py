@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Status
+from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
@@ -89,11 +90,11 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
     """
     named = {label: traces} if isinstance(traces, Trace) else dict(traces)
     if not named:
-        raise ValueError("there is no trace to show; give at least one")
+        raise Refusal("there is no trace to show; give at least one")
     runs = [_run(str(name), trace) for name, trace in named.items()]
     for run in runs[1:]:
         if run.meals != runs[0].meals:
-            raise ValueError(
+            raise Refusal(
                 f"{run.label!r} and {runs[0].label!r} have different meals; show runs of one scenario together, "
                 "and others apart"
             )
@@ -103,7 +104,7 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
 def _run(label: str, trace: Trace) -> PlottedRun:
     fine_glucose = np.asarray(trace.fine_glucose_mg_dl, float)
     if fine_glucose.ndim != 1:
-        raise ValueError(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
+        raise Refusal(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
     t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
     insulin, reading = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.reading_mg_dl, float)
     carbs_g, command = np.asarray(trace.carbs_g, float), np.asarray(trace.command_mU_min, float)

@@ -10,6 +10,7 @@ import numpy as np
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import _page
 from glucoloop.report._page import FOOTER as FOOTER
@@ -100,7 +101,7 @@ def interactive_page(
     single = isinstance(traces, Trace)
     by_label = {labels[0]: metrics} if isinstance(metrics, Metrics) else dict(metrics)
     if isinstance(metrics, Metrics) != single or list(by_label) != labels:
-        raise ValueError(
+        raise Refusal(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from glucoloop.metrics import Metrics
+from glucoloop.refusal import Refusal
 from glucoloop.registry.metrics import NOT_AVAILABLE, Result, metrics_with
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -32,7 +33,7 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
         If there are no metrics, or some are of many people.
     """
     if not metrics:
-        raise ValueError("there are no metrics to show; give those of at least one run")
+        raise Refusal("there are no metrics to show; give those of at least one run")
     plain = [of_run.as_dict() for of_run in metrics.values()]
     return [
         _row(metric.entry.section, result, plain)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control.settings import MPCTuning
+from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, Width
 from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
@@ -86,7 +87,7 @@ def plot_surface(
     places = layout(surface)
     combinations = places.combinations()
     if not np.isfinite(surface.sse).any():
-        raise ValueError("the surface has no finite sum of squared errors to show")
+        raise Refusal("the surface has no finite sum of squared errors to show")
     columns = min(_PANELS_PER_ROW.get(width, 1), len(combinations))
     rows = -(-len(combinations) // columns)
     figure = _style.new_figure(width, rows * _ROW_MM + _AROUND_MM, title)

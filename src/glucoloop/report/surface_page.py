@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from glucoloop.control.settings import MPCTuning
+from glucoloop.refusal import Refusal
 from glucoloop.report import _page
 from glucoloop.report._page import Repeat
 from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
@@ -77,7 +78,7 @@ def surface_page(
     shown = surface if grid is None else surface.only(grid)
     try:
         places = layout(shown)
-    except ValueError as error:
+    except Refusal as error:
         parts.append(f"<p>The surface is not shown: {html.escape(str(error))}.</p>")
     else:
         parts += _surface(shown, printed, places)

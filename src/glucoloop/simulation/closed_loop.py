@@ -18,6 +18,7 @@ from glucoloop.meals.scenario import Scenario, announced_g
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
@@ -91,7 +92,7 @@ class Trace:
         import polars as pl
 
         if np.ndim(self.glucose_mg_dl) != 1:
-            raise ValueError(
+            raise Refusal(
                 f"this trace is of people of shape {np.shape(self.glucose_mg_dl)[1:]}, not of one; "
                 "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
             )
@@ -212,7 +213,7 @@ def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
     samples = round(horizon_min / sample_time_min)
     if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
         nearest = max(1, samples) * sample_time_min
-        raise ValueError(
+        raise Refusal(
             f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
             f"{nearest:g} min would be"
         )

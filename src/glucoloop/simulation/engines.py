@@ -29,6 +29,7 @@ from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT
+from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
@@ -92,20 +93,20 @@ def make_engine(
         For an unknown engine, or native code or strict products that are asked for and not possible.
     """
     if name not in (None, *ENGINES):
-        raise ValueError(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
+        raise Refusal(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
     if name != "xla":
         try:
             return NativeEngine(step, own, carry, reaching, shared, key, precision, products)
         except UnsupportedError as error:
             if name == "native":
-                raise ValueError(f"native code cannot take this loop, which has {error}; use xla") from None
+                raise Refusal(f"native code cannot take this loop, which has {error}; use xla") from None
             if products == STRICT:
-                raise ValueError(
+                raise Refusal(
                     f"native code cannot take this loop, which has {error}, and no other engine has portable "
                     "arithmetic; use fused arithmetic, or another controller"
                 ) from None
     if products == STRICT:
-        raise ValueError("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
+        raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
     return MappedEngine(step)
 
 

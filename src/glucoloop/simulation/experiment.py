@@ -26,6 +26,7 @@ from glucoloop.meals import fasting, meal_model_of
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.capabilities import seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.adaptive import Adaptive
@@ -102,7 +103,7 @@ def excite(
     rates = np.asarray(insulin_mU_min, float)
     if not np.all(np.isfinite(rates) & (rates >= 0.0)):
         worst = rates[~(np.isfinite(rates) & (rates >= 0.0))].flat[0]
-        raise ValueError(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
+        raise Refusal(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
     if integrator is None:
         integrator = Exponential(substeps=8, near_rest=True) if isinstance(patient, SemilinearPatient) else Adaptive()
     key = random_key(key)
@@ -161,7 +162,7 @@ def identify(
     if amplitude_mU_min is None:
         amplitude_mU_min = min(LARGEST_PULSE_MU_MIN, basal)
     if not amplitude_mU_min <= basal:
-        raise ValueError(
+        raise Refusal(
             f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )

@@ -32,6 +32,7 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import SampleGrid
 
 Matrix = npt.NDArray[np.float64]
@@ -299,7 +300,7 @@ def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_
         For an accuracy that is not positive.
     """
     if not 0.0 < accuracy_mg_dl < math.inf:
-        raise ValueError(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")
+        raise Refusal(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")
     step_min = _USUAL_STEP_MIN * math.pow(accuracy_mg_dl / USUAL_ACCURACY_MG_DL, 1.0 / _ROUGH_ORDER)
     return max(1, math.ceil(sample_time_min / step_min - 1e-9))
 
@@ -326,7 +327,7 @@ class Exponential:
 
     def __post_init__(self) -> None:
         if self.substeps is not None and self.substeps < 1:
-            raise ValueError(f"substeps of {self.substeps} are not possible; give 1 or more")
+            raise Refusal(f"substeps of {self.substeps} are not possible; give 1 or more")
         substeps_for(_USUAL_STEP_MIN, self.accuracy_mg_dl)
 
     def steps_of(self, grid: SampleGrid) -> int:

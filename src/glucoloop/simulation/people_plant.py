@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
 from glucoloop.simulation.plant import SampleGrid
@@ -120,7 +121,7 @@ def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
     scale = read(probe)
     for block, of_nominal in zip(blocks, row, strict=True):
         if not np.allclose(read(block), of_nominal * scale, rtol=1e-9, atol=0.0):
-            raise ValueError(
+            raise Refusal(
                 "glucose of these people is not in proportion to that of the nominal patient in the same state, so it "
                 "cannot be read between samples; write the patient's slow block as concentrations"
             )

@@ -21,6 +21,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from glucoloop.refusal import Refusal
+
 try:
     import fcntl
 except ImportError:  # Windows, where nothing is locked
@@ -120,7 +122,7 @@ def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
     with _opened(path) as descriptor:
         size = os.fstat(descriptor).st_size
         if size > most:
-            raise ValueError(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
+            raise Refusal(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
         return b"".join(_chunks(descriptor, most))
 
 
@@ -295,7 +297,7 @@ def read_sums(folder: Path) -> dict[str, str]:
     except UnicodeDecodeError:
         found = {}
     if not found or sums_text(found) != text:
-        raise ValueError(f"{place} was changed since glucoloop wrote it; move it away and run the same command again")
+        raise Refusal(f"{place} was changed since glucoloop wrote it; move it away and run the same command again")
     return found
 
 
@@ -356,8 +358,8 @@ def _is(path: Path, wanted: str) -> bool:
     raise _refused(path, there, wanted)
 
 
-def _refused(path: Path, there: str, wanted: str) -> ValueError:
-    return ValueError(f"{path} is {there}, not {wanted}; move it away and run the same command again")
+def _refused(path: Path, there: str, wanted: str) -> Refusal:
+    return Refusal(f"{path} is {there}, not {wanted}; move it away and run the same command again")
 
 
 @contextlib.contextmanager
@@ -381,7 +383,7 @@ def _chunks(descriptor: int, most: int | None = None) -> Iterator[bytes]:
     while chunk := os.read(descriptor, _CHUNK):
         read += len(chunk)
         if most is not None and read > most:
-            raise ValueError(f"a file grew beyond {most} bytes while it was read; run the same command again")
+            raise Refusal(f"a file grew beyond {most} bytes while it was read; run the same command again")
         yield chunk
 
 

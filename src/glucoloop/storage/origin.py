@@ -10,6 +10,7 @@ from typing import Any, Final, TypeGuard
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.config.cases import CASES_KEY
+from glucoloop.refusal import Refusal
 from glucoloop.registry.plugins import code_of
 from glucoloop.storage.strict_json import json_text
 
@@ -56,14 +57,14 @@ def _texts(value: object) -> Iterator[str]:
 def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:
     """Raise ValueError, with the first difference, if a folder holds work of another version or configuration."""
     if there.version != here.version:
-        raise ValueError(
+        raise Refusal(
             f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
             f"go on with {there.version}, or choose another folder with --out"
         )
     found = _first_difference(there.config, here.config)
     if found is not None:
         name, before, now = found
-        raise ValueError(
+        raise Refusal(
             f"{folder} holds another {what}: {name} is {before} there and {now} here; choose another folder with "
             "--out, or add --overwrite to replace it"
         )
@@ -78,7 +79,7 @@ def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
         If it is not known with which arithmetic the folder was computed.
     """
     if there.arithmetic is None or here.arithmetic is None:
-        raise ValueError(
+        raise Refusal(
             f"{folder / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
             "choose another folder with --out, or add --overwrite to begin again"
         )

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from glucoloop.config.toml import read_toml
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import ARITHMETIC, Origin
@@ -69,7 +70,7 @@ class Rows(Generic[R]):
             for cells in table.select(list(self.schema)).rows(named=True):
                 rows.append(self.row(cells, rows))
         except (pl.exceptions.PolarsError, ValueError, TypeError, KeyError):
-            raise ValueError(f"{place} is damaged; delete it and run the same command again") from None
+            raise Refusal(f"{place} is damaged; delete it and run the same command again") from None
         return rows
 
 
@@ -137,7 +138,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         self.rows = self.kind.read(self.path / self.kind.file) if disk.is_file(self.path / self.kind.file) else []
         self._written = len(self.rows)
         if self._written > self.kind.wanted:
-            raise ValueError(
+            raise Refusal(
                 f"{self.path} holds {self._written} {self.kind.what}, and {self.kind.wanted} are asked for, which is "
                 "fewer; ask for more, or choose another folder with --out"
             )

@@ -20,6 +20,7 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
@@ -123,19 +124,19 @@ def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelF
     model = read_model(path)
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         own, runs = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
-        raise ValueError(
+        raise Refusal(
             f"the model was identified for {own}-min samples, the run uses {runs} min; "
             f"identify again with --sample-time {runs} or run with --sample-time {own}"
         )
     held = model.provenance.dead_time_min
     if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
-        raise ValueError(
+        raise Refusal(
             f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
             f"run with --dead-time {held:g} or --unknown-dead-time, or identify again"
         )
     doubts = model.doubts()
     if doubts and not situation.allow_unusual:
-        raise ValueError(
+        raise Refusal(
             f"no controller should be designed on the model {path}. {' '.join(doubts)} Identify it again from a record "
             f"in which insulin moves glucose more, or {CONFIRM_OPTION} to use it all the same"
         )

@@ -33,6 +33,7 @@ from glucoloop.identification import (
 from glucoloop.identification.record import FROM_ZERO
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
@@ -126,7 +127,7 @@ def _from_patient(config: IdentificationKeys) -> Identified:
     person = situation.nominal
     basal = float(person.basal_insulin_mU_min)
     if config.amplitude_mU_min > basal:
-        raise ValueError(
+        raise Refusal(
             f"pulses of {config.amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
@@ -181,8 +182,8 @@ def _from_data(config: IdentificationKeys, path: Path) -> Identified:
             basal_insulin_mU_min=config.basal_insulin_mU_min,
             starts_at_rest=config.starts_at_rest,
         )
-    except ValueError as error:
-        raise ValueError(_in_file(_in_options(str(error)), path)) from error
+    except Refusal as error:
+        raise Refusal(_in_file(_in_options(str(error)), path)) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
     of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
@@ -245,7 +246,7 @@ def _method(config: IdentificationKeys, record: Record) -> tuple[str, str]:
                 basal_insulin_mU_min=config.basal_insulin_mU_min,
             )
             return "csrs", "Method: cross-correlation, since the record is one of balanced pulses."
-    except ValueError:
+    except Refusal:
         return (
             "least-squares",
             "Method: least squares, since the record is not one of the balanced pulses that cross-correlation needs.",
@@ -302,7 +303,7 @@ def _time_constant(identification: Identification) -> str:
     t_min = model.sample_time_min * np.arange(1, model.memory + 1)
     try:
         return f"{float(fit_first_order(t_min, model.step_response, 1.0).tau_min):.1f}"
-    except ValueError:
+    except Refusal:
         return "n/a"  # the response is not one that a time constant describes
 
 

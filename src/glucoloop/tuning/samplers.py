@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from glucoloop._extras import needed_for
+from glucoloop.refusal import Refusal
 from glucoloop.registry.ranges import Tuned
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
@@ -65,7 +66,7 @@ def make_sampler(
         For an unknown name, or Optuna that is not installed.
     """
     if name not in SAMPLERS:
-        raise ValueError(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
+        raise Refusal(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
     if name == "random":
         return _Chance(space, seed, start)
     return _Optuna(name, space, seed, batch, start)

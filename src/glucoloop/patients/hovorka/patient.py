@@ -22,6 +22,7 @@ from glucoloop.patients.hovorka.rest import (
 )
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
+from glucoloop.refusal import Refusal
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
@@ -83,7 +84,7 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
             return self.glucose_mg_dl(x)
         if site == INTERSTITIAL:
             return equations.interstitial_glucose_mg_dl(x)
-        raise ValueError(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
+        raise Refusal(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
 
     def process_noise(self, glucose: float, other: float, glucagon: float = 0.0) -> npt.NDArray[np.float64]:
         """Diagonal of the process noise covariance `(9,)` that a Kalman filter of this patient takes.

@@ -11,6 +11,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.options.situation import whole_samples
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.settings import Value
 from glucoloop.studies.adversary.options import FEW_GENERATIONS, GENERATIONS, REFUSED, USUAL, AdversaryKeys
@@ -100,7 +101,7 @@ def read_adversary(
     if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
         told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
         called = (names or {}).get("errors_pct", "errors_pct")
-        raise ValueError(f"{called} is {told}; give one largest error or more, each once")
+        raise Refusal(f"{called} is {told}; give one largest error or more, each once")
     base, limits = read_guarded_trial(
         keys,
         cases,

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows, RowsFolder
 from glucoloop.studies.adversary.keys import Adversary
@@ -49,7 +50,7 @@ def rows_of(asked: Adversary) -> Rows[Scores]:
         found = Scores(cells["search"], cells["generation"], np.array(cells["score"], float))
         number = sum(of.search == found.search for of in before)
         if not found.generation == number < most.get(found.search, 0) or found.score.shape != (lanes,):
-            raise ValueError("this is no generation of the search")
+            raise Refusal("this is no generation of the search")
         return found
 
     return Rows(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.report.fault_words import short_names
 from glucoloop.studies.stress.stress import NO_FAULT, StressResult, StressRow, Tried
 
@@ -52,10 +53,10 @@ def grid_of(result: StressResult) -> Grid:
     """
     rows = {row.tried: row for row in result.rows}
     if not rows:
-        raise ValueError("the stress test has no rows to show; give at least one")
+        raise Refusal("the stress test has no rows to show; give at least one")
     if len(rows) < len(result.rows):
         twice = next(row.tried for row in result.rows if sum(other.tried == row.tried for other in result.rows) > 1)
-        raise ValueError(f"the stress test has two rows of {twice.label!r}; leave one out")
+        raise Refusal(f"the stress test has two rows of {twice.label!r}; leave one out")
     controllers = tuple(dict.fromkeys(tried.controller for tried in rows))
     faults = (NO_FAULT, *dict.fromkeys(tried.fault for tried in rows if tried.fault != NO_FAULT))
     guards = tuple(sorted({tried.guarded for tried in rows}))
@@ -64,7 +65,7 @@ def grid_of(result: StressResult) -> Grid:
             for fault in faults:
                 tried = Tried(controller=controller, guarded=guarded, fault=fault)
                 if tried not in rows:
-                    raise ValueError(f"the stress test has no row of {tried.label!r}; give one for every cell")
+                    raise Refusal(f"the stress test has no row of {tried.label!r}; give one for every cell")
     names = {NO_FAULT: NO_FAULT_TOLD} | short_names(faults[1:])
     return Grid(controllers=controllers, faults=faults, guards=guards, names=names, rows=rows)
 

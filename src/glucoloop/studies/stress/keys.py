@@ -11,6 +11,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import faults_told
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import Value
 from glucoloop.studies.guarded import guarded_trial_keys, read_guarded_trial
 from glucoloop.studies.options import Guards
@@ -71,7 +72,7 @@ def read_stress(
         faults = faults_told(STANDARD_FAULTS, horizon_min)
     elif not own.faults:
         called = (names or {}).get("faults", "faults")
-        raise ValueError(f"{called} is []; give a list of faults, like ['missing, start_min=60, duration_min=30']")
+        raise Refusal(f"{called} is []; give a list of faults, like ['missing, start_min=60, duration_min=30']")
     else:
         faults = faults_told(own.faults, horizon_min, allow_unusual=base.allow_unusual)
     tested = stress_of(base, faults, own.guards, limits)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import Value
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.studies.options import Guards
@@ -109,7 +110,7 @@ def stress_of(base: Trial, faults: Sequence[str], guards: Guards, limits: Mappin
     """
     for fault in faults:
         if list(faults).count(fault) > 1:
-            raise ValueError(f"the fault {fault!r} is given twice; leave one out")
+            raise Refusal(f"the fault {fault!r} is given twice; leave one out")
     cases: list[Case] = []
     tried: list[Tried] = []
     for case in base.cases:

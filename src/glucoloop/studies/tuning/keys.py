@@ -10,6 +10,7 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import Run, read_run
 from glucoloop.control import MPCTuning
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
 from glucoloop.studies.tuning.options import GridKeys, RangeKeys
 from glucoloop.tuning.designers import kind_of_tuning, usual_filters
@@ -61,7 +62,7 @@ def read_grid_search(keys: Mapping[str, object], names: Mapping[str, str] | None
     run = read_run({key: value for key, value in keys.items() if key not in called}, names)
     noisy = run.situation.noisy
     if own.seeds not in (None, 1) and not run.situation.drawn:
-        raise ValueError(
+        raise Refusal(
             f"{called['seeds']} is {own.seeds}, but without noise, another sensor or a fault all are alike; "
             "leave it out"
         )
@@ -81,7 +82,7 @@ def _text(value: object, name: str) -> str:
         return ",".join(_text(item, name) for item in value)
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
-    raise ValueError(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
+    raise Refusal(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
 
 
 def _usual_ranges(run: Run) -> dict[str, str]:

@@ -11,6 +11,7 @@ import polars as pl
 
 from glucoloop.config.toml import toml_text
 from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report import Repeat
 from glucoloop.report.facts import run_facts
@@ -160,6 +161,6 @@ def files_of(found: Searched) -> tuple[dict[str, str | bytes], str | None]:
         figure = plot_surface(
             found.surface.only(asked.grid), printed=found.printed.tuning, called=found.printed.called, title=found.title
         )
-    except ValueError as error:
+    except Refusal as error:
         return files, f"No picture was drawn: {error}."
     return {**files, **figure_files("surface", figure)}, None

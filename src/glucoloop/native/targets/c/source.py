@@ -21,6 +21,7 @@ from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
 from glucoloop.native.targets.c.unrolled import unrolled
+from glucoloop.refusal import Refusal
 
 UNROLLED: Final = "unrolled"
 COMPACT: Final = "compact"
@@ -167,7 +168,7 @@ def write_source(
         For an unknown form.
     """
     if form not in (AUTO, UNROLLED, COMPACT):
-        raise ValueError(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
+        raise Refusal(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
     format, tables = FORMATS[traced.precision], Tables()
     state, observation = record("state", traced.state), record("observation", traced.observation)
     decision = record("decision", traced.decision)
