@@ -23,9 +23,9 @@ from glucoloop.cli.app import app
 from glucoloop.lab import pack
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
+from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.metrics import RESULTS
 from glucoloop.registry.controllers import CONTROLLERS
-from glucoloop.registry.faults import FAULTS
-from glucoloop.registry.metrics import RESULTS
 from glucoloop.registry.patients import PATIENTS
 
 # The everyday interface stands on the page "api"; what the command line is made of is no interface.

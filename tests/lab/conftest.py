@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop.lab.pack import DATA, PAGE
 from glucoloop.native.targets.wasm.module import HOST
-from glucoloop.registry.faults import fault, fault_entry
+from glucoloop.parts.faults import fault, fault_entry
 
 NODE = shutil.which("node")
 

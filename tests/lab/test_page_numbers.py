@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from glucoloop.registry.fault_text import parse_fault
 
 from glucoloop.arguments import random_key
 from glucoloop.config.run import read_run
@@ -37,7 +38,6 @@ from glucoloop.native.targets.wasm.module import linker
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample

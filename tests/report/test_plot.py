@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
+from glucoloop.registry.fault_text import parse_fault
 from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.patients import population
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report._page import in_both_units
 from glucoloop.report._plot import GLUCOSE, Panel, nice_ticks, thinned
 from glucoloop.report._runs import periods

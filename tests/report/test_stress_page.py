@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from glucoloop.registry.faults import FAULTS
+from glucoloop.parts.faults import FAULTS
 from glucoloop.studies.stress._cells import QUANTITIES, SHADES
 from glucoloop.studies.stress.page import stress_page
 from glucoloop.studies.stress.stress import STANDARD_FAULTS

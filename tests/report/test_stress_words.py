@@ -5,8 +5,8 @@ import itertools
 import math
 
 import pytest
-
 from glucoloop.registry.fault_text import parse_fault
+
 from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
 from glucoloop.studies.stress import results
 from glucoloop.studies.stress._cells import SHADES, UNKNOWN, shade_of, short_mg_dl, short_pct

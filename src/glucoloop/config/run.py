@@ -27,23 +27,23 @@ from glucoloop.config.unusual import (
     ask_about,
     ask_about_clock,
     ask_about_meals,
+    ask_about_part,
     ask_about_pump,
     ask_about_settings,
 )
 from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, meal_model_of
+from glucoloop.parts.faults import FAULTS, START
+from glucoloop.parts.metrics import METRICS, metrics_with
+from glucoloop.parts.part import Part
+from glucoloop.parts.pumps import LIMITS, PUMPS, USUAL_PUMP
+from glucoloop.parts.sensors import SENSORS
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.entries import Choice
-from glucoloop.registry.fault_text import fault_text, parse_fault
-from glucoloop.registry.faults import START
 from glucoloop.registry.guard import GUARD, complete_guard
-from glucoloop.registry.metrics import METRICS, metrics_with
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.pumps import LIMITS, PUMPS, USUAL_PUMP
-from glucoloop.registry.sensors import SENSORS
 from glucoloop.registry.settings import Value, refuse_unknown_keys
 
 _OF_PATIENT: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
@@ -115,7 +115,7 @@ def completed(keys: Mapping[str, object]) -> dict[str, object]:
 def _usual_limits(keys: Mapping[str, object]) -> dict[str, object]:
     """Limits of the pump that flat keys leave out: those usual for the patient, or the pump's own."""
     entry, pump = patient_of(keys), keys.get("pump", USUAL_PUMP)
-    own = PUMPS.choose(pump).entry.limits if isinstance(pump, str) else {}
+    own = PUMPS.choose(pump).limits if isinstance(pump, str) else {}
     return {**{key: getattr(entry, key) for key in _OF_PATIENT}, **own}
 
 
@@ -230,18 +230,17 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
         For a text that is no fault, one that begins after the end of the run, or an unusual setting,
         unless that is allowed.
     """
-    faults = [parse_fault(text) for text in texts]
+    faults = [FAULTS.choose(text) for text in texts]
     for told in faults:
         if not allow_unusual:
-            called = {setting.name: f"{setting.name} of the fault {told.name}" for setting in told.entry.settings}
-            ask_about_settings(told.entry.settings, told.settings, called)
-        start_min = float(told.settings.get(START, 0.0))
+            ask_about_part(told)
+        start_min = float(told.values().get(START, 0.0))
         if start_min >= duration_min:
             raise Refusal(
                 f"the fault {told.name} begins at {start_min:g} min, but the run ends at {duration_min:g} min; "
                 "let it begin earlier, or leave it out"
             )
-    return tuple(fault_text(told) for told in faults)
+    return tuple(told.text for told in faults)
 
 
 def parts_told(situation: SituationKeys) -> dict[str, Any]:
@@ -254,11 +253,10 @@ def parts_told(situation: SituationKeys) -> dict[str, Any]:
     """
     sensor, pump = SENSORS.choose(situation.sensor), PUMPS.choose(situation.pump)
     metrics = [METRICS.choose(text) for text in situation.metrics]
-    parts: list[Choice[Any]] = [sensor, pump, *metrics]
+    parts: list[Part] = [sensor, pump, *metrics]
     if not situation.allow_unusual:
         for part in parts:
-            settings, whose = part.entry.settings, f"of the {part.entry.kind} {part.name}"
-            ask_about_settings(settings, part.settings, {one.name: f"{one.name} {whose}" for one in settings})
+            ask_about_part(part)
     sensor_of(situation.situation())
     pump_of(situation.situation())
     return {"sensor": sensor.text, "pump": pump.text, "metrics": tuple(metric.text for metric in metrics)}

@@ -31,9 +31,9 @@ from glucoloop.config.run import (
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
+from glucoloop.parts.clock_text import time_of_day_text
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.clock_text import time_of_day_text
 from glucoloop.registry.controllers import USUAL_CONTROLLER
 from glucoloop.registry.patients import patient_entry
 from glucoloop.units import MIN_PER_DAY

@@ -12,6 +12,7 @@ from typing import Final
 from glucoloop.config.key import quantities
 from glucoloop.config.meal_text import names_unit, parse_meal
 from glucoloop.meals import Meal
+from glucoloop.parts.part import Part
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
 from glucoloop.refusal import Refusal
@@ -43,6 +44,12 @@ def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object],
         value = given.get(setting.name)
         if setting.quantity is not None and isinstance(value, int | float):
             _ask(value, setting.quantity, setting.name, names)
+
+
+def ask_about_part(part: Part) -> None:
+    """Ask for confirmation of unusual settings of a part."""
+    for name, value in part.values().items():
+        part.setting(name).ask(value, f"{name} of the {part.kind} {part.name}")
 
 
 def ask_about_meals(meals: Iterable[Meal]) -> None:

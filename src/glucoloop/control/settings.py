@@ -9,9 +9,9 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
+from glucoloop.parts.sensors import LONGEST_LAG_MIN
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
-from glucoloop.registry.sensors import LONGEST_LAG_MIN
 from glucoloop.registry.settings import About, settings_record, usual
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ class Case:
     guard: Mapping[str, Value] | None = None
     """All limits of the guard, or None for a controller without a guard."""
     faults: tuple[str, ...] = ()
-    """Faults of the case, around those of the situation; see `registry.fault_text`."""
+    """Faults of the case, around those of the situation, each as its text."""
 
 
 def usual_case(controller: str, situation: Situation) -> Case:

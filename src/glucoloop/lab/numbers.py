@@ -197,10 +197,10 @@ def _faults() -> dict[str, Any]:
             "timed": entry.timed,
             "settings": {
                 setting.name: {
-                    **_offered(setting.summary, setting.type in (int, bool), OFFERED_FAULTS[setting.name]),
+                    **_offered(setting.summary, setting.kind in (int, bool), OFFERED_FAULTS[setting.name]),
                     "usual": setting.default.noise_free,
                 }
-                for setting in entry.settings
+                for setting in entry.own_settings().values()
             },
         }
         for entry in offered()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from glucoloop.registry.metrics import RESULTS
+from glucoloop.parts.metrics import RESULTS
 
 
 def short_table(metrics: Mapping[str, Any]) -> str:

@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
+from glucoloop.parts.ranges import Tuned
 from glucoloop.refusal import Refusal
 from glucoloop.registry.entries import Entry
 from glucoloop.registry.patients import PatientEntry
 from glucoloop.registry.plugins import Catalogue, loaded
-from glucoloop.registry.ranges import Tuned
 from glucoloop.registry.settings import Setting, Value
 
 _TUNED: Final = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")

@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 import glucoloop
 from glucoloop.config.toml import toml_text
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.parts.metrics import NOT_AVAILABLE
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 _LAB: Final = "lab.html"

@@ -11,9 +11,9 @@ from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.run import Run, read_run, refuse_unknown_beside
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.case import Case
+from glucoloop.parts.ranges import Tuned, parse_range
 from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.ranges import Tuned, parse_range
 from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.parts.metrics import NOT_AVAILABLE
 from glucoloop.studies.stress.stress import StressRow
 
 

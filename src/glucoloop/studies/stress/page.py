@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from typing import Final
 
-from glucoloop.registry.fault_text import parse_fault
+from glucoloop.parts.faults import FAULTS
 from glucoloop.report import _page
 from glucoloop.report._page import Repeat, count, scrolling, section
 from glucoloop.report.fault_words import settings_in_words, when_in_words
@@ -212,10 +212,10 @@ def _faults(grid: Grid) -> str:
         return ""
     lines = []
     for text in grid.faults[1:]:
-        fault = parse_fault(text)
+        fault = FAULTS.choose(text)
         lines.append(
-            f'<tr><th scope="row">{_text(grid.names[text])}</th><td>{fault.entry.part}</td>'
-            f"<td>{_text(fault.entry.summary)}</td><td>{_text(settings_in_words(fault))}</td>"
+            f'<tr><th scope="row">{_text(grid.names[text])}</th><td>{fault.part}</td>'
+            f"<td>{_text(fault.summary)}</td><td>{_text(settings_in_words(fault))}</td>"
             f"<td>{_text(when_in_words(fault))}</td></tr>"
         )
     heads = "".join(f'<th scope="col">{head}</th>' for head in ("Fault", "Of", "What happens", "Set", "When"))
