@@ -15,8 +15,8 @@ from glucoloop.config.population import read_population
 from glucoloop.config.run import read_run, run_keys
 from glucoloop.config.toml import read_toml
 from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.sorensen.varying import NOMINAL
-from glucoloop.registry.controllers import CONTROLLERS
 
 scalars = st.one_of(
     st.booleans(),

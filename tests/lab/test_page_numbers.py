@@ -16,6 +16,7 @@ from glucoloop.registry.fault_text import parse_fault
 
 from glucoloop.arguments import random_key
 from glucoloop.config.run import read_run
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.guard import Guard
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import with_guard
@@ -37,7 +38,6 @@ from glucoloop.native.lower import lower
 from glucoloop.native.targets.wasm.module import linker
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
@@ -334,7 +334,7 @@ def designed(runs, data):
         limits = run.situation.situation().limits
         of = data["patients"][f"{run.situation.patient}/{run.situation.operating_point}"]
         case = OnModelsOfThePage(of, run.case.controller, limits)
-        bare = entry.designer()(case, entry.values(run.case.tuning))
+        bare = entry(**run.case.tuning).designed(case)
         found.append(with_guard(bare, run.case.case().guard, limits))
     return found
 

@@ -17,8 +17,8 @@ import typer
 from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
+from glucoloop.control.catalogue import all_settings
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import all_settings
 from glucoloop.registry.guard import GUARD, usual_text
 
 Given = dict[str, Any]
@@ -158,10 +158,10 @@ def _setting_options() -> Iterator[Option]:
         yield Option(
             name,
             f"--{name.replace('_', '-')}",
-            first.type,
+            first.kind,
             f"{first.summary} One of {', '.join(first.choices)}." if first.choices else first.summary,
             CONTROLLER_PANEL,
-            metavar={int: "N", float: "X", str: "NAME"}[first.type],
+            metavar={int: "N", float: "X", str: "NAME"}[first.kind],
             default=defaults,
         )
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.options import CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
+from glucoloop.control.catalogue import setting_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import setting_names
 from glucoloop.registry.keyed_values import keyed_values
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from glucoloop.cli.screen import stage, stages
 from glucoloop.cli.study import read_request, tell_results
 from glucoloop.config.key import declared
 from glucoloop.config.options.case import OF_OTHERS
-from glucoloop.registry.controllers import CONTROLLERS, TUNABLE, setting_names
+from glucoloop.control.catalogue import CONTROLLERS, TUNABLE, setting_names
 from glucoloop.studies.tuning.options import NOT_TUNED, GridKeys, RangeKeys
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ HELP: Final = (
 
 def _fixed() -> Iterator[Option]:
     """Options of a case that are not tuned: settings of controllers that are not tuned here are left out."""
-    own = {setting.name for name in TUNABLE for setting in CONTROLLERS[name].settings}
+    own = {setting for name in TUNABLE for setting in CONTROLLERS[name].settings()}
     told = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNABLE)
     others = without(CASE, *declared(RangeKeys), *(setting_names() - own), *NOT_TUNED)
     return reworded(others, help={"controller": f"{told}; {OF_OTHERS}."})

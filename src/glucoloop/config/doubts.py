@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from glucoloop.registry.controllers import controller_entry
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.registry.patients import patient_entry
 
 BOLUS_INTO_A_VEIN: Final = (

@@ -31,8 +31,10 @@ from glucoloop.config.unusual import (
     ask_about_pump,
     ask_about_settings,
 )
+from glucoloop.control import catalogue
 from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, meal_model_of
+from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.faults import FAULTS, START
 from glucoloop.parts.metrics import METRICS, metrics_with
 from glucoloop.parts.part import Part
@@ -41,7 +43,6 @@ from glucoloop.parts.sensors import SENSORS
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.refusal import Refusal
-from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
 from glucoloop.registry.settings import Value, refuse_unknown_keys
@@ -183,20 +184,21 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
     guard = _guard_limits(keys, entry, bool(own.get("guard", False)), names)
     case = checked(CaseKeys, {**own, "tuning": tuning, "guard_limits": guard}, names)
     if settings:
-        catalogue.controller_entry(controller).values(case.tuning)  # refuses before anything is designed
+        catalogue.controller_entry(controller)(**case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
-        ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
+        settings_of = catalogue.controller_entry(case.controller).settings()
+        ask_about_settings((*settings_of.values(), *GUARD.values()), keys, names)
     return case
 
 
-def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
+def _refuse_reserved(entry: type[ControllerPart]) -> None:
     """Refuse a controller of another package with a setting whose key means something else."""
     reserved = {*declared(SituationKeys), *declared(CaseKeys), *GUARD, "label"}
-    for setting in entry.settings:
-        if setting.name in reserved:
+    for name in entry.settings():
+        if name in reserved:
             raise Refusal(
-                f"the controller {entry.name} has a setting {setting.name!r}, which is a key of every run already; "
+                f"the controller {entry.name} has a setting {name!r}, which is a key of every run already; "
                 "its author has to give it another name"
             )
 
@@ -296,7 +298,7 @@ def overlay(
         kept.pop("model", None)
     if "controller" in upper:
         entry = catalogue.controller_entry(str(upper["controller"]))
-        own = {setting.name for setting in entry.settings}
+        own = set(entry.settings())
         foreign = catalogue.setting_names(*controllers_of(lower)) - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
     if "pump" in upper and upper["pump"] != lower.get("pump", USUAL_PUMP):

@@ -7,7 +7,7 @@ fault stands in the catalogue. `allow_unusual` in a file, or the option, confirm
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.config.key import quantities
 from glucoloop.config.meal_text import names_unit, parse_meal
@@ -16,7 +16,6 @@ from glucoloop.parts.part import Part
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Setting
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 Names = Mapping[str, str] | None
@@ -38,7 +37,7 @@ def ask_about(record: object, names: Names = None) -> None:
             _ask(value, quantity, key, names)
 
 
-def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object], names: Names = None) -> None:
+def ask_about_settings(settings: Iterable[Any], given: Mapping[str, object], names: Names = None) -> None:
     """Ask for confirmation of unusual settings of a catalogue that were given."""
     for setting in settings:
         value = given.get(setting.name)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from glucoloop.control.catalogue import complete, controller_entry
 from glucoloop.experiments.situation import Situation
-from glucoloop.registry.controllers import complete, controller_entry
 from glucoloop.registry.settings import Value
 
 

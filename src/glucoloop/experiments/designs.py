@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, GuardSettings, guarded
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.situation import Situation
@@ -27,10 +28,8 @@ from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import PREFIX
 from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.plugins import made_by
 from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
 
@@ -173,9 +172,9 @@ def design_of(
             )
 
     def designed(tuning: Mapping[str, Value]) -> Controller:
-        settings = entry.values(tuning)
+        settings = entry(**tuning)
         refuse_without_clock(settings)  # before a design that takes long
-        controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
+        controller: Controller = settings.designed(design)
         refuse_without_clock(controller)
         return with_guard(controller, case.guard, situation.limits)
 

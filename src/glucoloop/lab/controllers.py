@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.control import Controller, LinearMPC
+from glucoloop.control.catalogue import complete
 from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
@@ -26,7 +27,6 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
 from glucoloop.lab.part import Part, part, starting
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.registry.controllers import complete
 from glucoloop.registry.guard import PREFIX, GuardSettings, usual_limit
 from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.registry.settings import Value

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.config.run import read_run
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.protocol import Status
 from glucoloop.lab.body import (
     FAMILIES,
@@ -35,7 +36,6 @@ from glucoloop.lab.people import people_numbers
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import GUARD, PREFIX, usual_limit
 from glucoloop.registry.patients import SUBCUTANEOUS, PatientEntry
 from glucoloop.registry.settings import Value
@@ -280,8 +280,8 @@ def _controller(name: str, of_patient: PatientEntry) -> dict[str, Any]:
     if "prediction_horizon" in bounds:
         bounds["prediction_horizon"] = (1, LONGEST_HORIZON[of_patient.insulin_route], 1)
     offered = {
-        setting.name: _offered(setting.summary, setting.type is int, bounds[setting.name])
-        for setting in entry.settings
+        setting.name: _offered(setting.summary, setting.kind is int, bounds[setting.name])
+        for setting in entry.settings().values()
         if setting.name in bounds
     }
     usual: dict[str, Any] = {}

@@ -10,13 +10,13 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.comparison import Comparison
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
 from glucoloop.parts.faults import FAULTS
 from glucoloop.parts.pumps import USUAL_PUMP
 from glucoloop.parts.sensors import USUAL_SENSOR
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.settings import Value
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min

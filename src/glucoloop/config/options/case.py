@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from glucoloop.config.key import Key, plain
+from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
 from glucoloop.plausible import NOISE_VARIANCE
-from glucoloop.registry.controllers import CONTROLLERS, USUAL_CONTROLLER
 from glucoloop.registry.settings import Value
 
 if TYPE_CHECKING:

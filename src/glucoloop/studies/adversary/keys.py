@@ -11,8 +11,8 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.options.situation import whole_samples
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.settings import Value
 from glucoloop.studies.adversary.options import FEW_GENERATIONS, GENERATIONS, REFUSED, USUAL, AdversaryKeys
 from glucoloop.studies.adversary.outcome import ErrorSearch

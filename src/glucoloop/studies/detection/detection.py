@@ -36,7 +36,7 @@ class Detection:
     """Number of days of each person."""
     estimators: tuple[str, ...]
     settings: Mapping[str, Value]
-    """All settings of every estimator; see `registry.controllers.ESTIMATING`."""
+    """All settings of every estimator; see `control.catalogue.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
 

@@ -10,8 +10,8 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import Run, read_run
 from glucoloop.control import MPCTuning
+from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
 from glucoloop.studies.tuning.options import GridKeys, RangeKeys
 from glucoloop.tuning.designers import kind_of_tuning, usual_filters
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid

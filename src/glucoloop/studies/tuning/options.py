@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from glucoloop.config.key import Key
-from glucoloop.registry.controllers import CONTROLLERS
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.registry.guard import GUARD
 
 MOST_SEEDS: Final = 1000

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 from glucoloop.config.key import Key
 from glucoloop.config.options.situation import PatientKey
-from glucoloop.registry.controllers import CONTROLLERS
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.registry.patients import USUAL_PATIENT
 
 CAMPAIGN_PANEL = "Campaign"
