@@ -55,6 +55,10 @@ def computing(keys: Given) -> Computing:
         raise ValueError(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
         raise ValueError(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+    if dask is not None:
+        from glucoloop.storage.trials.cluster import library
+
+        library()  # what is missing is told before anything is designed
     return Computing(workers, dask)
 
 

@@ -17,6 +17,7 @@ from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
+from glucoloop.tuning.samplers import library
 
 _CASE: Final = ("known_dead_time",)
 
@@ -111,6 +112,8 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
         sampler=own.sampler,
         sampler_seed=own.sampler_seed,
     )
+    if own.sampler != "random":
+        library()
     return Robust(search=search, own=own, far=far, ranges={of.name: of.text for of in space})
 
 
