@@ -326,6 +326,8 @@ REFUSED_BY_THE_MACHINE = {
     "scheduler": (lost_scheduler, "the connection to the Dask scheduler was lost (in <TCP (closed)>"),
     "cancelled": (raising(CancelledError()), "the connection to the Dask scheduler was lost (CancelledError)"),
     "full disk": (raising(OSError(errno.ENOSPC, "No space left on device")), "written; free some space or choose"),
+    "no permission": (raising(OSError(errno.EACCES, "Permission denied")), "written; change its permissions or"),
+    "read only": (raising(OSError(errno.EROFS, "Read-only file system")), "written; mount the disk for writing or"),
     "links": (loop_of_links, "out: Too many levels of symbolic links, nothing was written; choose another place"),
 }
 
@@ -340,7 +342,14 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
 
 @pytest.mark.parametrize(
     ("error", "code", "told"),
-    [(OSError(errno.EIO, "Input/output error"), 2, "Input/output error"), (KeyboardInterrupt(), 130, "interrupted")],
+    [
+        (
+            OSError(errno.EIO, "Input/output error"),
+            2,
+            "Input/output error, the results are in out; check the disk or choose another place",
+        ),
+        (KeyboardInterrupt(), 130, "interrupted, the results are in out"),
+    ],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
     outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict))
@@ -348,7 +357,7 @@ def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, m
     monkeypatch.setattr("glucoloop.cli.run.write_outcome", lambda folder, *_: folder.write("a.txt", "a"))
     monkeypatch.setattr("glucoloop.cli.run.tell", raising(error))
     answer = glucoloop("run", "--out", "out")
-    assert (answer.code, answer.err) == (code, f"glucoloop: {told}, the results are in out.\n")
+    assert (answer.code, answer.err) == (code, f"glucoloop: {told}.\n")
     assert (tmp_path / "out/a.txt").read_text() == "a"
 
 
@@ -422,3 +431,33 @@ def test_unwritable_place_is_told(refused, tmp_path):
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o500)
     assert "cannot be written" in refused("run", "--out", Path("closed") / "out")
+
+
+LACKING = {
+    "adversary --out out": ("cmaes", "the search for the worst errors needs cmaes"),
+    "adversary": ("cmaes", "the search for the worst errors needs cmaes"),
+    "robust --out out": ("optuna", "a sampler other than random needs optuna"),
+    "trial --dask local --out out": ("distributed", "a cluster needs distributed"),
+}
+
+
+@pytest.mark.parametrize("line", LACKING)
+def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, monkeypatch, line):
+    package, told = LACKING[line]
+    for engine in (
+        "studies.adversary.work.search_on",
+        "studies.robust.search.SearchEngine",
+        "cohorts.engine.prepare",
+    ):
+        monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))
+    monkeypatch.setitem(sys.modules, package, None)
+    assert told in refused(*line.split(" "))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("chip", "told"), [("host", "no C compiler"), ("cortex-m4f", "take --chip host")])
+def test_missing_tool_of_a_chip_is_told_before_anything_is_computed(refused, monkeypatch, chip, told):
+    monkeypatch.setattr("glucoloop.studies.hil.model_for", lambda *_: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.firmware.hil.build.compiler", lambda: None)
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    assert told in refused("hil", "--chip", chip)
