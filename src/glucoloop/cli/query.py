@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from glucoloop.cli.screen import fits, note, show
+from glucoloop.registry.number_text import number_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -71,7 +72,7 @@ def command(
 
 def _seconds(text: str) -> float:
     try:
-        seconds = float(text)
+        seconds = number_of(text, float)
     except ValueError:
         seconds = math.nan
     if not 0.0 < seconds < math.inf:

@@ -31,7 +31,7 @@ from glucoloop.config.unusual import (
     ask_about_settings,
 )
 from glucoloop.experiments.surroundings import pump_of, sensor_of
-from glucoloop.meals import Meal, meal_model_of
+from glucoloop.meals import meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.registry import controllers as catalogue
@@ -84,7 +84,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None,
     refuse_unknown(keys)
     situation = checked(SituationKeys, own_keys(completed(keys), SituationKeys), names)
     if not situation.allow_unusual:
-        ask_about_surroundings(situation, situation.eaten(), names)
+        ask_about_surroundings(situation, situation.meals, names)
         ask_about_clock(situation.meals, situation.duration_min)
     refuse_impossible(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
@@ -147,7 +147,7 @@ def refuse_impossible(situation: SituationKeys) -> None:
         )
 
 
-def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], names: Names = None) -> None:
+def ask_about_surroundings(situation: SituationKeys, meals: Iterable[str], names: Names = None) -> None:
     """Ask for confirmation of unusual values.
 
     Raises

@@ -76,7 +76,7 @@ def read_trial(
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
         ask_about(own, names)
-        ask_about_surroundings(situation, meals, names)
+        ask_about_surroundings(situation, own.meals, names)
         ask_about_clock(own.meals, own.duration_min or (own.days or 1) * MIN_PER_DAY)
     refuse_impossible(situation)
     if "meals" not in keys and own.duration_min is not None:
@@ -193,7 +193,8 @@ def _population(told: object, name: str, patient: str) -> Population:
 def _traces(told: object, name: str) -> Literal["none", "all"] | int:
     if told == "none" or told == "all":
         return told
-    number = int(told) if isinstance(told, str) and told.isdecimal() and len(told) < _DIGITS else told
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
     raise ValueError(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")

@@ -12,6 +12,7 @@ from glucoloop.config.run import Run, read_run, refuse_unknown_beside
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.case import Case
 from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.number_text import number_of
 from glucoloop.registry.ranges import Tuned, parse_range
 from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
@@ -139,7 +140,7 @@ def _bound(text: str, called: str) -> tuple[str, float | str]:
     if name not in OBJECTIVES:
         raise ValueError(f"{called} is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     try:
-        number = float(most)
+        number = number_of(most, float)
     except ValueError:
         return name, most
     if number != number:
