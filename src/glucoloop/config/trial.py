@@ -33,7 +33,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.registry.clock_text import time_of_day_text
-from glucoloop.registry.controllers import USUAL_CONTROLLER
+from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
 from glucoloop.registry.patients import patient_entry
 from glucoloop.units import MIN_PER_DAY
 
@@ -92,19 +92,21 @@ def read_trial(
     traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
     surroundings = dataclasses.replace(situation.situation(), faults=faults, **parts_told(situation))
+    read = _cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names)
+    slow = any(controller_entry(case.controller).slow for case in read)
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
         population=_population(own.population, called.get("population", "population"), situation.patient),
         people=own.people,
         first_person=own.first_person,
         plan=plan,
-        cases=_cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names),
+        cases=read,
         precision=own.precision,
         arithmetic=own.arithmetic,
         design=own.design,
         traces=traces,
         shard_people=own.shard_people
-        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0),
+        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0, slow=slow),
     )
 
 
