@@ -34,6 +34,7 @@ from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
+from glucoloop.plausible import ANY_SETTING
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.entries import Choice
 from glucoloop.registry.fault_text import fault_text, parse_fault
@@ -185,7 +186,8 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
         catalogue.controller_entry(controller).values(case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
-        ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
+        settings_of_case = (*catalogue.controller_entry(case.controller).settings, *GUARD.values())
+        ask_about_settings(settings_of_case, keys, names, otherwise=ANY_SETTING)
     return case
 
 

@@ -35,12 +35,14 @@ def ask_about(record: object, names: Names = None) -> None:
             _ask(value, quantity, key, names)
 
 
-def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object], names: Names = None) -> None:
-    """Ask for confirmation of unusual settings of a catalogue that were given."""
+def ask_about_settings(
+    settings: Iterable[Setting], given: Mapping[str, object], names: Names = None, *, otherwise: Quantity | None = None
+) -> None:
+    """Ask for confirmation of unusual settings of a catalogue that were given; `otherwise` is that of other numbers."""
     for setting in settings:
-        value = given.get(setting.name)
-        if setting.quantity is not None and isinstance(value, int | float):
-            _ask(value, setting.quantity, setting.name, names)
+        value, quantity = given.get(setting.name), setting.quantity or otherwise
+        if quantity is not None and setting.type in (int, float) and isinstance(value, int | float):
+            _ask(value, quantity, setting.name, names)
 
 
 def ask_about_meals(texts: Iterable[str]) -> None:
