@@ -28,7 +28,7 @@ keys = st.fixed_dictionaries(
         "integrator": st.sampled_from(["fast", "adaptive"]),
         "seed": st.integers(0, 2**32 - 1),
         "prediction_horizon": st.integers(2, 100),
-        "output_weight": st.floats(1e-30, 10),
+        "output_weight": st.floats(0, 10, exclude_min=True),
         "constraints": st.sampled_from(["clip", "qp"]),
         "known_dead_time": st.booleans(),
     },

@@ -27,11 +27,11 @@ def test_a_setting_is_named_in_words_or_as_it_was_given(name):
     assert str(refused.value) == f"{SAID[name]} not possible; give a finite value above 0"
 
 
-@pytest.mark.parametrize("value", [1e300, -1e31, 1e-300, 1e-31])
-def test_a_number_whose_square_or_inverse_overflows_is_refused(value):
+@pytest.mark.parametrize("value", [1e300, -1e31])
+def test_a_number_whose_square_overflows_is_refused(value):
     record = type("Own", (), {"__annotations__": {"size": Annotated[float, About("A number.")]}, "size": 1.0})
     of = settings_record(record)
-    with pytest.raises(ValueError, match="give 0, or a number of a size from 1e-30 to 1e\\+30"):
+    with pytest.raises(ValueError, match="give a number of a size up to 1e\\+30"):
         of(size=value)
-    assert of(size=0.0).size == 0.0
+    assert of(size=1e-300).size == 1e-300
     assert of(size=1e30).size == 1e30

@@ -148,9 +148,7 @@ _UNITS: Final = {
     "_g": " g",
 }
 """Unit of a value in words, by the end of its setting's name."""
-_LEAST: Final = 1e-30
 _MOST: Final = 1e30
-_SIZES: Final = f"0, or a number of a size from {_LEAST:g} to {_MOST:g}"
 _SHORTEST_OF_WORDS: Final = 3
 """Least length of each part of a name that is told in words; others hold units that are not known here."""
 
@@ -242,15 +240,16 @@ def _check_bounds(record: Any) -> None:
             if value not in typing.get_args(kind):
                 raise ValueError(f"{name} is {value!r}; the known ones are: {', '.join(typing.get_args(kind))}")
         elif kind in (int, float) and not is_traced(value):
-            mend = about.possible(kind) if not about.allows(value) else _SIZES if about.finite and _odd(value) else ""
+            mend = (
+                about.possible(kind)
+                if not about.allows(value)
+                else f"a number of a size up to {_MOST:g}"
+                if about.finite and abs(value) > _MOST
+                else ""
+            )
             if mend:
                 ending, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
                 raise ValueError(f"{_named(name, ending, about, f'{value:g}{unit}')} not possible; give {mend}")
-
-
-def _odd(value: float) -> bool:
-    """Whether the square or the inverse of a number is beyond all numbers."""
-    return value != 0.0 and not _LEAST <= abs(value) <= _MOST
 
 
 def _named(name: str, ending: str, about: About, value: str) -> str:
