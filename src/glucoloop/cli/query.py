@@ -14,6 +14,7 @@ import typer
 
 from glucoloop.cli.screen import fits, note, show
 from glucoloop.refusal import Refusal
+from glucoloop.registry.number_text import number_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -72,7 +73,7 @@ def command(
 
 def _seconds(text: str) -> float:
     try:
-        seconds = float(text)
+        seconds = number_of(text, float)
     except ValueError:
         seconds = math.nan
     if not 0.0 < seconds < math.inf:

@@ -31,9 +31,10 @@ from glucoloop.config.unusual import (
     ask_about_settings,
 )
 from glucoloop.experiments.surroundings import pump_of, sensor_of
-from glucoloop.meals import Meal, meal_model_of
+from glucoloop.meals import meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
+from glucoloop.plausible import ANY_SETTING
 from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.entries import Choice
@@ -85,7 +86,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None,
     refuse_unknown(keys)
     situation = checked(SituationKeys, own_keys(completed(keys), SituationKeys), names)
     if not situation.allow_unusual:
-        ask_about_surroundings(situation, situation.eaten(), names)
+        ask_about_surroundings(situation, situation.meals, names)
         ask_about_clock(situation.meals, situation.duration_min)
     refuse_impossible(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
@@ -148,7 +149,7 @@ def refuse_impossible(situation: SituationKeys) -> None:
         )
 
 
-def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], names: Names = None) -> None:
+def ask_about_surroundings(situation: SituationKeys, meals: Iterable[str], names: Names = None) -> None:
     """Ask for confirmation of unusual values.
 
     Raises
@@ -186,7 +187,8 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
         catalogue.controller_entry(controller).values(case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
-        ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
+        settings_of_case = (*catalogue.controller_entry(case.controller).settings, *GUARD.values())
+        ask_about_settings(settings_of_case, keys, names, otherwise=ANY_SETTING)
     return case
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
-from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.plausible import GLUCOSE_BOUND, PID_GAIN
 from glucoloop.refusal import Refusal
 from glucoloop.registry.sensors import LONGEST_LAG_MIN
 from glucoloop.registry.settings import About, settings_record, usual
@@ -329,7 +329,9 @@ class PIDSettings:
     """Settings of the PID controller; parameters that are not given come from a first-order model."""
 
     closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
-    gain: Annotated[float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0)] = 0.0
+    gain: Annotated[
+        float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0, quantity=PID_GAIN)
+    ] = 0.0
     integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
     derivative_time_min: Annotated[
         float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)

@@ -7,6 +7,7 @@ from typing import Final
 
 from glucoloop.refusal import Refusal
 from glucoloop.registry.clock_text import parse_time_of_day
+from glucoloop.registry.number_text import number_of
 from glucoloop.units import MIN_PER_H
 
 DailyValues = tuple[tuple[float, float], ...]
@@ -49,7 +50,7 @@ def parse_daily(text: str) -> DailyValues:
 
 def _number(text: str) -> float:
     try:
-        value = float(text)
+        value = number_of(text, float)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

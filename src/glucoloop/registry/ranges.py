@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from glucoloop.refusal import Refusal
+from glucoloop.registry.number_text import number_of
 
 DIGITS: Final = 4
 """Significant digits of a tuned number; more make no difference to a loop."""
@@ -87,7 +88,7 @@ def parse_range(text: str, usual: Tuned, called: str | None = None) -> Tuned | f
     """
     called = usual.name if called is None else called
     try:
-        numbers = [float(part) for part in text.split(":")]
+        numbers = [number_of(part, float) for part in text.split(":")]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):
