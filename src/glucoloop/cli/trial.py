@@ -15,7 +15,7 @@ from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
-from glucoloop.cli.trial_telling import tell
+from glucoloop.cli.trial_telling import engine_notes, tell
 from glucoloop.printable import how_many
 
 if TYPE_CHECKING:
@@ -96,8 +96,11 @@ def _read(keys: Given, of_file: Given) -> Trial:
 
 def compute(folder: TrialFolder, where: Computing) -> Simulate:
     """Compute the shards that are missing; returns the simulator."""
+    from glucoloop.cohorts.engine import prepare
+
     with stage("Designing controllers"):
         simulate = _simulator(folder.trial, where.workers if where.dask is None else None)
+    note(engine_notes(prepare(folder.trial).engines))
     if not folder.missing():
         return simulate
     if where.dask is None:
