@@ -92,6 +92,7 @@ MOVES = {
     "scatter": lambda x: [x.at[0].set(x[1]), x.at[1, 2].set(9.0), x.at[:, 1:3].set(0.0), x.at[7].set(1.0)],
     "dynamic slice": lambda x: [jax.lax.dynamic_slice(x, (1, 2), (2, 2)), jax.lax.dynamic_index_in_dim(x, 2)],
     "numbers in order": lambda x: [x * jnp.arange(4), jnp.eye(3) @ x, jnp.tril(x), x + jnp.linspace(0.0, 1.0, 4)],
+    "edges": lambda x: [jnp.pad(x, ((1, 0), (0, 2)), constant_values=7.0), jnp.pad(x, 1, mode="edge")],
     "broadcast": lambda x: [x[0] + x[:, :1], jnp.broadcast_to(x[0], (2, 4)), jnp.full((2,), 3.0)],
 }
 
@@ -206,7 +207,7 @@ REFUSED = {
     "the operation 'scatter-add'": lambda x: x.at[0].add(1.0),
     "a loop of 65 rounds": lambda x: jax.lax.scan(lambda c, _: (c + 1.0, None), x, None, length=65)[0],
     "a loop of 0 rounds": lambda x: jax.lax.scan(lambda c, e: (c + 1.0, e), x, None, length=0)[0],
-    "a choice among 300 places in an array; at most 256": lambda x: jnp.arange(300.0)[jnp.argmax(x[:, 0])],
+    "a choice among 300 places in an array .at most 256.": lambda x: jnp.arange(300.0)[jnp.argmax(x[:, 0])],
     "a place in an array that depends on what happens": lambda x: x.at[jnp.argmax(x[:, 0])].set(0.0),
     "a place outside an array": lambda x: x.at[jnp.array([5])].get(mode="fill", fill_value=0.0),
     "bits of whole numbers": lambda x: jnp.argmax(x) & 3,

@@ -39,15 +39,11 @@ ELEMENTWISE: Final = {
 FUNCTIONS: Final = {
     "pow": "power",
     **{name: name for name in ("exp", "expm1", "tanh", "log", "sin", "cos", "tan", "sinh", "cosh", "atan2", "cbrt")},
-    **{name: name for name in ("logistic", "ceil", "rem")},
+    **{name: name for name in ("logistic", "ceil", "rem", "sign")},
 }
 REDUCTIONS: Final = {
-    "reduce_sum": "add",
-    "reduce_max": "max",
-    "reduce_min": "min",
-    "reduce_and": "and",
-    "reduce_or": "or",
-}
+    "reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_and": "and", "reduce_or": "or",
+}  # fmt: skip
 MOVES: Final = frozenset({
     "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
     "stack", "unstack", "tile", "pad", "copy", "copy_p", "stop_gradient", "optimization_barrier",
@@ -136,7 +132,7 @@ class Flattener:
         for given, atom in zip(inputs, equation.invars, strict=True):
             if isinstance(given, Drawn):
                 numbers.append(given)
-            elif all(int(v) in self.program.constants for v in given.ravel()):
+            elif self._is_known(given):
                 flat = [self.program.constants[int(v)] for v in given.ravel()]
                 numbers.append(jnp.asarray(np.array(flat).reshape(given.shape), atom.aval.dtype))
             else:
@@ -202,10 +198,10 @@ class Flattener:
         """Let the operation move the numbers of the values."""
         return [np.asarray(result, np.int64) for result in primitives.moved(equation, inputs)]
 
-    def _known(self, values: Values, what: str) -> npt.NDArray[np.int64]:
+    def _known(self, values: Values) -> npt.NDArray[np.int64]:
+        if not self._is_known(values):
+            raise UnsupportedError("a place in an array that depends on what happens")
         constants = self.program.constants
-        if not all(int(v) in constants for v in values.ravel()):
-            raise UnsupportedError(f"{what} that depends on what happens")
         return np.array([int(constants[int(v)]) for v in values.ravel()], np.int64).reshape(values.shape)
 
     def _is_known(self, values: Values) -> bool:
@@ -214,9 +210,7 @@ class Flattener:
     def _chosen(self, at: Value, rows: Sequence[Values]) -> Values:
         """The array whose number, from 0 on, is computed; the first or last one beyond the ends."""
         if len(rows) > LONGEST_TABLE:
-            raise UnsupportedError(
-                f"a choice among {len(rows)} places in an array; at most {LONGEST_TABLE} are possible"
-            )
+            raise UnsupportedError(f"a choice among {len(rows)} places in an array (at most {LONGEST_TABLE})")
         p, found = self.program, rows[-1]
         for i in reversed(range(len(rows) - 1)):
             takes = p.apply("le", at, p.constant(float(i)))
@@ -226,7 +220,7 @@ class Flattener:
     def _do_gather(self, equation: Any, operand: Values, indices: Values) -> Values:
         axis, p = primitives.gathered_axis(equation), self.program
         if axis is None or self._is_known(indices):
-            where = self._known(indices, "a place in an array")
+            where = self._known(indices)
             with jax.ensure_compile_time_eval():
                 moved = primitives.gathered(equation, operand, where, _UNUSED)
             if (moved == _UNUSED).any():
@@ -238,7 +232,7 @@ class Flattener:
             row = self._chosen(at, rows)
             if fill is not None:
                 outside = p.apply(
-                    "or", *(p.apply("lt", *x) for x in ((at, p.constant(0.0)), (p.constant(len(rows) - 1.0), at)))
+                    "or", p.apply("lt", at, p.constant(0.0)), p.apply("lt", p.constant(len(rows) - 1.0), at)
                 )
                 row = self._elementwise(lambda x, o=outside: p.apply("select", o, p.constant(fill), x), row)
             taken.append(row)
@@ -247,14 +241,14 @@ class Flattener:
         return np.moveaxis(found, range(batch, batch + of_row), primitives.gathered_offsets(equation))
 
     def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
-        (moved,) = self._move(equation, [operand, self._known(indices, "a place in an array"), updates])
+        (moved,) = self._move(equation, [operand, self._known(indices), updates])
         return moved
 
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
         for axis, (start, size) in enumerate(zip(starts, primitives.slice_sizes(equation), strict=True)):
             last = operand.shape[axis] - size
             if self._is_known(start):
-                at = min(max(int(self._known(start, "a place in an array")), 0), last)
+                at = min(max(int(self._known(start)), 0), last)
                 operand = operand.take(range(at, at + size), axis)
             else:
                 windows = [operand.take(range(at, at + size), axis) for at in range(last + 1)]
@@ -288,17 +282,6 @@ class Flattener:
             if power == 0:
                 return self.program.constant(1.0)
             return product if power > 0 else self.program.apply("div", self.program.constant(1.0), product)
-
-        return self._elementwise(of, a)
-
-    def _do_sign(self, equation: Any, a: Values) -> Values:
-        del equation
-        p = self.program
-
-        def of(x: Value) -> Value:
-            below, above = p.apply("lt", x, p.constant(0.0)), p.apply("lt", p.constant(0.0), x)
-            low = p.apply("select", below, p.constant(-1.0), x)
-            return p.apply("select", above, p.constant(1.0), low)
 
         return self._elementwise(of, a)
 

@@ -48,11 +48,8 @@ def _factorials(first: int, step: int) -> np.polynomial.Polynomial:
     return np.polynomial.Polynomial([sign / math.factorial(first + k * abs(step)) for k, sign in enumerate(signs)])
 
 
-def _atan(u: np.ndarray) -> np.ndarray:
-    """``(atan(t) / t - 1) / t^2`` for ``u = t^2``."""
-    return sum(((-1.0) ** (k + 1) * u**k / (2 * k + 3) for k in range(40)), start=np.zeros_like(u))
-
-
+_ATAN: Final = np.polynomial.Polynomial([(-1.0) ** (k + 1) / (2 * k + 3) for k in range(40)])
+"""The series ``(atan(t) / t - 1) / t^2`` of ``t^2``."""
 _TAN_EIGHTH: Final = math.sqrt(2.0) - 1.0
 """Tangent of pi/8, the largest number whose inverse tangent is the polynomial."""
 
@@ -81,11 +78,6 @@ class _Precision:
         """Number which, added to another, leaves the nearest whole number in the last bits."""
         return 1.5 * 2.0**self.bits
 
-    @property
-    def largest_quotient(self) -> float:
-        """Quotient below which a remainder is exact."""
-        return 2.0 ** (self.bits - 2)
-
     @functools.cached_property
     def polynomials(self) -> dict[str, list[float]]:
         """Coefficients of the polynomials that the functions are made of, the highest power first."""
@@ -95,7 +87,7 @@ class _Precision:
             "exp": _polynomial(_factorials(2, 1), of_exp, -half, half),
             "sin": [-c for c in _polynomial(_factorials(3, -2), of_sin, 0.0, eighth)],
             "cos": _polynomial(_factorials(4, -2), of_sin, 0.0, eighth),
-            "atan": _polynomial(_atan, of_atan, 0.0, _TAN_EIGHTH**2),
+            "atan": _polynomial(_ATAN, of_atan, 0.0, _TAN_EIGHTH**2),
             "cbrt": _polynomial(np.cbrt, 4, 1.0, 2.0),
         }
 
@@ -134,13 +126,7 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
 
 
 class Functions:
-    """Elementary functions in one precision.
-
-    Parameters
-    ----------
-    program : Program
-    precision : {"float64", "float32"}
-    """
+    """Elementary functions in one precision."""
 
     def __init__(self, program: Program, precision: str) -> None:
         self._p = program
@@ -186,16 +172,18 @@ class Functions:
         scale, small = self._reduced(self._limited(x, self._of.largest))
         return self._do("add", self._do("mul", scale, small), scale)
 
+    def _grown(self, x: Value) -> Value:
+        scale, small = self._reduced(x)
+        return self._do("add", self._do("mul", scale, small), self._do("sub", scale, 1.0))
+
     def expm1(self, x: Value) -> Value:
         """``e^x - 1``, exact to rounding near zero too."""
-        scale, small = self._reduced(self._limited(x, self._of.largest))
-        return self._do("add", self._do("mul", scale, small), self._do("sub", scale, 1.0))
+        return self._grown(self._limited(x, self._of.largest))
 
     def tanh(self, x: Value) -> Value:
         """``expm1(2 x) / (expm1(2 x) + 2)``."""
         limited = self._limited(x, self._of.saturated)
-        scale, small = self._reduced(self._do("add", limited, limited))
-        grown = self._do("add", self._do("mul", scale, small), self._do("sub", scale, 1.0))
+        grown = self._grown(self._do("add", limited, limited))
         return self._do("ratio", grown, self._do("add", grown, 2.0))
 
     def sinh(self, x: Value) -> Value:
@@ -234,8 +222,6 @@ class Functions:
             return functools.reduce(functools.partial(self._p.apply, "mul"), [x] * int(y))
         return self("exp", self._do("mul", exponent, self("log", x)))
 
-    # whole numbers and remainders
-
     def _nearest(self, x: Value) -> Value:
         """The whole number nearest to an x that is not below zero nor too large for this."""
         return self._do("exact_sub", self._do("add", x, 2.0**self._of.bits), 2.0**self._of.bits)
@@ -255,6 +241,11 @@ class Functions:
         below = self._do("floor", size)
         up = self._do("number", self._do("le", 0.5, self._do("exact_sub", size, below)))
         return self._rounded(x, self._do("add", below, up))
+
+    def sign(self, x: Value) -> Value:
+        """1 or -1, or x itself if it is zero or not a number."""
+        low = self._do("select", self._do("lt", x, 0.0), -1.0, x)
+        return self._do("select", self._do("lt", 0.0, x), 1.0, low)
 
     def ceil(self, x: Value) -> Value:
         """The smallest whole number that is not below x."""
@@ -294,7 +285,7 @@ class Functions:
         rest = self._less(a, n, b)
         rest = do("select", do("lt", rest, 0.0), do("add", rest, b), rest)
         rest = do("select", do("lt", a, b), a, rest)
-        known = do("lt", n, self._of.largest_quotient)
+        known = do("lt", n, 2.0 ** (self._of.bits - 2))
         return do("copy_sign", do("select", known, rest, math.nan), x)
 
     def whole_rem(self, x: Value, y: Value) -> Value:
@@ -306,8 +297,6 @@ class Functions:
         exact = self._do("div", self._do("sub", x, self("rem", x, y)), y)
         return self._do("select", self._do("eq", y, 0.0), -1.0, self("round_even", exact))
 
-    # angles
-
     def _turned(self, x: Value) -> tuple[Value, Value, Value]:
         """Sine and cosine of x without its multiples n of pi/2, and n modulo four; x not below zero."""
         do, of = self._do, self._of
@@ -315,7 +304,7 @@ class Functions:
         n = self._nearest(do("mul", x, 2.0 / math.pi))
         r = self._less(self._less(x, n, first), n, second)
         r = do("sub", r, do("mul", n, third))
-        r = do("select", do("lt", n, 0.125 * of.largest_quotient), r, math.nan)
+        r = do("select", do("lt", n, 2.0 ** (of.bits - 5)), r, math.nan)
         u = do("mul", r, r)
         sine = do("add", r, do("mul", do("mul", r, u), self._polynomial(u, of.polynomials["sin"])))
         cosine = do("mul", do("mul", u, u), self._polynomial(u, of.polynomials["cos"]))

@@ -24,16 +24,13 @@ DOES: Final[dict[str, Callable[..., Any]]] = {
 """The operations of a program that NumPy has as they are."""
 
 
-def larger(a: Array, b: Array) -> Array:
-    """The larger of two numbers, the second of two equal ones; NaN if either is NaN."""
-    found: Array = np.where(a != a, a, np.where(a > b, a, b))
+def _extreme(better: Callable[..., Any], a: Array, b: Array) -> Array:
+    found: Array = np.where(a != a, a, np.where(better(a, b), a, b))
     return found
 
 
-def smaller(a: Array, b: Array) -> Array:
-    """The smaller of two numbers, the second of two equal ones; NaN if either is NaN."""
-    found: Array = np.where(a != a, a, np.where(a < b, a, b))
-    return found
+larger, smaller = (functools.partial(_extreme, better) for better in (np.greater, np.less))
+"""The larger or smaller of two numbers, the second of two equal ones; NaN if either is NaN."""
 
 
 def interpret(lowered: Lowered, **groups: Array) -> tuple[Array, Array]:

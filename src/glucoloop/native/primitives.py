@@ -252,11 +252,12 @@ def triangular(equation: Any) -> Triangular:
     return Triangular(*(bool(_parameter(equation, name)) for name in names))
 
 
-def solver(equation: Any) -> tuple[Any, int, int]:
-    """The function by which a ``custom_linear_solve`` solves, and the first of its constants and of the right sides."""
+def solver(equation: Any) -> tuple[Any, list[int]]:
+    """The function by which a ``custom_linear_solve`` solves, and which of the equation's inputs it takes."""
     lengths, functions = _parameter(equation, "const_lengths"), _parameter(equation, "jaxprs")
     first = lengths.matvec + lengths.vecmat
-    return _closed(functions.solve), first, first + lengths.solve + lengths.transpose_solve
+    right = first + lengths.solve + lengths.transpose_solve
+    return _closed(functions.solve), [*range(first, first + lengths.solve), *range(right, len(equation.invars))]
 
 
 def branches(equation: Any) -> list[Any]:

@@ -150,12 +150,9 @@ class Program:
             case "div" if self.levels[a] == SAMPLE and self.levels[b] == PERSON:
                 # divided once, not at every sample
                 return self.apply("mul", a, self.apply("div", self.constant(1.0), b))
-            case "and" if of_a is not None or of_b is not None:
+            case "and" | "or" if of_a is not None or of_b is not None:
                 known, other = (of_a, b) if of_a is not None else (of_b, a)
-                return other if known else self.constant(False)
-            case "or" if of_a is not None or of_b is not None:
-                known, other = (of_a, b) if of_a is not None else (of_b, a)
-                return self.constant(True) if known else other
+                return other if known == (operation == "and") else self.constant(operation == "or")
             case "select" if of_a is not None:
                 return arguments[1] if of_a else arguments[2]
             case "select" if arguments[1] == arguments[2]:

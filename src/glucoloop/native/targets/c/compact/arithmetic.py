@@ -26,7 +26,7 @@ from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, kind_of
 Array = npt.NDArray[Any]
 
 FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
-    **{name: getattr(lax, name) for name in flatten.FUNCTIONS if name != "pow"},
+    **{name: getattr(lax, name) for name in flatten.FUNCTIONS if name not in ("pow", "sign")},
     "round_even": jnp.round,
     "round_away": lax.round,
 }
@@ -90,6 +90,8 @@ class Arithmetic:
                 return self._moved(equation, given)
             if name in ELEMENTWISE:
                 return [self._elementwise(name, equation, np.broadcast_arrays(*given))]
+            if name in _REDUCED:
+                return [self._reduced(name, equation, given[0])]
             if name == "dot_general":
                 return [self._product(equation, given[0], given[1], (known[0], known[1]))]
             found = getattr(self, f"_{name.replace('-', '_')}", None)
@@ -158,7 +160,8 @@ class Arithmetic:
             self._places[id(equation)] = equation, places_of(equation, [array.shape for array in given])
         return [whole[places] for places in self._places[id(equation)][1]]
 
-    def _reduced(self, equation: Any, a: Array, start: Any, of: Callable[[Array, Array], Array]) -> Array:
+    def _reduced(self, name: str, equation: Any, a: Array) -> Array:
+        start, of = _REDUCED[name]
         axes = primitives.axes(equation)
         kept = [axis for axis in range(a.ndim) if axis not in axes]
         rows = a.transpose(*axes, *kept).reshape(-1, *(a.shape[axis] for axis in kept))
@@ -166,21 +169,6 @@ class Arithmetic:
         for row in rows:
             total = np.asarray(of(total, row))
         return total
-
-    def _reduce_sum(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, 0, np.add)
-
-    def _reduce_max(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, -np.inf, larger)
-
-    def _reduce_min(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, np.inf, smaller)
-
-    def _reduce_and(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, True, np.logical_and)
-
-    def _reduce_or(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, False, np.logical_or)
 
     def _cumsum(self, equation: Any, a: Array) -> Array:
         axis, reverse = primitives.running(equation)
@@ -191,20 +179,17 @@ class Arithmetic:
             sums[i] = total
         return np.moveaxis(sums, 0, axis)
 
-    def _first(self, equation: Any, a: Array, better: Callable[[Array, Array], Array]) -> Array:
+    def _first(self, equation: Any, a: Array, *, better: Callable[[Array, Array], Array]) -> Array:
         (axis,) = primitives.axes(equation)
-        rows = np.moveaxis(a, axis, 0)
+        rows = np.moveaxis(a.astype(np.int32) if a.dtype == bool else a, axis, 0)
         best, place = rows[0], np.zeros(rows.shape[1:], np.int32)
         for i, row in enumerate(rows[1:], start=1):
             takes = better(row, best) | ((row != row) & (best == best))
             best, place = np.where(takes, row, best), np.where(takes, np.int32(i), place)
         return place
 
-    def _argmax(self, equation: Any, a: Array) -> Array:
-        return self._first(equation, a.astype(np.int32) if a.dtype == bool else a, np.greater)
-
-    def _argmin(self, equation: Any, a: Array) -> Array:
-        return self._first(equation, a.astype(np.int32) if a.dtype == bool else a, np.less)
+    _argmax = functools.partialmethod(_first, better=np.greater)
+    _argmin = functools.partialmethod(_first, better=np.less)
 
     def _iota(self, equation: Any) -> Array:
         return constant(np.asarray(primitives.iota(equation)).astype(equation.outvars[0].aval.dtype), self.precision)
@@ -291,6 +276,10 @@ class Arithmetic:
         return x if how.left else x.T
 
 
+_REDUCED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
+    "reduce_sum": (0, np.add), "reduce_max": (-np.inf, larger), "reduce_min": (np.inf, smaller),
+    "reduce_and": (True, np.logical_and), "reduce_or": (False, np.logical_or),
+}  # fmt: skip
 _SIMPLE: Final[dict[str, Callable[..., Any]]] = {
     **{name: DOES[operation] for name, operation in flatten.ELEMENTWISE.items() if operation in DOES and name != "div"},
     "square": lambda x: x * x,
