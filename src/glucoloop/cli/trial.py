@@ -15,7 +15,7 @@ from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
-from glucoloop.cli.trial_telling import tell
+from glucoloop.cli.trial_telling import engine_notes, tell
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
@@ -102,11 +102,14 @@ def _read(keys: Given, of_file: Given) -> Trial:
 
 def compute(folder: TrialFolder, where: Computing) -> Simulate:
     """Compute the shards that are missing; returns the simulator."""
+    from glucoloop.cohorts.engine import prepare
+
     trial, threads = folder.trial, where.workers if where.dask is None else None
     if folder.missing():
         note([_begun(trial)])
     with stage("Designing controllers"):
         simulate = _simulator(trial, threads)
+    note(engine_notes(prepare(trial).engines))
     if not folder.missing():
         return simulate
     if where.dask is None:

@@ -81,6 +81,11 @@ class PreparedTrial:
     fold: RunningMetrics
     cases: Mapping[str, PreparedCase]
 
+    @property
+    def engines(self) -> dict[str, dict[str, str]]:
+        """Of each controller by its label, `PeopleLoop.engine_told`."""
+        return {label: of.loop.engine_told for label, of in self.cases.items()}
+
 
 @functools.lru_cache(maxsize=2)
 def _prepared(key: str, trial: _ByFingerprint) -> PreparedTrial:
