@@ -113,6 +113,8 @@ SAMPLE_TIME: Final = Quantity("a sample time", "min", 0.25, 30.0, (_SECONDS, _HO
 DEAD_TIME: Final = Quantity("a dead time", "min", 0.5, 60.0, (_SECONDS, _HOURS), zero=True)
 DURATION: Final = Quantity("the length of a run", "min", 30.0, 366.0 * 1440.0, (_HOURS,))
 NOISE_VARIANCE: Final = Quantity("the variance of noise on readings", "(mg/dl)²", 0.0, 900.0)
+PID_GAIN: Final = Quantity("the gain of a PID controller", "mU/min per mg/dl", 0.001, 100.0, zero=True)
+ANY_SETTING: Final = Quantity("the number of a setting", "", -1e6, 1e6)
 NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, (_MMOL,))
 
 
@@ -141,7 +143,7 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
     """
     if quantity.plausible(value):
         return None
-    told = f"{value:g} {quantity.unit}"
+    told = f"{value:g} {quantity.unit}".rstrip()
     because = f", but {quantity.reason}" if quantity.reason else ""
     for _, converted in quantity.meant(value):
         return (
@@ -150,10 +152,8 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
         )
     if quantity.reason:
         return f"{called} is {told}{because}. Give another value, or {confirm} if {told} is meant"
-    return (
-        f"{called} is {told}; {quantity.name} is usually from {quantity.least:g} to {quantity.most:g} {quantity.unit}. "
-        f"Give such a value, or {confirm} if {told} is meant"
-    )
+    usual = f"from {quantity.least:g} to {quantity.most:g} {quantity.unit}".rstrip()
+    return f"{called} is {told}; {quantity.name} is usually {usual}. Give such a value, or {confirm} if {told} is meant"
 
 
 def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> None:

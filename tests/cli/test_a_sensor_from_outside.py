@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.cohorts.engine import prepare
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
@@ -94,3 +95,9 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
 def test_sensors_of_this_package_are_those_of_the_options(text, by_keys):
     assert sensor_of(Situation(sensor=text)) == sensor_of(Situation(**by_keys))
     assert SENSORS.choose(SENSORS.choose(text).text) == SENSORS.choose(text)
+
+
+def test_a_trial_with_it_runs_in_native_code(outside):
+    trial = read_trial({"sensor": NAME, "controllers": ["pid"], "people": 2, "days": 1})
+    prepared = prepare(trial)
+    assert prepared.engines == {"pid": {"engine": "native"}}

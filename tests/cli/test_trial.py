@@ -150,6 +150,19 @@ def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
     assert people.filter(~pl.col("able"))["person"].to_list() == infeasible
 
 
+def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeypatch):
+    def stop(trial):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glucoloop.cohorts.engine.prepare", stop)
+    answer = glucoloop("trial", "--people", 2000, "--days", 2, "--controller", "mpc", "--controller", "meal-mpc",
+                       "--out", "a")  # fmt: skip
+    assert answer.err.startswith(
+        "Designing and compiling for 2000 people under mpc, meal-mpc; a decision of meal-mpc takes long.\n"
+    )
+    assert "0 of 16 shards are kept" in answer.err
+
+
 @pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, tmp_path, monkeypatch):
@@ -166,11 +179,13 @@ def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, t
     monkeypatch.setattr(engine, "run_people", interrupted)
     answer = glucoloop("trial", *TWO, "--out", "a")
     assert answer.code == 130
-    assert answer.err == "glucoloop: interrupted; 1 of 3 shards are kept, the same command goes on.\n"
+    assert answer.err.endswith("\nglucoloop: interrupted; 1 of 3 shards are kept, the same command goes on.\n")
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     answer = glucoloop("trial", *TWO, "--out", "a")
-    assert answer.err.startswith("1 of 3 shards of a are there already; going on.\n25 people in ")
+    assert answer.err.startswith(
+        "1 of 3 shards of a are there already; going on.\nDesigning and compiling for 40 people"
+    )
     glucoloop("trial", *TWO, "--out", "b")
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
 

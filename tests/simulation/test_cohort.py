@@ -400,7 +400,9 @@ def test_native_code_that_is_not_possible_is_refused_and_else_not_taken(nominal,
 
             return state, Decision(insulin_mU_min=jnp.sort(jnp.stack([state, state]))[0], status=jnp.asarray(0))
 
-    with pytest.raises(ValueError, match="native code cannot take this loop, which has the operation 'sort'; use xla"):
+    with pytest.raises(
+        ValueError, match="native code cannot take this loop, which has the operation 'sort' in the controller; use xla"
+    ):
         day_cohort(nominal, varied, Sorting(), engine="native")
     with pytest.raises(ValueError, match="'sort', and no other engine has portable arithmetic; use fused arithmetic"):
         day_cohort(nominal, varied, Sorting(), products="strict")

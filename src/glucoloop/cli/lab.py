@@ -37,12 +37,12 @@ def command(given: Given) -> None:
     if not place.parent.is_dir():
         raise Refusal(f"{place} cannot be written: there is no folder {place.parent}; make it first")
     from glucoloop.lab.pack import page
-    from glucoloop.storage.disk import is_full, put_file
+    from glucoloop.storage.disk import mend, put_file
 
     text = page().encode()
     try:
         put_file(place, text)
     except OSError as error:
-        more = "free some space or " if is_full(error) else ""
-        raise Refusal(f"{place} cannot be written: {error.strerror}; {more}choose another place with --out") from None
+        ways = " or ".join(filter(None, (mend(error), "choose another place with --out")))
+        raise Refusal(f"{place} cannot be written: {error.strerror}; {ways}") from None
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")

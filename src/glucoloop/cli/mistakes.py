@@ -67,18 +67,14 @@ def interrupted(told: str | None = None) -> NoReturn:
 
 
 def _of_the_system(error: OSError) -> str | None:
-    from glucoloop.storage.disk import is_full
+    from glucoloop.storage.disk import mend
 
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    return _with_results(f"{where}{error.strerror}") + (
-        "; free some space or choose another place"
-        if is_full(error)
-        else "; choose another place"
-        if error.filename
-        else ""
-    )
+    own = mend(error)
+    ways = " or ".join(filter(None, (own, "choose another place" if own or error.filename else "")))
+    return _with_results(f"{where}{error.strerror}") + (f"; {ways}" if ways else "")
 
 
 def _with_results(told: str) -> str:

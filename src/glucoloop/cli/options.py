@@ -18,6 +18,7 @@ from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.control.catalogue import all_settings
+from glucoloop.parts.number_text import in_digits, is_time, minutes_of, number_of
 from glucoloop.refusal import Refusal
 from glucoloop.registry.guard import GUARD, usual_text
 
@@ -81,10 +82,16 @@ class Option:
         return self._number(self.kind, value) if self.kind in _NUMBERS else value
 
     def _number(self, kind: Any, text: str) -> Any:
+        of_time = kind is float and is_time(self.key)
+        minutes = minutes_of(text) if of_time else None
+        if minutes is not None:
+            return minutes
         try:
-            return kind(text)
+            return number_of(text, kind)
         except ValueError:
-            raise Refusal(f"{self.name} is {text!r}; give {_NUMBERS[kind]}") from None
+            wanted = "a number of minutes, or a time with its unit like 1.5h or 2d" if of_time else _NUMBERS[kind]
+            how = "" if in_digits(text) else ", in digits from 0 to 9"
+            raise Refusal(f"{self.name} is {text!r}; give {wanted}{how}") from None
 
 
 def options_of(record: type, **words: Mapping[str, str | None]) -> tuple[Option, ...]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from glucoloop.cli.screen import fits, note, show
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def command(
 
 def _seconds(text: str) -> float:
     try:
-        seconds = float(text)
+        seconds = number_of(text, float)
     except ValueError:
         seconds = math.nan
     if not 0.0 < seconds < math.inf:

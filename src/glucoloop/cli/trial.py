@@ -15,7 +15,8 @@ from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
-from glucoloop.cli.trial_telling import tell
+from glucoloop.cli.trial_telling import engine_notes, tell
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 
@@ -56,6 +57,10 @@ def computing(keys: Given) -> Computing:
         raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
         raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+    if dask is not None:
+        from glucoloop.storage.trials.cluster import library
+
+        library()  # what is missing is told before anything is designed
     return Computing(workers, dask)
 
 
@@ -97,26 +102,42 @@ def _read(keys: Given, of_file: Given) -> Trial:
 
 def compute(folder: TrialFolder, where: Computing) -> Simulate:
     """Compute the shards that are missing; returns the simulator."""
+    from glucoloop.cohorts.engine import prepare
+
+    trial, threads = folder.trial, where.workers if where.dask is None else None
+    if folder.missing():
+        note([_begun(trial)])
     with stage("Designing controllers"):
-        simulate = _simulator(folder.trial, where.workers if where.dask is None else None)
+        simulate = _simulator(trial, threads)
+    note(engine_notes(prepare(trial).engines))
     if not folder.missing():
         return simulate
     if where.dask is None:
         from glucoloop.storage.trials.run import run_here
 
         with _people_counted(folder) as progress:
-            run_here(folder, simulate, progress)
+            run_here(folder, _simulator(trial, threads, progress), lambda people: None)
     else:
         _compute_on_cluster(folder, where.dask, where.workers)
     return simulate
 
 
-def _simulator(trial: Trial, threads: int | None) -> Simulate:
-    """The engine, with the controllers of a trial designed."""
+def _begun(trial: Trial) -> str:
+    """What is computed, told before the first results, which may take minutes."""
+    whom, labels = how_many(trial.people, "person", "people"), ", ".join(case.label for case in trial.cases)
+    slow = [case.label for case in trial.cases if controller_entry(case.controller).slow]
+    told = f"Designing and compiling for {whom} under {labels}"
+    return f"{told}; a decision of {' and of '.join(slow)} takes long." if slow else f"{told}."
+
+
+def _simulator(trial: Trial, threads: int | None, done: Callable[[int], None] = lambda people: None) -> Simulate:
+    """The engine, with the controllers of a trial designed; `done` gets the number of people after each block."""
     from glucoloop.cohorts import engine
 
     prepared = engine.prepare(trial)
-    return lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=threads)
+    return lambda label, person, traces: engine.run_people(
+        prepared, label, person, traces=traces, threads=threads, done=done
+    )
 
 
 @contextlib.contextmanager

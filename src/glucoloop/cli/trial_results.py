@@ -10,6 +10,7 @@ import polars as pl
 
 import glucoloop
 from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
@@ -17,7 +18,7 @@ from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.printable import how_many
 from glucoloop.registry.patients import patient_entry
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
-from glucoloop.report.facts import controllers_facts, trial_facts
+from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
 from glucoloop.report.person_words import person_in_words
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_report import ranges_pct
@@ -56,7 +57,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         units_per_hour=patient_entry(trial.patient).under_the_skin,
         people=summary.people,
         infeasible=summary.infeasible.count,
-        facts={**controllers_facts(trial.cases), **trial_facts(trial)},
+        facts={**controllers_facts(trial.cases), **trial_facts(trial), **engine_facts(prepare(trial).engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in trial.plan.nominal()],
         faults=trial.faults,
         repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES),
@@ -77,6 +78,7 @@ def _summary_text(folder: TrialFolder, summary: TrialSummary, setpoint_mg_dl: fl
     header = read_header(folder.path)
     told = summary.as_dict()
     for label, of_label in summary.cases.items():
+        told["controllers"][label] |= prepare(folder.trial).engines[label]
         told["controllers"][label]["control_variability_pct"] = zone_pct(of_label.cvga_counts)
     versions = {"version": glucoloop.__version__, "libraries": header.libraries}
     return json_text({**versions, "config": header.config, "setpoint_mg_dl": setpoint_mg_dl, **told}) + "\n"

@@ -66,6 +66,8 @@ def _table(summary: Mapping[str, Any]) -> Table:
         shares = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers.values())
         cells = ("n/a" if of["share_pct"] is None else f"{of['share_pct']:.2f}" for of in shares)
         table.add_row(f"People ever below {limit} mg/dl", "share", *cells, "%")
+    if all("engine" in of for of in controllers.values()):  # earlier versions did not tell it
+        table.add_row("Engine", "", *(of["engine"] for of in controllers.values()), "")
     return table
 
 
@@ -83,6 +85,7 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
             f"{how_many(beyond['count'], 'person', 'people')} would need more than the pump gives to rest there: "
             f"{_persons(beyond)}."
         )
+    yield from engine_notes(summary["controllers"])
     for label, of in summary["controllers"].items():
         below = of.get("below_validity", {"count": 0})  # earlier versions did not measure it
         if below["count"]:
@@ -93,6 +96,16 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
         if of["not_finite"]["count"]:
             lost = of["not_finite"]
             yield f"{label}: glucose of {_people(lost['count'])} did not stay finite: {_persons(lost)}."
+
+
+def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Notes on loops that native code could not take."""
+    for label, of in engines.items():
+        if "not_native" in of:
+            yield (
+                f"{label}: native code cannot take this loop, which has {of['not_native']}; JAX ran it, to the same "
+                "result but for rounding, and more slowly."
+            )
 
 
 def _people(count: int) -> str:

@@ -81,6 +81,11 @@ class PreparedTrial:
     fold: RunningMetrics
     cases: Mapping[str, PreparedCase]
 
+    @property
+    def engines(self) -> dict[str, dict[str, str]]:
+        """Of each controller by its label, `PeopleLoop.engine_told`."""
+        return {label: of.loop.engine_told for label, of in self.cases.items()}
+
 
 @functools.lru_cache(maxsize=2)
 def _prepared(key: str, trial: _ByFingerprint) -> PreparedTrial:
@@ -177,6 +182,7 @@ def run_people(
     *,
     traces: bool = False,
     threads: int | None = None,
+    done: Callable[[int], None] = lambda people: None,
 ) -> PeopleResult:
     """Simulate people of a trial under one of its controllers.
 
@@ -191,6 +197,8 @@ def run_people(
         Whether to keep glucose and insulin over time.
     threads : int, optional
         Number of threads, one for each core by default; the result does not depend on it.
+    done : callable
+        Called with a number of people whenever so many more are done.
 
     Raises
     ------
@@ -205,7 +213,7 @@ def run_people(
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         return _run_block(prepared, of_case, block, n, traces=traces)
 
-    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads))
+    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads, done=done))
 
 
 def _run_block(

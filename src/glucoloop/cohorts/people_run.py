@@ -46,6 +46,11 @@ class PeopleRun:
     """Engine that computed the run, ``"native"`` or ``"xla"``."""
     scenario: Scenario
     setpoint_mg_dl: float
+    glucose_valid: Array | None = None
+    """(samples + 1, people) whether that glucose is in the valid range of the person's model: lower glucose, which may
+    even be below zero, means only that it is very low."""
+    not_native: str | None = None
+    """What native code could not take, and in whose code; None where it ran, or the other engine was asked for."""
 
 
 @checked
@@ -156,7 +161,9 @@ def simulate_people(
         t_min=np.append(grid.t_min, scenario.horizon_min),
         glucose_mg_dl=joined([part.glucose_mg_dl for part in runs]),
         insulin_mU_min=joined([part.insulin_mU_min for part in runs]),
+        glucose_valid=joined([part.glucose_valid for part in runs]),
         engine=loop.engine,
+        not_native=loop.cohort.not_native,
         scenario=scenario,
         setpoint_mg_dl=setpoint if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl,
     )

@@ -26,10 +26,13 @@ FORMAT: Final = 4
 SHARD_PATIENT_DAYS: Final = 16_384
 TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
+SLOW_PATIENT_DAYS: Final = 256
+"""Number of patient-days in a shard with a slow controller, of which a processor does some 30 in a second."""
 _SHARDS_WANTED: Final = 16
 _BLOCK: Final = 1024
 _LEAST_SHARD: Final = 2 * _BLOCK
 _LEAST_TRACED: Final = 64
+"""Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,18 +119,21 @@ class Trial(Situation):
         return person < self.first_person + kept
 
 
-def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0) -> int:
+def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow: bool = False) -> int:
     """Default size of the shards, a power of two.
 
     A shard is what is lost when a run is killed, what a worker does at a time, and what is in memory: at most some
     16 000 patient-days, or 2000 of which all is kept, and fewer where there would be less than 16 shards, but no less
-    than a few blocks of people.
+    than a few blocks of people. With a slow controller it is some 256 patient-days, so that the first results are kept
+    within seconds.
     """
     days = max(1.0, horizon_min / MIN_PER_DAY)
     wanted = min(SHARD_PATIENT_DAYS / days, max(_LEAST_SHARD, people / _SHARDS_WANTED))
     least = _BLOCK
     if traced:
         wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), _LEAST_TRACED
+    if slow:
+        wanted, least = min(SLOW_PATIENT_DAYS / days, wanted), _LEAST_TRACED
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
 
 

@@ -33,7 +33,7 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     refuse_unknown_beside(keys, [key for key in declared(BoundKeys) if key not in NOT_OF_A_BOUND], " of a bound")
     asked = checked(BoundKeys, completed(keys), names)
     if not asked.allow_unusual:
-        ask_about_surroundings(asked, asked.eaten(), names)
+        ask_about_surroundings(asked, asked.meals, names)
     asked = dataclasses.replace(asked, meals=tuple(meal_text(meal) for meal in asked.eaten()))
     whole_samples(asked.dead_time_min, asked.sample_time_min)
     refuse_parts_of_samples(asked.duration_min, asked.sample_time_min, names)

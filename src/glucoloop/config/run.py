@@ -33,7 +33,7 @@ from glucoloop.config.unusual import (
 )
 from glucoloop.control import catalogue
 from glucoloop.experiments.surroundings import pump_of, sensor_of
-from glucoloop.meals import Meal, meal_model_of
+from glucoloop.meals import meal_model_of
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.faults import FAULTS, START
 from glucoloop.parts.metrics import METRICS, metrics_with
@@ -42,6 +42,7 @@ from glucoloop.parts.pumps import LIMITS, PUMPS, USUAL_PUMP
 from glucoloop.parts.sensors import SENSORS
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
+from glucoloop.plausible import ANY_SETTING
 from glucoloop.refusal import Refusal
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
@@ -86,7 +87,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None,
     refuse_unknown(keys)
     situation = checked(SituationKeys, own_keys(completed(keys), SituationKeys), names)
     if not situation.allow_unusual:
-        ask_about_surroundings(situation, situation.eaten(), names)
+        ask_about_surroundings(situation, situation.meals, names)
         ask_about_clock(situation.meals, situation.duration_min)
     refuse_impossible(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
@@ -149,7 +150,7 @@ def refuse_impossible(situation: SituationKeys) -> None:
         )
 
 
-def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], names: Names = None) -> None:
+def ask_about_surroundings(situation: SituationKeys, meals: Iterable[str], names: Names = None) -> None:
     """Ask for confirmation of unusual values.
 
     Raises
@@ -187,8 +188,8 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
         catalogue.controller_entry(controller)(**case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
-        settings_of = catalogue.controller_entry(case.controller).settings()
-        ask_about_settings((*settings_of.values(), *GUARD.values()), keys, names)
+        settings_of_case = (*catalogue.controller_entry(case.controller).settings().values(), *GUARD.values())
+        ask_about_settings(settings_of_case, keys, names, otherwise=ANY_SETTING)
     return case
 
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import tomli_w
 
 import glucoloop
+from glucoloop.parts.number_text import with_minutes
 from glucoloop.refusal import Refusal
 
 VERSION_KEY = "glucoloop"
@@ -49,7 +50,17 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
     if any(_holds_too_large(value) for value in keys.values()):
         raise Refusal(_too_large(name))
     version = keys.pop(VERSION_KEY, None)
-    return keys, None if version is None else str(version)
+    return _in_minutes(keys), None if version is None else str(version)
+
+
+def _in_minutes(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys with their times in minutes, also where a text gives them with a unit, as ``duration_min = "10h"``."""
+    tables = {key: list(map(_of_table, of)) if isinstance(of, list) else _of_table(of) for key, of in keys.items()}
+    return {key: with_minutes(key, value) for key, value in tables.items()}
+
+
+def _of_table(value: Any) -> Any:
+    return _in_minutes(value) if isinstance(value, Mapping) else value
 
 
 def deeper_than(value: object, levels: int) -> bool:

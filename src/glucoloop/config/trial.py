@@ -29,7 +29,7 @@ from glucoloop.config.run import (
     refuse_unknown_beside,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
-from glucoloop.control.catalogue import USUAL_CONTROLLER
+from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.parts.clock_text import time_of_day_text
@@ -77,7 +77,7 @@ def read_trial(
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
         ask_about(own, names)
-        ask_about_surroundings(situation, meals, names)
+        ask_about_surroundings(situation, own.meals, names)
         ask_about_clock(own.meals, own.duration_min or (own.days or 1) * MIN_PER_DAY)
     refuse_impossible(situation)
     if "meals" not in keys and own.duration_min is not None:
@@ -93,19 +93,21 @@ def read_trial(
     traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
     surroundings = dataclasses.replace(situation.situation(), faults=faults, **parts_told(situation))
+    read = _cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names)
+    slow = any(controller_entry(case.controller).slow for case in read)
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
         population=_population(own.population, called.get("population", "population"), situation.patient),
         people=own.people,
         first_person=own.first_person,
         plan=plan,
-        cases=_cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names),
+        cases=read,
         precision=own.precision,
         arithmetic=own.arithmetic,
         design=own.design,
         traces=traces,
         shard_people=own.shard_people
-        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0),
+        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0, slow=slow),
     )
 
 
@@ -194,7 +196,8 @@ def _population(told: object, name: str, patient: str) -> Population:
 def _traces(told: object, name: str) -> Literal["none", "all"] | int:
     if told == "none" or told == "all":
         return told
-    number = int(told) if isinstance(told, str) and told.isdecimal() and len(told) < _DIGITS else told
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
     raise Refusal(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")

@@ -10,8 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from glucoloop.config.key import quantities
-from glucoloop.config.meal_text import names_unit, parse_meal
-from glucoloop.meals import Meal
+from glucoloop.config.meal_text import names_units, parse_meal
 from glucoloop.parts.part import Part
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
@@ -37,12 +36,14 @@ def ask_about(record: object, names: Names = None) -> None:
             _ask(value, quantity, key, names)
 
 
-def ask_about_settings(settings: Iterable[Any], given: Mapping[str, object], names: Names = None) -> None:
-    """Ask for confirmation of unusual settings of a catalogue that were given."""
+def ask_about_settings(
+    settings: Iterable[Any], given: Mapping[str, object], names: Names = None, *, otherwise: Quantity | None = None
+) -> None:
+    """Ask for confirmation of unusual settings of a catalogue that were given; `otherwise` is that of other numbers."""
     for setting in settings:
-        value = given.get(setting.name)
-        if setting.quantity is not None and isinstance(value, int | float):
-            _ask(value, setting.quantity, setting.name, names)
+        value, quantity = given.get(setting.name), setting.quantity or otherwise
+        if quantity is not None and setting.type in (int, float) and isinstance(value, int | float):
+            _ask(value, quantity, setting.name, names)
 
 
 def ask_about_part(part: Part) -> None:
@@ -51,9 +52,10 @@ def ask_about_part(part: Part) -> None:
         part.setting(name).ask(value, f"{name} of the {part.kind} {part.name}")
 
 
-def ask_about_meals(meals: Iterable[Meal]) -> None:
-    """Ask for confirmation of meals of unusual size."""
-    for meal in meals:
+def ask_about_meals(texts: Iterable[str]) -> None:
+    """Ask for confirmation of meals of unusual size, or without any unit."""
+    for text in texts:
+        meal = parse_meal(text)
         ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
 
 
@@ -63,7 +65,7 @@ def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
         return
     for text in meals:
         meal = parse_meal(text)
-        if not names_unit(text) and 0.0 < meal.t_min < HOURS_PER_DAY:
+        if not names_units(text)[1] and 0.0 < meal.t_min < HOURS_PER_DAY:
             size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
             eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""
             raise Refusal(

@@ -13,7 +13,7 @@ from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.sensors import LONGEST_LAG_MIN
 from glucoloop.parts.setting import About, usual
-from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.plausible import GLUCOSE_BOUND, PID_GAIN
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -377,7 +377,9 @@ class PIDSettings(ControllerPart, name="pid"):
     uses_model: ClassVar = False
 
     closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
-    gain: Annotated[float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0)] = 0.0
+    gain: Annotated[
+        float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0, quantity=PID_GAIN)
+    ] = 0.0
     integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
     derivative_time_min: Annotated[
         float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)

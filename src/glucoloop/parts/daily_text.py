@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from glucoloop.parts.clock_text import parse_time_of_day
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H
 
@@ -49,7 +50,7 @@ def parse_daily(text: str) -> DailyValues:
 
 def _number(text: str) -> float:
     try:
-        value = float(text)
+        value = number_of(text, float)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
 DIGITS: Final = 4
@@ -87,7 +88,7 @@ def parse_range(text: str, usual: Tuned, called: str | None = None) -> Tuned | f
     """
     called = usual.name if called is None else called
     try:
-        numbers = [float(part) for part in text.split(":")]
+        numbers = [number_of(part, float) for part in text.split(":")]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):

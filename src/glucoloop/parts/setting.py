@@ -39,7 +39,7 @@ _UNITS: Final = {
 OTHER_UNITS: Final[dict[str, dict[str, float]]] = {
     "mg/dl": {"mmol/l": MG_DL_PER_MMOL_L},
     "mU/min": {"U/h": MU_PER_U / MIN_PER_H, "mU/h": 1.0 / MIN_PER_H},
-    "min": {"h": MIN_PER_H, "s": 1.0 / S_PER_MIN, "d": HOURS_PER_DAY * MIN_PER_H},
+    "min": {"m": 1.0, "h": MIN_PER_H, "s": 1.0 / S_PER_MIN, "d": HOURS_PER_DAY * MIN_PER_H},
     "g": {"mg": 1e-3},
     "U": {"mU": 1.0 / MU_PER_U},
 }
@@ -47,6 +47,8 @@ OTHER_UNITS: Final[dict[str, dict[str, float]]] = {
 
 _NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?(?:inf|nan)")
 _WITH_UNIT: Final = re.compile(rf"({_NUMBER.pattern})\s*([A-Za-zµ²()/%]+)")
+LARGEST: Final = 1e30
+"""Largest size of a number, so that no product of a few of them overflows."""
 _LONGEST: Final = 60
 _MOST_NAMES: Final = 12
 
@@ -73,13 +75,13 @@ class About:
 
     def allows(self, value: float) -> bool:
         """Whether a number is finite, where it has to be, and within the bounds."""
-        if not self.finite and not math.isfinite(value):
-            return True
-        return self.at_least <= value <= self.at_most and self.above < value < self.below and math.isfinite(value)
+        if not self.finite:
+            return math.isnan(value) or self.at_least <= value <= self.at_most
+        return abs(value) <= LARGEST and self.at_least <= value <= self.at_most and self.above < value < self.below
 
     def possible(self, kind: type, unit: str = "") -> str:
         """Possible numbers in words."""
-        endless = self.finite and kind is float and (self.at_most == self.below == math.inf)
+        endless = self.finite and kind is float and self.at_most == self.below == math.inf
         what = "a whole number" if kind is int else "a finite number" if endless else "a number"
         unit = f" {unit}" if unit else ""
         if self.at_least > -math.inf and self.at_most < math.inf:
@@ -151,6 +153,11 @@ class Setting:
     def quantity(self) -> Quantity | None:
         """Quantity with its plausible range, if it has one."""
         return self.about.quantity
+
+    @property
+    def type(self) -> Any:
+        """Type without None."""
+        return self.kind
 
     @property
     def unit(self) -> str:

@@ -80,7 +80,7 @@ class GuardSettings:
         _limit(
             "Fastest rise of a reading that the guard accepts.",
             above=0.0,
-            called="guard's fastest rise, in mg/dl per min,",
+            called="guard's fastest rise",
         ),
     ] = 3.0
     stuck_min: Annotated[

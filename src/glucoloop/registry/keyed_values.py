@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterable
 from typing import Final
 
+from glucoloop.parts.number_text import number_of, with_minutes
 from glucoloop.refusal import Refusal
 
 _TRUTHS: Final = {"true": True, "false": False}
@@ -26,7 +27,7 @@ def keyed_values(parts: Iterable[str], of: str, example: str) -> dict[str, objec
             raise Refusal(f"{part!r} in the {of} is not a key with a value; write it like {example}")
         if key in keys:
             raise Refusal(f"{key} is given twice in the {of}; leave one out")
-        keys[key] = value_of(value)
+        keys[key] = with_minutes(key, value_of(value))
     return keys
 
 
@@ -36,6 +37,6 @@ def value_of(text: str) -> object:
         return _TRUTHS[text]
     for kind in (int, float):
         with contextlib.suppress(ValueError):
-            return kind(text)
+            return number_of(text, kind)
     quoted = len(text) >= 2 and text[0] == text[-1] and text[0] in "'\""
     return text[1:-1] if quoted else text

@@ -135,7 +135,23 @@ class About:
 
 
 Record = TypeVar("Record")
-_UNITS: Final = {"mg_dl_h": " mg/dl per hour", "_mg_dl": " mg/dl", "_mU_min": " mU/min", "_min": " min", "_g": " g"}
+_UNITS: Final = {
+    "mg_dl_h": " mg/dl per hour",
+    "_mg_dl_U": " mg/dl per U",
+    "_mg_dl_min": " mg/dl per min",
+    "_mg_dl": " mg/dl",
+    "_mU_min": " mU/min",
+    "_mg_min": " mg/min",
+    "_g_U": " g/U",
+    "_per_h": " per hour",
+    "_per_day": " per day",
+    "_min": " min",
+    "_g": " g",
+}
+"""Unit of a value in words, by the end of its setting's name."""
+_MOST: Final = 1e30
+_SHORTEST_OF_WORDS: Final = 3
+"""Least length of each part of a name that is told in words; others hold units that are not known here."""
 
 
 def usual(*, default: Any, noisy: Any) -> Any:
@@ -224,12 +240,28 @@ def _check_bounds(record: Any) -> None:
         if typing.get_origin(kind) is Literal:
             if value not in typing.get_args(kind):
                 raise Refusal(f"{name} is {value!r}; the known ones are: {', '.join(typing.get_args(kind))}")
-        elif kind in (int, float) and not is_traced(value) and not about.allows(value):
-            unit = next((of for ending, of in _UNITS.items() if name.endswith(ending)), "")
-            words = about.called or name.removesuffix(unit.strip().replace("/", "_")).replace("_", " ").strip()
-            many = words.endswith("s") and not about.called
-            article, verb = ("", "are") if many else ("an " if words[0] in "aeiou" else "a ", "is")
-            raise Refusal(f"{article}{words} of {value:g}{unit} {verb} not possible; give {about.possible(kind)}")
+        elif kind in (int, float) and not is_traced(value):
+            mend = (
+                about.possible(kind)
+                if not about.allows(value)
+                else f"a number of a size up to {_MOST:g}"
+                if about.finite and abs(value) > _MOST
+                else ""
+            )
+            if mend:
+                ending, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
+                raise Refusal(f"{_named(name, ending, about, f'{value:g}{unit}')} not possible; give {mend}")
+
+
+def _named(name: str, ending: str, about: About, value: str) -> str:
+    """A setting and its value, to the verb of a sentence: ``a move weight of -1 is``."""
+    parts = name.removesuffix(ending).strip("_").split("_")
+    if not about.called and any(len(part) < _SHORTEST_OF_WORDS for part in parts):
+        return f"{name} of {value} is"
+    words = about.called or " ".join(parts)
+    if words.endswith("s") and not about.called:
+        return f"{words} of {value} are"
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words} of {value} is"
 
 
 def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "") -> None:

@@ -56,6 +56,17 @@ def controllers_facts(cases: Iterable[Case]) -> dict[str, str]:
     return {f"Controller {case.label}": case_in_words(case) for case in cases}
 
 
+def engine_facts(engines: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """The engines that run the loops of controllers, by their labels, and what native code lacks for the others."""
+    of: dict[str, list[str]] = {}
+    for label, told in engines.items():
+        lacking = told.get("not_native", "it was asked for")
+        of.setdefault("native code" if told["engine"] == "native" else f"JAX (xla): {lacking}", []).append(label)
+    if len(of) == 1:
+        return {"Engine": next(iter(of))}
+    return {"Engine": "; ".join(f"{', '.join(labels)}: {text}" for text, labels in of.items())}
+
+
 def case_in_words(case: Case) -> str:
     """A controller with its settings, guard and faults."""
     told = [f"{case.controller}, {controller_entry(case.controller).summary}"]

@@ -25,6 +25,7 @@ from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.simulation.two_forms import follows_the_clock
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
@@ -73,6 +74,19 @@ class Trace:
     """(samples, ...) bolus that the pump reports."""
     announced_carbs_g: jax.Array | None = None
     """(samples,) announced carbohydrate; None where meals were not announced."""
+
+    @property
+    def glucose_valid(self) -> jax.Array:
+        """(samples, ...) whether glucose at each sample is in the valid range of the patient's model.
+
+        Lower glucose, which may even be below zero, means only that it is very low, and what is not a number nothing.
+        """
+        return jnp.asarray(self.glucose_mg_dl) >= self.lowest_valid_mg_dl
+
+    @property
+    def fine_glucose_valid(self) -> jax.Array:
+        """(points, ...) the same on the fine grid."""
+        return jnp.asarray(self.fine_glucose_mg_dl) >= self.lowest_valid_mg_dl
 
     def to_polars(self) -> pl.DataFrame:
         """One row per sample, as a data frame of Polars.
@@ -221,8 +235,9 @@ def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
 
 
 def default_integrator(patient: Patient) -> Integrator:
-    """The fast integrator if the patient's structure allows it, otherwise the adaptive one."""
-    return Exponential() if isinstance(patient, SemilinearPatient) else Adaptive()
+    """The fast integrator if the patient's structure allows it and the clock plays no part, otherwise the adaptive."""
+    fast = isinstance(patient, SemilinearPatient) and not follows_the_clock(patient)
+    return Exponential() if fast else Adaptive()
 
 
 def start_of(patient: Patient, scenario: Scenario) -> Start:
@@ -265,7 +280,8 @@ def simulate(
     key : JAX key or int
         Source of all randomness: the same key gives the same trace.
     integrator : Integrator, optional
-        Integrator; by default `Exponential` if the patient allows it, else `Adaptive`.
+        Integrator; by default `Exponential` if the patient allows it, else `Adaptive`, as for one whose constants
+        follow the clock.
 
     Returns
     -------

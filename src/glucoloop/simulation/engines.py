@@ -53,6 +53,11 @@ class Engine(Protocol):
         """Precision, ``"float64"`` or ``"float32"``."""
         ...
 
+    @property
+    def not_native(self) -> str | None:
+        """What native code could not take, and in whose code; None where native code runs or was not asked for."""
+        ...
+
     def run(
         self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
@@ -94,10 +99,12 @@ def make_engine(
     """
     if name not in (None, *ENGINES):
         raise Refusal(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
+    lacking = None
     if name != "xla":
         try:
             return NativeEngine(step, own, carry, reaching, shared, key, precision, products)
         except UnsupportedError as error:
+            lacking = str(error)
             if name == "native":
                 raise Refusal(f"native code cannot take this loop, which has {error}; use xla") from None
             if products == STRICT:
@@ -107,13 +114,14 @@ def make_engine(
                 ) from None
     if products == STRICT:
         raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
-    return MappedEngine(step)
+    return MappedEngine(step, lacking)
 
 
 class NativeEngine:
     """Engine with straight-line vector code, several people in each vector."""
 
     name: Final = "native"
+    not_native: Final = None
 
     def __init__(
         self,
@@ -166,7 +174,9 @@ class MappedEngine:
     name: Final = "xla"
     precision: Final = "float64"
 
-    def __init__(self, step: Step) -> None:
+    def __init__(self, step: Step, not_native: str | None = None) -> None:
+        self.not_native = not_native
+
         def scan(own: Any, carry: Any, reaching: Any, shared: Any, keys: Any) -> tuple[Any, Any]:
             def one(carry: Any, entry: Any) -> tuple[Any, Any]:
                 reaching, shared, index = entry

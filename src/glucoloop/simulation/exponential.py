@@ -33,7 +33,9 @@ from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
+from glucoloop.simulation.parts import compiled_by_class
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.two_forms import refuse_two_patients
 
 Matrix = npt.NDArray[np.float64]
 
@@ -100,7 +102,7 @@ def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
     return np.stack([phi_0, a - 3.0 * b + 2.0 * c, 4.0 * b - 4.0 * c, -b + 2.0 * c])
 
 
-@jax.jit
+@compiled_by_class
 def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array, ...]:
     """Transport T, Jacobian of the kinetics at x, A, b, and the row that reads glucose from the slow block."""
     y, z = patient.split(x)
@@ -341,6 +343,8 @@ class Exponential:
         ------
         TypeError
             For a patient that is not semilinear.
+        ValueError
+            For a patient whose derivative is not what its parts make, such as one that follows the clock.
         """
         if not isinstance(patient, SemilinearPatient):
             raise TypeError(f"{type(patient).__name__} has no linear driven block; use the adaptive integrator for it")
@@ -349,6 +353,7 @@ class Exponential:
                 "the patient is traced by JAX, but the matrices that carry the patient are exponentials that SciPy "
                 "computes; make the patient outside of the transformation, and use simulate_people for many"
             )
+        refuse_two_patients(patient)
         substeps = self.steps_of(grid)
         h, dense = substeps_of(grid, substeps)
         with at_once():

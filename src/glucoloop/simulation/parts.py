@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+import functools
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -112,3 +113,25 @@ def wrong_with(controller: Controller, observation: Observation) -> str | None:
 def _place(path: tuple[Any, ...]) -> str:
     place: str = jax.tree_util.keystr(path)
     return place.removeprefix(".")
+
+
+def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()) -> Callable[..., Any]:
+    """`jax.jit` of a function of a patient, which also keeps apart classes that have the same fields (see `Fixed`).
+
+    Parameters
+    ----------
+    function : callable
+    static : tuple of int
+        Places of the arguments after the patient, from 0 on, that are part of the program.
+    """
+
+    @functools.partial(jax.jit, static_argnums=(0, *(place + 2 for place in static)))
+    def run(fixed: Fixed, numbers: list[Any], *others: Any) -> Any:
+        return function(fixed.joined(numbers), *others)
+
+    @functools.wraps(function)
+    def call(patient: Any, *others: Any) -> Any:
+        numbers, fixed = apart(patient)
+        return run(fixed, numbers, *others)
+
+    return call

@@ -20,7 +20,9 @@ from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
+from glucoloop.simulation.parts import compiled_by_class
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.two_forms import refuse_two_patients
 
 
 class PeoplePlant:
@@ -47,6 +49,7 @@ class PeoplePlant:
         substeps: int,
         products: str = FUSED,
     ) -> None:
+        refuse_two_patients(nominal)
         self._products = products
         self.step_min, dense = substeps_of(grid, substeps)
         matrices = design(nominal, self.step_min, dense, nominal.working_state(), nominal.stiff_couplings())
@@ -92,7 +95,7 @@ class PeoplePlant:
         return plant
 
 
-@jax.jit
+@compiled_by_class
 def _transport(patient: SemilinearPatient, y: jax.Array) -> jax.Array:
     matrix: jax.Array = jax.jacfwd(patient.transport)(y)
     return matrix

@@ -28,7 +28,19 @@ try:
 except ImportError:  # Windows, where nothing is locked
     fcntl = None  # type: ignore[assignment]
 
-_FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+_MENDS: Final = {
+    errno.ENOSPC: "free some space",
+    getattr(errno, "EDQUOT", errno.ENOSPC): "free some space",
+    errno.EACCES: "change its permissions",
+    errno.EPERM: "change its permissions",
+    errno.EROFS: "mount the disk for writing",
+    errno.EFBIG: "allow larger files",
+    errno.EIO: "check the disk",
+    errno.EMFILE: "allow more open files",
+    errno.ENFILE: "close other programs",
+    errno.ENAMETOOLONG: "give a shorter name",
+}
+"""What a person can do about an error of the system."""
 SUMS: Final = "SHA256SUMS"
 PART: Final = ".part"
 LARGEST_BYTES: Final = 4_000_000_000
@@ -56,9 +68,9 @@ _KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
 )
 
 
-def is_full(error: OSError) -> bool:
-    """Whether there was no space left for what was to be written."""
-    return error.errno in _FULL
+def mend(error: OSError) -> str:
+    """What a person can do about an error of the system, as an imperative; the empty text where nothing is known."""
+    return _MENDS.get(error.errno or 0, "")
 
 
 def kind(path: Path) -> str:

@@ -37,7 +37,7 @@ def read_text(path: Path, what: str) -> str:
             # A device or a pipe tells no size beforehand.
             data = file.read(LARGEST_TEXT_BYTES + 1)
     except OSError as error:
-        raise Refusal(f"{path} cannot be read as {what}: {error.strerror}") from None
+        raise _unread(path, what, error) from None
     return _text(data, path, what)
 
 
@@ -46,8 +46,13 @@ def kept_text(path: Path, what: str) -> str:
     try:
         data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
     except OSError as error:
-        raise Refusal(f"{path} cannot be read as {what}: {error.strerror}") from None
+        raise _unread(path, what, error) from None
     return _text(data, path, what)
+
+
+def _unread(path: Path, what: str, error: OSError) -> Refusal:
+    ways = " or ".join(filter(None, (disk.mend(error), f"give the path of {what}")))
+    return Refusal(f"{path} cannot be read as {what}: {error.strerror}; {ways}")
 
 
 def _text(data: bytes, path: Path, what: str) -> str:

@@ -74,9 +74,12 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             building = stack.enter_context(_new_folder(place))
         except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, in Python before 3.13
             disk.remove_empty(made)
-            told = error.strerror if isinstance(error, OSError) else "it is a loop of symbolic links"
-            raise Refusal(f"the output folder {path} cannot be made: {told}; choose another with --out") from None
-        except Refusal:
+            told, own = "it is a loop of symbolic links", ""
+            if isinstance(error, OSError):
+                told, own = str(error.strerror), disk.mend(error)
+            ways = " or ".join(filter(None, (own, "choose another with --out")))
+            raise Refusal(f"the output folder {path} cannot be made: {told}; {ways}") from None
+        except ValueError:
             disk.remove_empty(made)
             raise
         try:
@@ -106,7 +109,8 @@ def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
     try:
         holds = disk.names(place)
     except OSError as error:
-        raise Refusal(f"the output folder {path} cannot be read: {error.strerror}; choose another") from None
+        ways = " or ".join(filter(None, (disk.mend(error), "choose another")))
+        raise Refusal(f"the output folder {path} cannot be read: {error.strerror}; {ways}") from None
     if not holds:
         return
     foreign = _not_ours(place, holds)

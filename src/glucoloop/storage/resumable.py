@@ -217,9 +217,9 @@ class ResumableFolder(ABC):
         try:
             yield
         except OSError as error:
+            again = " and ".join(filter(None, (disk.mend(error), "run the same command again")))
             raise Refusal(
-                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, free "
-                "some space and run the same command again"
+                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {again}"
             ) from None
 
     def changed(self, sums: Mapping[str, str]) -> str | None:
@@ -300,7 +300,8 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
         except OSError as error:
             stack.close()
             disk.remove_empty(made)
-            again = "free some space and run the same command again, or " if disk.is_full(error) else ""
+            mend = disk.mend(error)
+            again = f"{mend} and run the same command again, or " if mend else ""
             raise Refusal(
                 f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
             ) from None

@@ -20,7 +20,6 @@ from glucoloop.refusal import Refusal
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
 """Names of the samplers: Parzen estimators, an evolutionary algorithm, and random draws."""
-"""The optional dependency of all but chance."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class _Optuna:
     def __init__(
         self, name: str, space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None
     ) -> None:
-        self._optuna = _import()
+        self._optuna = library()
         optuna, self._space = self._optuna, space
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it calls experimental
@@ -148,7 +147,14 @@ def _violation(trial: Any) -> Sequence[float]:
     return found
 
 
-def _import() -> Any:
+def library() -> Any:
+    """The library of all samplers but random draws, asked for before a search that would do other things first.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
     with needed_for("a sampler other than random"):
         import optuna
     optuna.logging.set_verbosity(optuna.logging.ERROR)

@@ -87,6 +87,21 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
     return portable_files(exported) | own
 
 
+def refuse_missing_tools(chip: str) -> None:
+    """Refuse an emulated chip whose tools are not installed.
+
+    Raises
+    ------
+    ValueError
+        With the package that brings the first missing tool.
+    """
+    if chip == HOST:
+        if compiler() is None:
+            raise Refusal("there is no C compiler on this machine; Debian's package gcc brings one")
+    elif missing := CHIPS[chip].missing:
+        raise Refusal(f"{chip} cannot be emulated: {missing}, or take --chip host")
+
+
 def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> FirmwareProgram:
     """Write and compile the firmware for an emulated chip.
 
@@ -105,19 +120,15 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     ValueError
         If a tool is not installed, or the compiler refuses the code.
     """
+    refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():
         (folder / name).write_text(text)
     sources = sorted(name for name in texts if name.endswith(".c"))
     if chip == HOST:
-        found = compiler()
-        if found is None:
-            raise Refusal("there is no C compiler on this machine; Debian's package gcc brings one")
-        _compile([found, *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
+        _compile([str(compiler()), *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
         return FirmwareProgram((str(folder / "firmware"),))
     of = CHIPS[chip]
-    if of.missing:
-        raise Refusal(f"{chip} cannot be emulated: {of.missing}, or take --chip host")
     _, told = of.support(exported.precision)
     flags = [
         *WARNINGS,

@@ -91,8 +91,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     ValueError
         If Dask is not installed, or no scheduler answers at the address.
     """
-    with needed_for("a cluster"):
-        distributed = importlib.import_module("distributed")  # untyped
+    distributed = library()
     with contextlib.ExitStack() as stack:
         if address == LOCAL:
             with _workers_deaf_to_interrupts():
@@ -117,6 +116,18 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
                 "start one, or give its address like tcp://10.0.0.1:8786"
             ) from None
         yield client
+
+
+def library() -> Any:
+    """The library of clusters, asked for before a trial designs its controllers.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    with needed_for("a cluster"):
+        return importlib.import_module("distributed")  # untyped
 
 
 @contextlib.contextmanager
@@ -157,7 +168,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
     tried: Counter[int] = Counter()
     running: dict[Any, int] = {}
     """Number of the shard of each future."""
-    completed = importlib.import_module("distributed").as_completed(loop=client.loop)
+    completed = library().as_completed(loop=client.loop)
 
     def fill() -> None:
         while waiting and len(running) < max(_LEAST_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values())):

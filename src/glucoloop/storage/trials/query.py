@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -41,6 +42,8 @@ _SCRATCH: Final = "glucoloop-query-"
 """Prefix of the temporary folder; the number of the process follows."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
+_LACKED: Final = re.compile(r"Required module '(?P<package>[^']+)' failed to import")
+"""DuckDB's words for a Python package that it needs to hand over a value, before a traceback."""
 _Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
 """White space that a query over several lines may hold."""
@@ -269,6 +272,11 @@ def _refusal(error: Exception) -> str:
         )
     if isinstance(error, OverflowError):
         return "the answer holds a span of time that is too long to be shown; cast it to varchar"
+    lacked = _LACKED.search(str(error))
+    if lacked is not None:
+        package = lacked["package"]
+        what = "a time with a time zone" if package == "pytz" else "a value"
+        return f"the answer holds {what}, for which {package} is missing; cast it to varchar"
     return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
 
 

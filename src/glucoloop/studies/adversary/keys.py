@@ -19,6 +19,7 @@ from glucoloop.studies.adversary.outcome import ErrorSearch
 from glucoloop.studies.adversary.search import Effort
 from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
+from glucoloop.tuning.evolution import library
 
 _NOT_WRITTEN: Final = (*REFUSED, "days")
 
@@ -113,4 +114,5 @@ def read_adversary(
     )
     asked = Adversary(base=base, own=own, limits=limits)
     asked.cells()  # refuses a part of a sample
+    library()
     return asked

@@ -12,12 +12,14 @@ from glucoloop.config.run import Run, read_run, refuse_unknown_beside
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.control import catalogue
 from glucoloop.experiments.case import Case
+from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
 from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
+from glucoloop.tuning.samplers import library
 
 _CASE: Final = ("known_dead_time",)
 
@@ -108,6 +110,8 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
         sampler=own.sampler,
         sampler_seed=own.sampler_seed,
     )
+    if own.sampler != "random":
+        library()
     return Robust(search=search, own=own, far=far, ranges={of.name: of.text for of in space})
 
 
@@ -133,7 +137,7 @@ def _bound(text: str, called: str) -> tuple[str, float | str]:
     if name not in OBJECTIVES:
         raise Refusal(f"{called} is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     try:
-        number = float(most)
+        number = number_of(most, float)
     except ValueError:
         return name, most
     if number != number:

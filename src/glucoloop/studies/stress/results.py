@@ -9,7 +9,7 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop.cohorts.engine import prepare
-from glucoloop.report.facts import controllers_facts, trial_facts
+from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.strict_json import json_text, with_version
@@ -37,7 +37,8 @@ def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
     rows = stress_rows(asked.stress, folder.people())
     prepared = prepare(asked.stress.trial)
     reasons = [reason_of(prepared, row) for row in rows if row.tried.guarded and not row.stands]
-    return _result(asked, folder, rows, reasons)
+    facts = {**controllers_facts(asked.base.cases), **trial_facts(asked.base), **engine_facts(prepared.engines)}
+    return _result(asked, folder, rows, reasons, facts)
 
 
 def told_before(asked: StressTest, folder: TrialFolder) -> StressResult:
@@ -52,18 +53,22 @@ def told_before(asked: StressTest, folder: TrialFolder) -> StressResult:
         )
         for of in folder.summary()["reasons"]
     ]
-    return _result(asked, folder, rows, reasons)
+    return _result(asked, folder, rows, reasons, folder.summary()["facts"])
 
 
 def _result(
-    asked: StressTest, folder: TrialFolder, rows: Sequence[StressRow], reasons: Sequence[Reason]
+    asked: StressTest,
+    folder: TrialFolder,
+    rows: Sequence[StressRow],
+    reasons: Sequence[Reason],
+    facts: Mapping[str, str],
 ) -> StressResult:
     # who has a basal rate does not depend on the cell
     able = sum(int(next(iter(shard.values())).feasible.sum()) for shard in folder.people())
     return StressResult(
         rows=tuple(rows),
         reasons=tuple(reasons),
-        facts={**controllers_facts(asked.base.cases), **trial_facts(asked.base)},
+        facts=facts,
         repeat="stress --config stress.toml",
         keys=asked.keys(),
         able=able,

@@ -41,10 +41,7 @@ _PROCESSOR, _FEATURES = "mvp", "+simd128"
 _STACK_BYTES: Final = 1 << 20
 _KERNEL: Final = "kernel"
 _HOLD: Final = "hold"
-_ARGUMENTS: Final = {
-    _HOLD: (("held",), ()),
-    _KERNEL: (("held", "carry", "own", "shared", "outputs"), ("samples",)),
-}
+_ARGUMENTS: Final = {_HOLD: (("held",), ()), _KERNEL: (("held", "carry", "own", "shared", "outputs"), ("samples",))}
 """Addresses and numbers that the two functions take."""
 
 
