@@ -54,7 +54,7 @@ class Engine(Protocol):
 
     @property
     def not_native(self) -> str | None:
-        """Operation that native code lacks, and in whose code it stands; None where there is none, or xla was asked for."""
+        """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
         ...
 
     def run(
