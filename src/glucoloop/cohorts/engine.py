@@ -83,7 +83,7 @@ class PreparedTrial:
 
     @property
     def engines(self) -> dict[str, dict[str, str]]:
-        """Of each controller by its label, `PeopleLoop.engine_told`."""
+        """Engine of each controller by its label, as `PeopleLoop.engine_told` has it."""
         return {label: of.loop.engine_told for label, of in self.cases.items()}
 
 

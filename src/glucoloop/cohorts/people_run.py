@@ -50,7 +50,7 @@ class PeopleRun:
     """(samples + 1, people) whether that glucose is in the valid range of the person's model: lower glucose, which may
     even be below zero, means only that it is very low."""
     not_native: str | None = None
-    """What native code could not take, and in whose code; None where it ran, or the other engine was asked for."""
+    """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
 
 
 @checked

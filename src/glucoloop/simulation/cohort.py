@@ -222,7 +222,7 @@ class Cohort:
 
     @property
     def not_native(self) -> str | None:
-        """What native code could not take, and in whose code; None where it runs, or the other engine was asked for."""
+        """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
         return self._engine.not_native
 
     @property
