@@ -6,7 +6,18 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, options_of, with_options, without
+from glucoloop.cli.options import (
+    ALLOW_CODE,
+    CASE,
+    OUTPUT,
+    SITUATION,
+    Given,
+    Option,
+    names,
+    options_of,
+    with_options,
+    without,
+)
 from glucoloop.cli.request import file_keys, split_off_output, with_lists
 from glucoloop.cli.screen import stage
 from glucoloop.cli.telling import note_on_boluses
@@ -84,7 +95,7 @@ def _read(keys: Given, of_file: Given) -> Export:
 
 
 def _check(given: Given) -> None:
-    extra = sorted(given.keys() - {"check", "samples", "json", "target"})
+    extra = sorted(given.keys() - {"check", "samples", "json", "target", ALLOW_CODE.key})
     if extra:
         called = ", ".join(names(OPTIONS, {key: given[key] for key in extra}).values())
         raise Refusal(f"--check reads how the controller was designed from the folder; leave out {called}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import CASE, SETTINGS, SITUATION, Given
+from glucoloop.cli.options import ALLOW_CODE, CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
 from glucoloop.refusal import Refusal
@@ -47,6 +47,7 @@ class Output:
 def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
     """Configuration keys, destination of the results, and the configuration file."""
     keys = dict(given)
+    keys.pop(ALLOW_CODE.key, None)
     out, config = keys.pop("out", None), keys.pop("config", None)
     if out == "" or config == "":
         raise Refusal(f"--{'out' if out == '' else 'config'} is empty; give a path")

@@ -11,6 +11,7 @@ import tomli_w
 
 import glucoloop
 from glucoloop.refusal import Refusal
+from glucoloop.registry.plugins import names_code
 
 VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""
@@ -89,4 +90,9 @@ def toml_text(keys: Mapping[str, Any], command: str) -> str:
     """Text of a configuration file with which a command repeats itself; keys without a value are left out."""
     given = {key: value for key, value in keys.items() if value is not None}
     body = tomli_w.dumps({VERSION_KEY: glucoloop.__version__, **given})
-    return f"# Repeat with: glucoloop {command}\n{body}"
+    return f"# Repeat with: glucoloop {with_code(command, given)}\n{body}"
+
+
+def with_code(command: str, keys: Mapping[str, Any]) -> str:
+    """A command that reads these keys from a file, with the permission to import code if they name any."""
+    return f"{command} --allow-code" if names_code(keys) else command

@@ -16,7 +16,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import glucoloop
-from glucoloop.config.toml import toml_text
+from glucoloop.config.toml import toml_text, with_code
 from glucoloop.registry.metrics import NOT_AVAILABLE
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -91,7 +91,7 @@ def situation(told: Mapping[str, str], repeat: Repeat | None) -> str:
     parts = [facts({**told, "Version": f"glucoloop {glucoloop.__version__}"})]
     if repeat is not None:
         name = repeat.command.split()[-1]
-        command = f"glucoloop {repeat.command} --out again"
+        command = f"glucoloop {with_code(repeat.command, repeat.keys)} --out again"
         parts += [
             "<p>In the folder of this page, this command repeats it:</p>\n"
             f"<pre><code>{html.escape(command)}</code></pre>",

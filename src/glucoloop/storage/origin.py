@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeGuard
@@ -11,7 +11,7 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.refusal import Refusal
-from glucoloop.registry.plugins import code_of
+from glucoloop.registry.plugins import outside_code
 from glucoloop.storage.strict_json import json_text
 
 ARITHMETIC: Final = "arithmetic.json"
@@ -39,19 +39,6 @@ class Origin:
         """Origin without some keys of the configuration."""
         left = {key: value for key, value in self.config.items() if key not in keys}
         return Origin(self.version, left, self.arithmetic)
-
-
-def outside_code(config: object) -> dict[str, str]:
-    """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
-    return code_of(text.partition(",")[0].strip() for text in _texts(config))
-
-
-def _texts(value: object) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping | list | tuple):
-        for inner in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(inner)
 
 
 def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:
