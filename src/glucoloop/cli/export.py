@@ -18,7 +18,7 @@ from glucoloop.cli.options import (
     with_options,
     without,
 )
-from glucoloop.cli.request import file_keys, split_off_output, with_lists
+from glucoloop.cli.request import file_keys, keys_used, read_again, split_off_output, with_lists
 from glucoloop.cli.screen import stage
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.config.key import declared, own_keys
@@ -61,7 +61,7 @@ def command(given: Given) -> None:
         _check(given)
         return
     keys, output, file = split_off_output(given)
-    asked = _read(with_lists(keys), file_keys(file))
+    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
     note_on_boluses(asked.run.situation.patient, [asked.run.case.controller])
     with output.folder() as folder:
         if folder is None:
@@ -107,7 +107,7 @@ def _check(given: Given) -> None:
     configuration = folder / "run.toml"
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
-    asked = read_export(file_keys(configuration))
+    asked = read_again(lambda _, of_file: read_export(of_file), keys_used, {}, file_keys(configuration))
     chosen: Given = {key: given[key] for key in ("samples", "target") if key in given}
     wanted = read_export({**asked.keys(), **chosen}, names(OPTIONS, given))
     keep_compiled()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from glucoloop.cli.options import ALLOW_CODE, CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
@@ -13,6 +14,8 @@ from glucoloop.cli.screen import note
 from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import setting_names
 from glucoloop.registry.keyed_values import keyed_values
+
+T = TypeVar("T")
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -97,15 +100,28 @@ def _with_settings(keys: Given) -> Given:
 _PATHS: Final = ("model", "data")
 
 
-def file_keys(path: Path | None) -> dict[str, Any]:
+class _Used(Protocol):
+    def keys(self) -> Mapping[str, Any]: ...
+
+
+class FileKeys(dict[str, Any]):
+    """Keys of a configuration file, with what was used when it was written."""
+
+    path: Path | None = None
+    used: Mapping[str, Any] | None = None
+
+
+def file_keys(path: Path | None) -> FileKeys:
     """Keys of a configuration file; the paths in it start at the file."""
     import glucoloop
     from glucoloop.config.toml import beside, read_toml
     from glucoloop.storage.files import read_text
 
     if path is None:
-        return {}
-    keys, version = read_toml(read_text(path, "a configuration"), str(path))
+        return FileKeys()
+    written = read_toml(read_text(path, "a configuration"), str(path))
+    keys, version = FileKeys(written.keys), written.version
+    keys.path, keys.used = path, written.used
     if version is not None and version != glucoloop.__version__:
         note([f"{path} was written by glucoloop {version}; this is {glucoloop.__version__}, and numbers may differ."])
     cases = keys.get("case")
@@ -119,3 +135,46 @@ def file_keys(path: Path | None) -> dict[str, Any]:
     if isinstance(population, str) and population.endswith(".toml"):  # and not the name of a preset
         keys["population"] = beside(population, path)
     return keys
+
+
+def keys_used(asked: _Used) -> Mapping[str, Any]:
+    """All keys of a request, with the values that are used."""
+    return asked.keys()
+
+
+def read_again(
+    read: Callable[[Given, Given], T], used: Callable[[T], Mapping[str, Any]], keys: Given, of_file: Given
+) -> T:
+    """Read a request, with a note on where the file alone leads to other values now than when it was written.
+
+    Parameters
+    ----------
+    read : callable
+        Function of the keys of the command line and of those of the file.
+    used : callable
+        Function of what was read, that returns all values that are used, by key.
+    keys, of_file : dict
+    """
+    asked = read(dict(keys), _copied(of_file))
+    if isinstance(of_file, FileKeys) and of_file.used is not None:
+        with contextlib.suppress(Refusal):  # a file that does not stand alone
+            _note_changes(of_file, used(read({}, _copied(of_file))))
+    return asked
+
+
+def _copied(of_file: Given) -> Given:
+    """Keys of a file, for a reader that takes some of them out."""
+    cases = of_file.get("case")
+    return {**of_file, **({"case": [*cases]} if isinstance(cases, list) else {})}
+
+
+def _note_changes(of_file: FileKeys, now: Mapping[str, Any]) -> None:
+    from glucoloop.storage.origin import differences
+
+    then = {key: value for key, value in (of_file.used or {}).items() if key in now and key not in _PATHS}
+    differing = [
+        f"{name} was {before} and is {after}"
+        for name, before, after in differences(then, {key: now[key] for key in then})
+    ]
+    if differing:
+        note([f"What {of_file.path} leaves out was filled in otherwise when it was written: {'; '.join(differing)}."])

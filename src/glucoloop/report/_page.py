@@ -36,6 +36,13 @@ class Repeat:
     """Configuration of the command."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Files beside the page, each with what it holds."""
+    given: Mapping[str, Any] | None = None
+    """Keys from which the configuration follows, if it was read from fewer."""
+
+    @property
+    def text(self) -> str:
+        """Text of the configuration file."""
+        return toml_text(self.keys, self.command, self.given)
 
 
 def page(title: str, main: str, style: str = "", script: bool = False) -> str:
@@ -96,7 +103,7 @@ def situation(told: Mapping[str, str], repeat: Repeat | None) -> str:
             "<p>In the folder of this page, this command repeats it:</p>\n"
             f"<pre><code>{html.escape(command)}</code></pre>",
             f"<details><summary>The whole configuration, <code>{html.escape(name)}</code></summary>"
-            f"<pre><code>{html.escape(toml_text(repeat.keys, repeat.command))}</code></pre></details>",
+            f"<pre><code>{html.escape(repeat.text)}</code></pre></details>",
         ]
         if "controller" in repeat.keys or "case" in repeat.keys:
             opened = f"{_LAB}#configuration={quote(toml_text(repeat.keys, repeat.command), safe='')}"
