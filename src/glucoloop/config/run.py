@@ -33,6 +33,7 @@ from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
+from glucoloop.plausible import LARGEST_RATE_UNDER_THE_SKIN
 from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.entries import Choice
@@ -165,7 +166,8 @@ def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], name
         max_insulin_mU_min=situation.max_insulin_mU_min,
         names=names,
     )
-    ask_about(situation, names)
+    under_the_skin = patient_entry(situation.patient).under_the_skin
+    ask_about(situation, names, {"max_insulin_mU_min": LARGEST_RATE_UNDER_THE_SKIN} if under_the_skin else None)
     ask_about_meals(meals)
 
 

@@ -27,7 +27,7 @@ LARGEST_INTEGER: Final = 2**63 - 1
 """Largest integer of TOML; a larger one may exist neither as float nor as text."""
 
 
-class Written(NamedTuple):
+class ConfigurationFile(NamedTuple):
     """A configuration file."""
 
     keys: dict[str, Any]
@@ -38,7 +38,7 @@ class Written(NamedTuple):
     """All values that were used when it was written, if they are told."""
 
 
-def read_toml(text: str, name: str) -> Written:
+def read_toml(text: str, name: str) -> ConfigurationFile:
     """Read the text of a configuration file.
 
     Raises
@@ -68,7 +68,7 @@ def read_toml(text: str, name: str) -> Written:
     used = keys.pop(USED_KEY, None)
     if not isinstance(used, dict | None):
         raise Refusal(f"{USED_KEY} is {used!r} in {name}; it is the table of what was used, leave it out")
-    return Written(keys, None if version is None else str(version), used)
+    return ConfigurationFile(keys, None if version is None else str(version), used)
 
 
 def deeper_than(value: object, levels: int) -> bool:
