@@ -110,3 +110,21 @@ def test_default_that_changed_since_the_file_was_written_is_told(tmp_path, capsy
     told = " ".join(capsys.readouterr().err.split())
     assert f"What {place} leaves out was filled in otherwise when it was written:" in told
     assert "seed was 9 and is 3; memory was 40 and is 36." in told
+
+
+@pytest.mark.long
+def test_tuning_that_was_settled_is_told_beside_what_was_given(glucoloop):
+    answer = glucoloop("run", "--controller", "pid", "--duration", "60", "--out", "a", "--json")
+    told = answer.json["settled"]
+    assert told["gain"] > 0.0
+    written = tomllib.loads(Path("a/run.toml").read_text())
+    assert "gain" not in written
+    assert (written["used"]["gain"], written["used"]["settled"]) == (0.0, told)
+    assert f"gain {told['gain']:.4g}" in Path("a/figure.html").read_text()
+    again = glucoloop("run", "--config", "a/run.toml", "--out", "b")
+    assert "filled in otherwise" not in again.err
+    cases = ("--case", "pid", "--case", "slow: pid, closed_loop_min=90", "--guard", "--duration", "60")
+    both = glucoloop("compare", *cases, "--out", "c", "--json").json["cases"]
+    assert both["pid"]["settled"] == told
+    assert 0.0 < both["slow"]["settled"]["gain"] < told["gain"]
+    assert "filled in otherwise" not in glucoloop("compare", "--config", "c/compare.toml").err

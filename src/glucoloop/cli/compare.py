@@ -116,6 +116,7 @@ def _write(
     output: Output,
 ) -> None:
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
+    from glucoloop.config.toml import with_settled
     from glucoloop.report import Repeat
     from glucoloop.report.facts import comparison_facts
     from glucoloop.storage import tables
@@ -137,6 +138,8 @@ def _write(
                 table["model"] = name
                 if given is not None:
                     given["case"][number - 1]["model"] = name
+    for table, outcome in zip(keys["case"], outcomes.values(), strict=True):
+        table.update(with_settled({}, outcome.settled))
     again = Repeat("compare --config compare.toml", keys, RUN_FILES, given=given)
     folder.write("compare.toml", again.text)
     write_pictures(
@@ -144,7 +147,7 @@ def _write(
         outcomes,
         title=f"Comparison at {asked.situation.place}",
         mmol=output.mmol,
-        facts=comparison_facts(asked),
+        facts=comparison_facts(asked, {label: of.settled for label, of in outcomes.items()}),
         repeat=again,
     )
 

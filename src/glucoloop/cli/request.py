@@ -169,9 +169,12 @@ def _copied(of_file: Given) -> Given:
 
 
 def _note_changes(of_file: FileKeys, now: Mapping[str, Any]) -> None:
+    from glucoloop.config.toml import SETTLED_KEY
     from glucoloop.storage.origin import differences
 
     then = {key: value for key, value in (of_file.used or {}).items() if key in now and key not in _PATHS}
+    if isinstance(then.get("case"), list):
+        then["case"] = [{key: value for key, value in of.items() if key != SETTLED_KEY} for of in then["case"]]
     differing = [
         f"{name} was {before} and is {after}"
         for name, before, after in differences(then, {key: now[key] for key in then})

@@ -68,6 +68,7 @@ def write_outcome(
 ) -> None:
     """Write tables, metrics, pictures, and the configuration of the command that repeats them."""
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
+    from glucoloop.config.toml import with_settled
     from glucoloop.report import Repeat
     from glucoloop.report.facts import run_facts
     from glucoloop.storage import tables
@@ -80,7 +81,7 @@ def write_outcome(
     folder.write("metrics.json", json_text(with_version(report)) + "\n")
     if outcome.model is not None:
         folder.write("model.json", outcome.model.text())
-    again = Repeat(f"{command} --config run.toml", repeat, RUN_FILES, given=given)
+    again = Repeat(f"{command} --config run.toml", with_settled(repeat, outcome.settled), RUN_FILES, given=given)
     folder.write("run.toml", again.text)
     case, situation = outcome.run.case, outcome.run.situation
     write_pictures(
@@ -88,7 +89,7 @@ def write_outcome(
         {case.controller: outcome},
         title=f"{case.controller} at {situation.place}",
         mmol=output.mmol,
-        facts=run_facts(outcome.repeat()),
+        facts=run_facts(outcome.repeat(), outcome.settled),
         repeat=again,
     )
 

@@ -121,6 +121,11 @@ def toml_text(keys: Mapping[str, Any], command: str, given: Mapping[str, Any] | 
     return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**said, **used})}"
 
 
+def with_settled(keys: Mapping[str, Any], settled: Mapping[str, float]) -> dict[str, Any]:
+    """Keys that were used, with the settings that were settled when the controller was designed."""
+    return {**keys, **({SETTLED_KEY: dict(settled)} if settled else {})}
+
+
 def _with_values(keys: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in keys.items() if value is not None}
 
