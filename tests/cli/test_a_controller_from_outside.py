@@ -13,7 +13,7 @@ from glucoloop.cli.request import file_keys, with_lists
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
-from glucoloop.registry.plugins import added
+from glucoloop.registry.plugins import _added
 from glucoloop.registry.settings import About, settings_record
 from glucoloop.studies.detection.keys import detection_keys
 
@@ -207,4 +207,4 @@ def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, o
 def _edit(module):
     module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
     sys.modules.pop(module.stem)
-    added.cache_clear()
+    _added.cache_clear()

@@ -75,7 +75,7 @@ def command(given: Given) -> None:
         keys.pop("estimators", None)
     files: dict[str, str] = {}
     with output.folder() as folder:
-        asked = read_request(keys, file, _read)
+        asked = read_request(keys, file, _read, _used)
         from glucoloop.studies.detection.evaluate import evaluate
         from glucoloop.studies.detection.results import files_of, notes, report
         from glucoloop.studies.detection.table import detection_table
@@ -91,11 +91,15 @@ def command(given: Given) -> None:
     tell_results(output, report(asked, result), files, [detection_table(result)], told, notes=told)
 
 
+def _used(asked: Detection) -> Given:
+    from glucoloop.studies.detection.keys import detection_keys
+
+    return detection_keys(asked)
+
+
 def _read(keys: Given, of_file: Given) -> Detection:
     from glucoloop.config.run import overlay
     from glucoloop.studies.detection.keys import read_detection
 
     called = names(_OPTIONS, keys)
-    if "people" in keys and "days" not in keys:
-        of_file.pop("days", None)  # how many of each follows from how many there are
     return read_detection(overlay(of_file, keys, called), called)

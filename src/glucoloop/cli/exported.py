@@ -90,12 +90,13 @@ def write(asked: Export, folder: OutputFolder) -> Written:
     folder.write("PROOF.md", proof(exported, name, [rung.as_dict() for rung in rungs]))
     written = Written(asked, exported, rungs)
     folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
-    keys = asked.keys()
+    keys, given = asked.keys(), asked.given
     if made.model is not None:
         folder.write("model.json", made.model.text())
         if asked.run.case.model is not None:
             keys["model"] = "model.json"
-    folder.write("run.toml", toml_text(keys, "export --config run.toml --out DIR"))
+            given = None if given is None else {**given, "model": "model.json"}
+    folder.write("run.toml", toml_text(keys, "export --config run.toml --out DIR", given))
     return written
 
 

@@ -70,7 +70,7 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     where = computing(keys)
     out = needed_folder(output, "a trial", "trial")
-    trial = read_request(keys, file, _read)
+    trial = read_request(keys, file, _read, _used)
     note_on_boluses(trial.patient, (case.controller for case in trial.cases))
     from glucoloop.storage.trials.folder import trial_folder
 
@@ -98,6 +98,12 @@ def _read(keys: Given, of_file: Given) -> Trial:
     from glucoloop.config.trial import read_trial
 
     return read_with_cases(keys, of_file, TRIAL, read_trial)
+
+
+def _used(trial: Trial) -> Given:
+    from glucoloop.config.trial import trial_keys
+
+    return trial_keys(trial)
 
 
 def compute(folder: TrialFolder, where: Computing) -> Simulate:

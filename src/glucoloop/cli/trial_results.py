@@ -60,7 +60,7 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         facts={**controllers_facts(trial.cases), **trial_facts(trial), **engine_facts(prepare(trial).engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in trial.plan.nominal()],
         faults=trial.faults,
-        repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES),
+        repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES, given=trial.given),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)
             for label, of_label in summary.cases.items()

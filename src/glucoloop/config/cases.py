@@ -52,6 +52,12 @@ def take_cases(given: dict[str, Any], of_file: dict[str, Any]) -> list[dict[str,
     return cases
 
 
+def given_with(keys: Mapping[str, Any], cases: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Keys that were given with a table for each case, as they stand in a file."""
+    tables = [dict(case) for case in cases]
+    return {**keys, **({CASES_KEY: tables} if tables else {})}
+
+
 def under_shared(shared: Mapping[str, object], case: Mapping[str, object]) -> dict[str, object]:
     """The keys of a case over those that all cases share; limits of a guard hold where there is one."""
     keys = overlay(shared, {"controller": catalogue.USUAL_CONTROLLER, **case})

@@ -111,7 +111,7 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
             )
         return known[text]
     try:
-        keys, _ = read_toml(_text(path), text)
+        keys = read_toml(_text(path), text).keys
     except OSError as error:
         raise Refusal(f"{text} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:

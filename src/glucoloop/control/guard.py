@@ -13,7 +13,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses, settled
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.registry.guard import GuardSettings
@@ -63,6 +63,10 @@ class Guard:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    def settled(self) -> dict[str, Any]:
+        """Settings of the inner controller that were settled when it was designed."""
+        return dict(settled(self.inner))
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
         """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""

@@ -49,6 +49,15 @@ class IMC:
     delay_samples: int = static()
     sample_time_min: float = static()
 
+    def settled(self) -> dict[str, Any]:
+        """Model, with its gain in mg/dl per mU/min, and the filter."""
+        return {
+            "gain": self.gain / (1.0 - self.pole),
+            "tau_min": -self.sample_time_min / math.log(self.pole),
+            "delay_min": self.delay_samples * self.sample_time_min,
+            "filter_min": -self.sample_time_min / math.log(self.filter_pole),
+        }
+
     def init(self, observation: Observation) -> IMCState:
         """State of a controller at rest under the delivered rate."""
         delivered = rate_at_start(observation, self.limits.min_mU_min)

@@ -62,6 +62,10 @@ class LinearMPC:
         """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.plan.hessian.shape[0], self.plan.gain.shape[0]
 
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
+
     def padded(self, moves: int, horizon: int) -> LinearMPC:
         """The same controller with room for more moves and more samples, none of which has any weight."""
         longer, after = _remembered(self.step_response, self.realisation, horizon)

@@ -123,6 +123,10 @@ class MealMPC:
         insulin, gain, lag = jnp.broadcast_arrays(*numbers)
         return dataclasses.replace(self, model=individual_model(self.model.nominal, insulin, gain, lag))
 
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return {"move_horizon": self.move_horizon, "prediction_horizon": self.prediction_horizon}
+
     def init(self, observation: Observation) -> MealMPCState:
         """State of a controller at rest under the delivered rate; unexplained glucose counts as a disturbance."""
         known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -89,6 +89,10 @@ class MPCSE:
     def horizons(self) -> tuple[int, int]:
         """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.plan.hessian.shape[0], self.plan.gain.shape[0]
+
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
 
     def padded(self, moves: int, horizon: int) -> MPCSE:
         """The same controller with room for more moves and more samples, none of which has any weight."""

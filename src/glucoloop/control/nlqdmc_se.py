@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -92,6 +92,10 @@ class NLQDMC:
     def with_basal(self, insulin_mU_min: jax.Array) -> NLQDMC:
         """The same controller for a person with the given basal rate."""
         return dataclasses.replace(self, beyond_model_mU_min=insulin_mU_min - self.model.insulin_mU_min)
+
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
 
     def init(self, observation: Observation) -> NLQDMCState:
         """State of a controller at rest at the model's operating point."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -114,6 +115,12 @@ class PID:
     derivative: jax.Array | float
     limits: DoseLimits
     sample_time_min: float = static()
+
+    def settled(self) -> dict[str, Any]:
+        """Gain in mU/min per mg/dl, and times."""
+        gain, sample_time_min = self.proportional, self.sample_time_min
+        integral = {"integral_time_min": gain * sample_time_min / self.integral} if self.integral else {}
+        return {"gain": gain, **integral, "derivative_time_min": self.derivative * sample_time_min / gain}
 
     def init(self, observation: Observation) -> PIDState:
         """State in which earlier readings equal the first one."""

@@ -37,7 +37,8 @@ from glucoloop.patients.capabilities import process_noise
 from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import GUARD, PREFIX, usual_limit
-from glucoloop.registry.patients import SUBCUTANEOUS, PatientEntry
+from glucoloop.registry.patients import PatientEntry
+from glucoloop.registry.routes import SUBCUTANEOUS
 from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step
 

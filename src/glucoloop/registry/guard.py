@@ -12,7 +12,8 @@ from typing import Annotated, Any, Final
 
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS, USUAL_PATIENT, PatientEntry
+from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry
+from glucoloop.registry.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.registry.settings import About, Setting, Value, known_names, settings_of, settings_record
 
 PREFIX: Final = "guard_"

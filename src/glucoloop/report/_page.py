@@ -16,7 +16,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import glucoloop
-from glucoloop.config.toml import toml_text
+from glucoloop.config.toml import toml_text, with_code
 from glucoloop.registry.metrics import NOT_AVAILABLE
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -36,6 +36,13 @@ class Repeat:
     """Configuration of the command."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Files beside the page, each with what it holds."""
+    given: Mapping[str, Any] | None = None
+    """Keys from which the configuration follows, if it was read from fewer."""
+
+    @property
+    def text(self) -> str:
+        """Text of the configuration file."""
+        return toml_text(self.keys, self.command, self.given)
 
 
 def page(title: str, main: str, style: str = "", script: bool = False) -> str:
@@ -91,12 +98,12 @@ def situation(told: Mapping[str, str], repeat: Repeat | None) -> str:
     parts = [facts({**told, "Version": f"glucoloop {glucoloop.__version__}"})]
     if repeat is not None:
         name = repeat.command.split()[-1]
-        command = f"glucoloop {repeat.command} --out again"
+        command = f"glucoloop {with_code(repeat.command, repeat.keys)} --out again"
         parts += [
             "<p>In the folder of this page, this command repeats it:</p>\n"
             f"<pre><code>{html.escape(command)}</code></pre>",
             f"<details><summary>The whole configuration, <code>{html.escape(name)}</code></summary>"
-            f"<pre><code>{html.escape(toml_text(repeat.keys, repeat.command))}</code></pre></details>",
+            f"<pre><code>{html.escape(repeat.text)}</code></pre></details>",
         ]
         if "controller" in repeat.keys or "case" in repeat.keys:
             opened = f"{_LAB}#configuration={quote(toml_text(repeat.keys, repeat.command), safe='')}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import jax
 import jax.numpy as jnp
@@ -24,9 +24,10 @@ from glucoloop.identification import (
 )
 from glucoloop.meals import fasting, meal_model_of
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients.capabilities import seen_mg_dl
+from glucoloop.patients.capabilities import insulin_route, seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
+from glucoloop.registry.routes import route_of
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.adaptive import Adaptive
@@ -121,11 +122,11 @@ def identify(
     sensor: Sensor | None = None,
     key: jax.Array | int = 0,
     *,
-    memory: int = 36,
+    memory: int | None = None,
     amplitude_mU_min: float | None = None,
     samples: int | None = None,
-    laguerre_pole: float = 0.84,
-    laguerre_functions: int | None = 2,
+    laguerre_pole: float | None = None,
+    laguerre_functions: int | Literal["usual"] | None = "usual",
     sample_time_min: float = 5.0,
 ) -> Identification:
     """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III).
@@ -136,16 +137,19 @@ def identify(
     sensor : Sensor, optional
         Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
     key : JAX key or int
-    memory : int
-        Samples M after which the response has died out.
+    memory : int, optional
+        Samples M after which the response has died out; by default what is usual for the patient's route of insulin:
+        3 h for a vein, 24 h under the skin.
     amplitude_mU_min : float, optional
         Height of the pulses, at most the basal rate; by default the paper's 22.33 mU/min, or the basal rate where that
         is less.
     samples : int, optional
         Length of the record; the shortest, ``2 M``, by default.
-    laguerre_pole : float
+    laguerre_pole : float, optional
+        Pole, by default that of the route: 0.84 or 0.98 at 5-min samples.
     laguerre_functions : int or None
-        Functions that smooth the impulse response; None leaves it as it is.
+        Functions that smooth the impulse response; None leaves it as it is. By default as many as the route has: 2 or
+        4.
     sample_time_min : float
 
     Returns
@@ -158,7 +162,11 @@ def identify(
     ValueError
         For an amplitude above the basal rate, a record that is too short, or a setting out of bounds.
     """
-    basal = float(patient.basal_insulin_mU_min)
+    check_sample_time(sample_time_min)
+    basal, usual = float(patient.basal_insulin_mU_min), route_of(insulin_route(patient))
+    memory = usual.memory(sample_time_min) if memory is None else memory
+    laguerre_pole = usual.pole(sample_time_min) if laguerre_pole is None else laguerre_pole
+    functions = usual.laguerre_functions if laguerre_functions == "usual" else laguerre_functions
     if amplitude_mU_min is None:
         amplitude_mU_min = min(LARGEST_PULSE_MU_MIN, basal)
     if not amplitude_mU_min <= basal:
@@ -172,7 +180,7 @@ def identify(
         record,
         memory=memory,
         laguerre_pole=laguerre_pole,
-        laguerre_functions=laguerre_functions,
+        laguerre_functions=functions,
         basal_insulin_mU_min=basal,
     )
 

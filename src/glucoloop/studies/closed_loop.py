@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
 from glucoloop.control import Controller
-from glucoloop.control.protocol import gives_boluses
+from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.experiments.situation import Situation
@@ -41,6 +41,8 @@ class Outcome:
     limits: DoseLimits
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
+    settled: Mapping[str, float] = field(default_factory=dict)
+    """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
 
     def repeat(self) -> Run:
         """The run with its model from a file beside its configuration, so that the folder repeats it by itself."""
@@ -50,6 +52,7 @@ class Outcome:
         """Plain values for JSON."""
         return {
             "config": self.run.keys(),
+            "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
@@ -88,6 +91,7 @@ def outcome_of(
         trace=trace,
         metrics=metrics,
         limits=situation.limits,
+        settled=settled(controller),
         notes=(
             *notes_on(run, model),
             *notes_on_patient(situation, controller),

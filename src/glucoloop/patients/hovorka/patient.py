@@ -23,6 +23,7 @@ from glucoloop.patients.hovorka.rest import (
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
 from glucoloop.refusal import Refusal
+from glucoloop.registry.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
@@ -40,6 +41,8 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         highest_mg_dl=glucose_without_insulin_mg_dl,
         beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
     )
+    insulin_route: ClassVar[str] = SUBCUTANEOUS
+    usual_pump: ClassVar[PumpRange] = PUMP_OF_1999
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
 

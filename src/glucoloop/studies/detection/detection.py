@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals.plan import MealPlan
@@ -39,6 +39,8 @@ class Detection:
     """All settings of every estimator; see `registry.controllers.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def __post_init__(self) -> None:
         check_estimators(self.estimators)

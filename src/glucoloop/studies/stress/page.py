@@ -49,7 +49,7 @@ def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
         _why(result, grid),
         _all(grid),
         _faults(grid),
-        _page.situation(result.facts, Repeat(result.repeat, result.keys, _FILES)),
+        _page.situation(result.facts, Repeat(result.repeat, result.keys, _FILES, given=result.given)),
     ]
     return _page.page(title, "\n".join(part for part in sections if part), STYLE)
 

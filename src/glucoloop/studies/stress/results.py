@@ -29,7 +29,7 @@ FINAL: Final = ("stress.csv", "stress.parquet", SUMMARY, "stress.html", "figure.
 
 def work_of(asked: StressTest) -> Work:
     """Work of ``glucoloop stress``, which is kept in the folder of a trial."""
-    return Work(command="stress", what="trial", keys=asked.keys(), final=FINAL, summary=SUMMARY)
+    return Work(command="stress", what="trial", keys=asked.keys(), given=asked.given, final=FINAL, summary=SUMMARY)
 
 
 def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
@@ -71,6 +71,7 @@ def _result(
         facts=facts,
         repeat="stress --config stress.toml",
         keys=asked.keys(),
+        given=asked.given,
         able=able,
         infeasible=asked.base.people - able,
     )

@@ -260,6 +260,7 @@ class StressResult:
     repeat: str
     """Command that repeats the test from its folder, without the name of the program."""
     keys: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, Any] | None = None
     """Configuration of the test."""
     able: int | None = None
     """Number of people with a basal rate; by default all of them are in a row."""
