@@ -96,8 +96,8 @@ def test_little_is_never_told_as_none(value, text):
     assert short_pct(value) == text
 
 
-def test_a_concentration_that_rounds_to_nothing_has_no_sign():
-    assert (short_mg_dl(-0.2), short_mg_dl(-3.6), short_mg_dl(math.nan)) == ("0", "-4", "n/a")
+def test_a_concentration_below_0_is_no_number():
+    assert (short_mg_dl(-0.2), short_mg_dl(-3.6), short_mg_dl(math.nan)) == ("not valid", "not valid", "n/a")
 
 
 def test_a_shade_reaches_up_to_its_bound(make_stress_row):

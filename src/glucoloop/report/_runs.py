@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Status
-from glucoloop.report.validity import validity_note
+from glucoloop.report.validity import concentrations, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
@@ -47,6 +47,7 @@ class PlottedRun:
     """(samples + 1,) rates delivered from each of these times on; the last repeats that of the last sample."""
     fine_t_min: Floats
     fine_glucose_mg_dl: Floats
+    """Glucose of the model, which may be below 0 where the model is not valid."""
     reading_t_min: Floats
     """Times of valid readings; empty if all of them equal the patient's glucose."""
     reading_mg_dl: Floats
@@ -66,6 +67,11 @@ class PlottedRun:
     """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
     meals: tuple[tuple[float, float], ...]
     """Time in min and carbohydrate in g of each meal."""
+
+    @property
+    def shown_glucose_mg_dl(self) -> Floats:
+        """Glucose to be drawn; NaN where it is below 0."""
+        return concentrations(self.fine_glucose_mg_dl)
 
     @property
     def horizon_min(self) -> float:

@@ -106,6 +106,8 @@ def summary_of(result: StressResult) -> dict[str, Any]:
 def _flat(row: StressRow) -> Mapping[str, Any]:
     """A row as plain columns."""
     own = {field.name: getattr(row, field.name) for field in dataclasses.fields(row) if field.name != "tried"}
+    if row.lowest_mg_dl < 0.0:  # no concentration: the valid range of the model ended above it
+        own["lowest_mg_dl"] = None
     cell = {"controller": row.tried.controller, "guarded": row.tried.guarded, "fault": row.tried.fault}
     return {**cell, **own, "worse": len(row.worse), "worse_people": " ".join(map(str, row.worse))}
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.studies.stress._cells import short_mg_dl, short_pct
 from glucoloop.studies.stress._grid import GUARDS, Grid, grid_of
 from glucoloop.studies.stress.stress import MOST_MORE_PCT, StressResult, StressRow
