@@ -75,7 +75,7 @@ def command(given: Given) -> None:
 def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     from rich.table import Table
 
-    from glucoloop.papers.parker1999.comparison import count
+    from glucoloop.papers.parker1999.comparison import count, left_out
 
     table = Table(box=None, pad_edge=False)
     table.add_column("entry")
@@ -83,10 +83,14 @@ def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     for point in points:
         table.add_column(point, justify="right")
     for row in rows:
+        if not row.reproduced:
+            continue
         found = (row.reproduced.get(point) for point in points)
-        cells = (one.text if one else "" for one in found)
+        cells = (one.text if one else "not run" for one in found)
         printed = row.entry.printed
         table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
     show(table)
     for point in points:
         print(f"{point}: {count(rows, point)}.")
+    if missing := left_out(rows):
+        print(missing)
