@@ -122,7 +122,7 @@ class TestVerdict:
 
     def test_what_was_not_run_is_said_and_left_out(self):
         rows = [_row(1.0, Reproduced(1.0)), replace(_row(7.5, Reproduced(1.0)), reproduced={})]
-        assert left_out(rows) == "1 printed entry was not run and left out."
+        assert left_out(rows) == "1 printed entry not run and left out."
         assert left_out(rows[:1]) == ""
         rows = [replace(row, entry=replace(row.entry, id="table-1.x")) for row in rows]
         (table,) = tables(rows, {POINT: None})

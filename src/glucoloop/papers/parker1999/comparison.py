@@ -127,7 +127,7 @@ def count(rows: Iterable[ComparedEntry], operating_point: str) -> str:
 def left_out(rows: Iterable[ComparedEntry]) -> str:
     """Sentence on the entries that no experiment was run for; empty if there are none."""
     number = sum(not row.reproduced for row in rows)
-    return f"{how_many(number, 'printed entry was', 'printed entries were')} not run and left out." if number else ""
+    return f"{how_many(number, 'printed entry', 'printed entries')} not run and left out." if number else ""
 
 
 def _number(value: float) -> str:

@@ -101,7 +101,9 @@ def tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -
             _row_text(row, list(studies)) for row in rows if row.entry.id.startswith(prefix) and row.reproduced
         )
         if of_section:
-            made.append(Table(heading=heading, note=_CELL, columns=_columns(list(studies)), rows=of_section))
+            made.append(
+                Table(heading=heading, note="" if made else _CELL, columns=_columns(list(studies)), rows=of_section)
+            )
         if of_section and prefix == "table-2." and any(study.identified_anew for study in studies.values()):
             made.append(_anew(studies))
     return made
