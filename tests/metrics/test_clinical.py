@@ -27,7 +27,7 @@ def test_a_run_that_is_high_all_day_is_not_praised(make_trace):
     assert summary.beyond_limits_pct == 90.0
     assert list(summary.sentences()) == [
         "Glucose was from 70 to 180 mg/dl for 20.0 % of the 10 h.",
-        "Glucose was above 180 mg/dl for 80.0 % (8 h), and above 250 mg/dl for 80.0 % (8 h).",
+        "Glucose was above 180 mg/dl for 80.0 % of the time (8 h), and above 250 mg/dl for 80.0 % of the time (8 h).",
         "Glucose was never below 70 mg/dl.",
         "The lowest glucose was 100.0 mg/dl, the highest 300.0 mg/dl, the mean 260.1 mg/dl.",
         "The pump delivered 1.20 U of insulin, and none at all for 9 h.",

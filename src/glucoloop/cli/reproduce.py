@@ -19,8 +19,9 @@ PAPERS: Final = ("parker1999",)
 
 HELP: Final = (
     "Reproduce a published study and compare each number with the printed one.\n\n"
-    "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim, at "
-    "each reading of its operating point; what does not reproduce is listed.\n\n"
+    "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim is "
+    "reproduced at each of three operating points that the paper can be read to mean; numbers that do not reproduce "
+    "are listed with the reason where one is known.\n\n"
     "  glucoloop reproduce parker1999 --out parker1999\n\n"
     "  glucoloop reproduce parker1999 --quick --out glimpse\n\n"
     "  glucoloop reproduce parker1999 --table II --figure 4 --out part"

@@ -31,14 +31,14 @@ class ClinicalSummary:
     time_below_70_pct: float | None
     time_below_54_pct: float | None
     lowest_mg_dl: float | None
-    """None, too, if glucose was below the range in which the patient's model is valid."""
+    """Least glucose; None, too, if it was below the range in which the patient's model is valid."""
     lowest_valid_mg_dl: float
     """Glucose below which the patient's model is not valid."""
     below_validity: bool
     """Whether glucose was ever below that; it means severe hypoglycemia, not a number."""
     highest_mg_dl: float | None
     mean_mg_dl: float | None
-    """None, too, if glucose was below 0, which is no concentration."""
+    """Mean glucose; None, too, if glucose was ever below 0, which is no concentration."""
     insulin_U: float | None
     insulin_off_h: float | None
     longest_insulin_off_h: float | None
@@ -74,7 +74,7 @@ class ClinicalSummary:
                 yield f"Glucose was {name} {bound} mg/dl for {self._of_time(time)}, {beyond}."
 
     def _of_time(self, pct: float) -> str:
-        return f"{percent(pct)} ({_hours(pct / 100.0 * self.duration_h)})"
+        return f"{percent(pct)} of the time ({_hours(pct / 100.0 * self.duration_h)})"
 
     def _extremes(self) -> Iterator[str]:
         if self.below_validity:
