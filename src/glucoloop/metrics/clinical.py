@@ -69,7 +69,9 @@ class ClinicalSummary:
                 yield f"Glucose was never {name} {bound} mg/dl."
             else:
                 beyond = (
-                    f"and {name} {further} mg/dl for {self._of_time(far)}" if far else f"never {name} {further} mg/dl"
+                    f"and {name} {further} mg/dl for {self._of_time(far)}"
+                    if far
+                    else f"but never {name} {further} mg/dl"
                 )
                 yield f"Glucose was {name} {bound} mg/dl for {self._of_time(time)}, {beyond}."
 
