@@ -95,7 +95,7 @@ def _anew(studies: Mapping[str, PointResults]) -> Table:
 
 def tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -> list[Table]:
     """Every table of the report; those of experiments that were not carried out are left out."""
-    made = []
+    made: list[Table] = []
     for heading, prefix in _SECTIONS:
         of_section = tuple(
             _row_text(row, list(studies)) for row in rows if row.entry.id.startswith(prefix) and row.reproduced
