@@ -245,6 +245,7 @@ th[scope=row] { padding-left: 0; min-width: 11rem; max-width: 18rem; white-space
                 background: var(--paper); }
 th, td { vertical-align: top; min-width: 4.5rem; }
 td:last-child { min-width: 7rem; }
+[aria-label="What does not reproduce"] td:last-child { min-width: 22rem; }
 tbody tr + tr > * { border-top: 1px solid var(--rule); }
 .yes { color: var(--yes); } .no { color: var(--no); font-weight: 600; }
 figure { margin: 2rem 0; background: white; color: black; padding: 1rem; border-radius: 0.4rem; max-width: 46rem; }
