@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 HELP: Final = (
     "Compute how closely any controller could hold glucose: the doses within the pump's limits with the least maximum "
     "deviation from the setpoint, for a patient and meals that are known exactly from a given time on.\n\n"
-    "With --noise also for a controller that can learn only from the readings that a meal begins, and when it ends, "
-    "and "
-    "prepares for both cases until it can know.\n\n"
+    "With --noise, also compute this for a controller that can learn only from the readings that a meal begins or "
+    "ends, and prepares for both cases until it can know.\n\n"
     "  glucoloop bound\n\n"
     "  glucoloop bound --known-after 0 --known-after 20 --in-advance --out bound\n\n"
     "  glucoloop bound --noise 1.45\n\n"

@@ -201,7 +201,8 @@ def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: O
 
     distances = None if bound is None else _distances(outcomes, bound)
     table = comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}, distances)
-    lines = (*notes, *(mmol_lines(outcomes) if output.mmol else ()))
+    told = (f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.summary.sentences())
+    lines = (*told, *notes, *(mmol_lines(outcomes) if output.mmol else ()))
     tell_results(output, _report(outcomes, bound), files, [table], lines, notes=notes)
 
 

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from glucoloop.studies.detection.detection import Detection
 
 HELP: Final = (
-    "Try the estimators of meals that nobody announced: how soon a meal is detected, how well its size is told, and "
-    "how often there is a false alarm.\n\n"
-    "Each day begins at rest and has meals and noise of its own, and as many days again are without a meal. Without "
-    "options it is 100 days of one person, two meals a day of 11 to 99 g, noise of variance 1.45, and doses by "
-    f"{ESTIMATING.name}, which rests on the estimator. Another controller, like basal, doses without it.\n\n"
+    "Test the estimators of meals that nobody announced: how soon a meal is detected, how exactly its size is "
+    "estimated, and how often there is a false alarm.\n\n"
+    "Each day begins at rest and has its own meals and noise; the same number of days is without a meal. By default "
+    "100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, and doses by "
+    f"{ESTIMATING.name}, which uses the estimator. Other controllers, such as basal, do not use it.\n\n"
     "  glucoloop detect --out detect\n\n"
     "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
     "  glucoloop detect --population parker2000 --people 100 --meals-per-h 0.1 --out people\n\n"

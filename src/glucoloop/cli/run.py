@@ -102,4 +102,11 @@ def tell(
 
     notes = (*outcome.notes, *more)
     mmol = mmol_lines({outcome.run.case.controller: outcome}) if output.mmol else ()
-    tell_results(output, report, files, [metrics_table(outcome.metrics)], (*notes, *mmol), notes=notes)
+    tell_results(
+        output,
+        report,
+        files,
+        [metrics_table(outcome.metrics)],
+        (*outcome.summary.sentences(), *notes, *mmol),
+        notes=notes,
+    )

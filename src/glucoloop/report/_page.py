@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 import glucoloop
 from glucoloop.config.toml import toml_text, with_code
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.printable import glucose_text
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 _LAB: Final = "lab.html"
@@ -142,8 +142,8 @@ def either(mg_dl: str, mmol_l: str) -> str:
 
 def glucose(mg_dl: float, digits: int = 1) -> str:
     """HTML of a glucose, with its unit."""
-    if not math.isfinite(mg_dl):
-        return NOT_AVAILABLE
+    if not mg_dl >= 0.0 or math.isinf(mg_dl):
+        return glucose_text(mg_dl)
     return either(f"{mg_dl:.{digits}f} mg/dl", f"{mg_dl / MG_DL_PER_MMOL_L:.2f} mmol/l")
 
 
@@ -187,18 +187,6 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, kind: str = ""
 def count(people: int) -> str:
     """Text of a number of people, with its thousands separated."""
     return f"{people:,}".replace(",", "\u202f")
-
-
-def percent(share: float) -> str:
-    """Shortest text of a percentage that does not round a few to none."""
-    if not math.isfinite(share):
-        return NOT_AVAILABLE
-    if 0.0 < share < 0.01:
-        return "< 0.01 %"
-    if 99.99 < share < 100.0:
-        return "> 99.99 %"
-    digits = 2 if 0.0 < share < 1.0 or 99.0 < share < 100.0 else 1
-    return f"{share:.{digits}f} %" if share not in (0.0, 100.0) else f"{share:.0f} %"
 
 
 _PAGE: Final = Template("""<!doctype html>

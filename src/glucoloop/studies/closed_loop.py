@@ -17,7 +17,7 @@ from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.experiments.situation import Situation
-from glucoloop.metrics import Metrics, summarise
+from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.refusal import Refusal
@@ -48,12 +48,18 @@ class Outcome:
         """The run with its model from a file beside its configuration, so that the folder repeats it by itself."""
         return self.run if self.model is None or self.run.case.model is None else self.run.with_model("model.json")
 
+    @property
+    def summary(self) -> ClinicalSummary:
+        """Times in ranges, extremes and insulin, as a clinician reads them first."""
+        return clinical_summary(self.trace, self.metrics)
+
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "config": self.run.keys(),
             "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
+            "summary": self.summary.as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
         }
