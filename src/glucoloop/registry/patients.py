@@ -107,7 +107,8 @@ class PatientEntry:
             For an unknown operating point.
         """
         own = self.operating_point(operating_point).tunings.get(controller, {})
-        return {**self.tunings.get(controller, {}), **own}
+        of_patient = self.tunings or (_BY_ITS_MODEL if self.under_the_skin else {})
+        return {**of_patient.get(controller, {}), **own}
 
     def identification(self, sample_time_min: float) -> dict[str, Any]:
         """Usual identification of a model at a sample time: memory in samples, and the Laguerre functions."""
@@ -164,13 +165,19 @@ _SLOW_TUNINGS: Final = {
     "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
 }
 
+_BY_ITS_MODEL: Final = {
+    controller: {**settings, "prediction_horizon": Default(0)} if "prediction_horizon" in settings else settings
+    for controller, settings in _SLOW_TUNINGS.items()
+}
+"""Settings for another patient with insulin under the skin: horizons follow from the model."""
+
 _UNDER_THE_SKIN: Final[dict[str, Any]] = {
     "insulin_route": SUBCUTANEOUS,
     # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
     # would hide half of the gain.
     "memory_min": 1440.0,
-    "laguerre_pole": 0.98,
-    "laguerre_functions": 4,
+    "laguerre_pole": 0.96,
+    "laguerre_functions": 8,
     "tunings": _SLOW_TUNINGS,
 }
 

@@ -22,7 +22,9 @@ from glucoloop.identification import (
     random_binary_sequence,
     validate,
 )
+from glucoloop.identification.basis import usual_bases
 from glucoloop.meals import fasting, meal_model_of
+from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients.capabilities import seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
@@ -30,10 +32,15 @@ from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.internal_model import linear_model
 from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
 
 LARGEST_PULSE_MU_MIN: Final = 22.33
 """Amplitude of the pulses in the paper, its nominal rate."""
+SETTLED: Final = 0.7
+"""Share of its gain that a response has at the end of a memory that is long enough for it: .8 and more of the paper's
+patient at its operating points, at most .11 with insulin under the skin.
+"""
 
 
 @jax.jit
@@ -120,11 +127,12 @@ def identify(
     sensor: Sensor | None = None,
     key: jax.Array | int = 0,
     *,
-    memory: int = 36,
+    memory: int | None = None,
     amplitude_mU_min: float | None = None,
     samples: int | None = None,
-    laguerre_pole: float = 0.84,
-    laguerre_functions: int | None = 2,
+    laguerre_pole: float | None = None,
+    laguerre_functions: int | str | None = "usual",
+    under_the_skin: bool | None = None,
     sample_time_min: float = 5.0,
 ) -> Identification:
     """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III).
@@ -135,17 +143,24 @@ def identify(
     sensor : Sensor, optional
         Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
     key : JAX key or int
-    memory : int
+    memory : int, optional
         Samples M after which the response has died out.
     amplitude_mU_min : float, optional
         Height of the pulses, at most the basal rate; by default the paper's 22.33 mU/min, or the basal rate where that
         is less.
     samples : int, optional
         Length of the record; the shortest, ``2 M``, by default.
-    laguerre_pole : float
-    laguerre_functions : int or None
+    laguerre_pole : float, optional
+    laguerre_functions : int, None or "usual"
         Functions that smooth the impulse response; None leaves it as it is.
+    under_the_skin : bool, optional
+        Whether the response begins at 0 with a slope of 0 and is never above 0; see `identification.skin_response`.
     sample_time_min : float
+
+    Notes
+    -----
+    Memory, pole, functions and route that are not given are the paper's if the patient's response to a small step has
+    `SETTLED` of its gain at the end of the paper's memory, and else those for insulin under the skin.
 
     Returns
     -------
@@ -165,15 +180,28 @@ def identify(
             f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
+    paper, *_, slow = usual_bases(sample_time_min)
+    if under_the_skin is None:
+        under_the_skin = _is_slow(patient, sample_time_min, paper.memory)
+    usual = slow if under_the_skin else paper
+    memory = usual.memory if memory is None else memory
     sequence = design_csrs(memory, amplitude_mU_min, samples)
     record = excite(patient, basal + np.asarray(sequence), sensor, key, sample_time_min=sample_time_min)
     return identify_record(
         record,
         memory=memory,
-        laguerre_pole=laguerre_pole,
-        laguerre_functions=laguerre_functions,
+        laguerre_pole=usual.pole if laguerre_pole is None else laguerre_pole,
+        laguerre_functions=usual.functions if laguerre_functions == "usual" else laguerre_functions,
+        under_the_skin=under_the_skin,
         basal_insulin_mU_min=basal,
     )
+
+
+def _is_slow(patient: Patient, sample_time_min: float, memory: int) -> bool:
+    """Whether the response of a patient to a small step of insulin is far from settled after a memory."""
+    model = linear_model(patient, sample_time_min=sample_time_min)
+    gain = model.C @ jnp.linalg.solve(jnp.eye(model.Gamma.size) - model.Phi, model.Gamma)
+    return not float(step_response(model, memory)[-1] / gain) >= SETTLED
 
 
 @checked
