@@ -125,4 +125,8 @@ def _warning(identified: Identified) -> tuple[str, ...]:
     mend = "record for longer, or change insulin more, and more often, than meals and noise change glucose"
     if identified.config.data is None:
         mend = "lengthen the experiment with --samples, or give a lower --noise"
+    elif any((identified.config.memory, identified.config.laguerre_pole, identified.config.laguerre_functions)):
+        mend = (
+            f"leave out --memory, --laguerre-pole and --laguerre-functions, so that the record chooses them; or {mend}"
+        )
     return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")

@@ -18,6 +18,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import MealMPCSettings, MealTuning
 from glucoloop.estimation.unknown_meal import (
@@ -378,6 +379,7 @@ def design_meal_mpc(
         raise Refusal(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
+    tuning = suited(tuning, *response_at_rest(model))
     own = individual_model(model, model.insulin_mU_min)
     chosen: MealEstimator
     if estimator == "kalman":

@@ -19,10 +19,10 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import linear_response, suited
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, MPCSESettings, StateTuning
-from glucoloop.control.tuning import check_gain
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.estimation.noise_level import NoisyFilters, SensorError, check_pace, no_error, noisy_filters, shares
 from glucoloop.models.state_space import LinearModel
@@ -255,7 +255,8 @@ def design_mpc_se(
     ------
     ValueError
         For an unknown option, a pace outside 0 to 1, a floor that is not possible, noise that is not a covariance, a
-        model whose gain is not below 0 or that cannot be estimated from glucose, or a dead time that is negative.
+        model whose gain is not below 0, that shows less than `horizon.LEAST_SHARE` of it within the horizon or that
+        cannot be estimated from glucose, or a dead time that is negative.
 
     Examples
     --------
@@ -284,6 +285,7 @@ def design_mpc_se(
         )
         rest = np.append(rest, 0.0)
     K = np.asarray(steady_state_gain(Phi, C_reading, Q, measurement_variance).gain)
+    tuning = suited(tuning, *linear_response(model))
 
     Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
     one = mpc_se_of_people(
@@ -303,7 +305,6 @@ def design_mpc_se(
     own = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
     S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
     plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
-    check_gain(C[:, 0] @ rest[:, 0])
     check_pace(noise_pace)
     learning = None
     if noise_pace > 0.0:

@@ -19,6 +19,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
@@ -257,6 +258,7 @@ def design_nlqdmc_se(
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     check_pace(noise_pace)
+    tuning = suited(tuning, *response_at_rest(model))
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     return NLQDMC(
         model=model,

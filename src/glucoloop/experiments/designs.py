@@ -219,6 +219,7 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
         amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
         laguerre_pole=case.laguerre_pole or 0.0,
         laguerre_functions=case.laguerre_functions or None,
+        under_the_skin=patient_entry(situation.patient).under_the_skin,
         sample_time_min=situation.sample_time_min,
     )
 

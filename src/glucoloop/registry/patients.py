@@ -159,6 +159,13 @@ _UNDER_THE_SKIN: Final[dict[str, Any]] = {
     # The pump of 1999, 4 U/h, is ample for people who need 0.4 and 0.9 U/h.
     "max_change_mU_min": PUMP_OF_1999.max_change_mU_min,
     "max_insulin_mU_min": PUMP_OF_1999.max_mU_min,
+    # Horizons of three and four hours, with which the numbers of the guide were made.
+    "tunings": {
+        "mpc": {"prediction_horizon": Default(36)},
+        "mpc-se": {"prediction_horizon": Default(48)},
+        "nlqdmc-se": {"prediction_horizon": Default(48)},
+        "meal-mpc": {"prediction_horizon": Default(48)},
+    },
 }
 
 PATIENTS: Final = Catalogue(

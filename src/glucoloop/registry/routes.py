@@ -30,13 +30,14 @@ is three times the nominal rate and keeps plasma insulin below 100 mU/l."""
 _PUMP_UNDER_THE_SKIN: Final = PumpRange(max_change_mU_min=500.0, max_mU_min=500.0)
 """Range of pumps in use, 30 U/h, any of it at once."""
 
-# Insulin under the skin acts for hours: horizons of three and four hours. A step larger than 1 mU/min would be fitted
-# to glucose so low that less of it is taken up.
+# Insulin under the skin acts for hours, of each patient for others: horizons follow from the model. A step larger than
+# 1 mU/min would be fitted to glucose so low that less of it is taken up.
+_BY_THE_MODEL: Final = Default(0)
 _SMALL_STEP: Final = Default(1.0)
 _SLOW_TUNINGS: Final = {
-    "mpc": {"prediction_horizon": Default(36), "output_weight": Default(1.0), "move_weight": Default(3.0)},
+    "mpc": {"prediction_horizon": _BY_THE_MODEL, "output_weight": Default(1.0), "move_weight": Default(3.0)},
     "mpc-se": {
-        "prediction_horizon": Default(48),
+        "prediction_horizon": _BY_THE_MODEL,
         "move_weight": Default(3.0),
         "reference_start": Default(1),
         "glucose_process_noise": Default(30.0),
@@ -44,12 +45,12 @@ _SLOW_TUNINGS: Final = {
         "offset_free": Default("output-disturbance"),
     },
     "nlqdmc-se": {
-        "prediction_horizon": Default(48),
+        "prediction_horizon": _BY_THE_MODEL,
         "move_weight": Default(10.0),
         "glucose_process_noise": Default(0.01),
         "other_process_noise": Default(1e-6),
     },
-    "meal-mpc": {"prediction_horizon": Default(48), "move_weight": Default(3.0)},
+    "meal-mpc": {"prediction_horizon": _BY_THE_MODEL, "move_weight": Default(3.0)},
     "imc": {"filter_min": Default(120.0), "delay_min": Default(100.0), "step_mU_min": _SMALL_STEP},
     "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
 }
@@ -98,8 +99,8 @@ ROUTES: Final[Mapping[str, Route]] = {
             name=SUBCUTANEOUS,
             pump=_PUMP_UNDER_THE_SKIN,
             memory_min=1440.0,
-            laguerre_pole=0.98,
-            laguerre_functions=4,
+            laguerre_pole=0.96,
+            laguerre_functions=8,
             tunings=_SLOW_TUNINGS,
         ),
     )
