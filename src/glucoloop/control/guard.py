@@ -300,14 +300,15 @@ def guarded(
     1. Every field of the observation is checked. A reading that is not a number, out of range, too fast or stuck is
        passed on as not valid, and the controller relies on its model; an impossible value of another field is replaced
        by the last possible one.
-    2. The controller decides. If its memory or its dose is not finite, it is restarted and the basal rate is given.
+    2. The controller decides. If its memory or its dose is not finite or absurd, it is restarted and the basal rate is
+       given. A memory is absurd beyond the controller's `memory_bound`, by default 1e6.
     3. The dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
        but not below the basal rate. ``B' = min(B + (y - r - e - d) / F, B_max)`` is the insulin that may be on board.
     4. After some time without a believed reading the dose is the basal rate, and later a part of it.
     5. The dose is 0 while ``y + t y'`` is below the bound.
     6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
-    7. A bolus is cut so that insulin on board and in an hour, the rate included, stay within ``B_max`` and the cap of
-       the hour. Readings do not bound it otherwise. No bolus is given while insulin is suspended or no reading was
+    7. A bolus is cut so that insulin on board, which has all of it at once, and in any window of 60 min, the rate
+       included, stay within ``B_max`` and the cap of the hour. Readings do not bound it otherwise. No bolus is given while insulin is suspended or no reading was
        believed for long, nor on a reading that is not believed, unless a meal is announced.
 
     ============  =========================================================  ====================
