@@ -307,9 +307,10 @@ def guarded(
     4. After some time without a believed reading the dose is the basal rate, and later a part of it.
     5. The dose is 0 while ``y + t y'`` is below the bound.
     6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
-    7. A bolus is cut so that insulin on board, which has all of it at once, and in any window of 60 min, the rate
-       included, stay within ``B_max`` and the cap of the hour. Readings do not bound it otherwise. No bolus is given while insulin is suspended or no reading was
-       believed for long, nor on a reading that is not believed, unless a meal is announced.
+    7. A bolus is cut so that insulin on board, which has all of it at once, stays within ``B_max``, and insulin in any
+       window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
+       given while insulin is suspended or no reading was believed for long, nor on a reading that is not believed,
+       unless a meal is announced.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting
