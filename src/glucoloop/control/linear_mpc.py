@@ -8,7 +8,7 @@ prediction horizon is kept as a small state, the "residual dynamics" of Lee, Mor
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -51,6 +51,10 @@ class LinearMPC:
     """(N,) S_1 .. S_N, long enough for the prediction horizon."""
     plan: MovePlan
     sample_time_min: float = static()
+    memory_bound: ClassVar[float] = 1e4
+    """Bound on its memory for a guard: glucose is below 1000 mg/dl, what insulin does to it below 10 000 mg/dl, and
+    rates are below 10 000 mU/min (600 U/h).
+    """
     realisation: Realisation | None = None
     """The response after N samples; None for one that is constant there."""
 

@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.protocol import Decision, Observation
@@ -175,7 +175,7 @@ class MealMPC:
         moves, converged = self._plan(now, told, state.planned, observation.setpoint_mg_dl, delivered)
 
         fresh = self.init(observation)
-        sound = _finite(held)
+        sound = _finite(held) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
         held = jax.tree.map(lambda kept, new: jnp.where(sound, kept, new), held, fresh.estimator)
         planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
         state = MealMPCState(

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import linear_response, suited
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
@@ -144,8 +144,9 @@ class MPCSE:
         free = free + (jnp.multiply.outer(self.free_innovation, innovation) if held is None else held)
         move, converged = self.plan.first_move(reference - free, delivered, self.basal_glucose_mg_dl + free)
 
-        # An estimate that is no number would never come back; rest under the present rate is all that is left to go by.
-        sound = jnp.all(jnp.isfinite(estimate), axis=0)
+        # An estimate that no person can have comes back late or never; rest under the present rate is all that is
+        # left to go by.
+        sound = jnp.all(jnp.isfinite(estimate), axis=0) & is_of_a_person(self.basal_glucose_mg_dl + self.C @ estimate)
         if sensor is not None:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
@@ -147,8 +147,8 @@ class NLQDMC:
             response = response * self.planned
             move, converged = minimise_above(self.floor, hessian, gradient, response, free, delivered, self.limits)
 
-        # An estimate that is no number would never come back; the operating point is all that is left to go by.
-        sound = jnp.all(jnp.isfinite(x))
+        # An estimate that no person can have may never come back; the operating point is all that is left to go by.
+        sound = jnp.all(jnp.isfinite(x)) & is_of_a_person(glucose(x))
         if sensor is not None:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)

@@ -174,7 +174,7 @@ CONTROLLERS: Final = Catalogue(
         ),
         ControllerEntry(
             name="pid",
-            summary="PID in velocity form, tuned on a first-order model with dead time",
+            summary="PID whose integral waits at limits, tuned on a first-order model with dead time",
             design="glucoloop.control.pid:design",
             record="glucoloop.control.settings:PIDSettings",
             uses_model=False,
