@@ -99,9 +99,9 @@ def needs_values(name: str, error: BaseException) -> str:
     ]
     place = f" (line {others[-1].lineno} of {Path(others[-1].filename).name})" if others else ""
     return (
-        f"{name} asks for the value of a number{place}, as `if`, `and`, `float` or NumPy do, while the loop is compiled "
-        "and no number has a value; write jnp.where(condition, a, b) or jax.lax.cond in place of an `if`, `&` and `|` "
-        "in place of `and` and `or`, and jax.numpy in place of numpy and math"
+        f"{name} asks for the value of a number{place}, as `if`, `and`, `float` or NumPy do, while the loop is "
+        "compiled and no number has a value; write jnp.where(condition, a, b) or jax.lax.cond in place of an `if`, `&` "
+        "and `|` in place of `and` and `or`, and jax.numpy in place of numpy and math"
     )
 
 
