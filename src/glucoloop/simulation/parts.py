@@ -15,7 +15,7 @@ from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.control.tuning import check_sample_time
 
-_NEED_VALUES = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
+NEED_VALUES = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 _NUMBERS = (jax.Array, np.ndarray, np.generic, float, complex, int)
 
 
@@ -111,7 +111,7 @@ def wrong_with(controller: Controller, observation: Observation) -> str | None:
     try:
         state = jax.eval_shape(lambda observation: controller.init(observation), observation)
         answer = jax.eval_shape(lambda state, seen: controller.step(state, seen), state, observation)
-    except _NEED_VALUES as error:
+    except NEED_VALUES as error:
         return needs_values(name, error)
     if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], Decision):
         return f"{name}.step has to return its new state and a Decision, (state, decision), and nothing else"
