@@ -208,3 +208,46 @@ def _edit(module):
     module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
     sys.modules.pop(module.stem)
     _added.cache_clear()
+
+
+PLAIN = """
+import jax
+from dataclasses import dataclass
+from glucoloop.control import Decision
+from glucoloop.registry.controllers import ControllerEntry
+
+
+@dataclass(frozen=True)
+class Settings:
+    pass
+
+
+@jax.tree_util.register_static
+@dataclass(frozen=True)
+class Plain:
+    sample_time_min: float = 5.0
+
+    def init(self, observation):
+        return observation.delivered_mU_min
+
+    def step(self, state, observation):
+        rate = 30.0 if observation.glucose_mg_dl > 90.0 else 10.0
+        return state, Decision(insulin_mU_min=rate + 0.0 * state, status=0)
+
+
+def design(case, settings):
+    return Plain()
+
+
+ENTRY = ControllerEntry(
+    name="plain", summary="an if on a reading", design="plain_if:design", record=Settings, uses_model=False
+)
+"""
+
+
+def test_an_if_on_a_reading_is_told_what_to_write(outside, refused):
+    (outside / "plain_if.py").write_text(PLAIN)
+    told = refused("run", "--controller", "plain_if:ENTRY", *SHORT)
+    assert "Plain asks for the value of a number" in told
+    assert "of plain_if.py" in told
+    assert "jnp.where" in told

@@ -86,8 +86,9 @@ def write(asked: Export, folder: OutputFolder) -> Written:
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
     name, guarded = name_of(asked.run), asked.run.case.guard
-    folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, guarded=guarded))
-    folder.write("PROOF.md", proof(exported, name, [rung.as_dict() for rung in rungs]))
+    checks = [rung.as_dict() for rung in rungs]
+    folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, checks, guarded=guarded))
+    folder.write("PROOF.md", proof(exported, name, checks))
     written = Written(asked, exported, rungs)
     folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
     keys, given = asked.keys(), asked.given
