@@ -19,8 +19,8 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.meals import HovorkaGut
+from glucoloop.parts.patients import OperatingPoint, PatientEntry
 from glucoloop.patients import Inputs, PatientModel, Population, Variation
-from glucoloop.registry.patients import OperatingPoint, PatientEntry
 
 # Constants of person 1; they may vary from person to person.
 CONSTANTS = {
@@ -48,6 +48,7 @@ class Kanderian:
     basal_insulin_mU_min: object
     setpoint_mg_dl: object
 
+    insulin_route = "subcutaneous"  # from which the usual pump, identification and tunings follow
     sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
     meal_model = HovorkaGut(time_to_maximum_min=47.0, bioavailability=1.0)  # as after breakfast
 

@@ -105,6 +105,8 @@ GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, (_MMOL,))
 GLUCOSE_BOUND: Final = Quantity("a bound on glucose", "mg/dl", 20.0, 1000.0, (_MMOL,), zero=True)
 INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, (_U_H, _MU_H), zero=True)
 LARGEST_RATE: Final = Quantity("the greatest rate of a pump", "mU/min", 8.0, 300.0, (_U_H, _MU_H, _PMOL_MIN))
+LARGEST_RATE_UNDER_THE_SKIN: Final = dataclasses.replace(LARGEST_RATE, most=600.0)
+"""The same under the skin, where pumps give up to 35 U/h."""
 LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, (_MU_H, _PMOL_MIN))
 RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, (_U_H, _MU_H))
 RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, (_U_H, _MU_H))

@@ -1,4 +1,4 @@
-"""The error of a value that cannot be used, which is the user's mistake and no bug. Nothing is imported here."""
+"""The error of a value that cannot be used, which is the user's mistake and no bug."""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ from glucoloop.cli.request import file_keys, with_lists
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.control.catalogue import controller_entry, controller_names
+from glucoloop.parts.code import found
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.setting import About
-from glucoloop.registry.plugins import added
 from glucoloop.studies.detection.keys import detection_keys
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
@@ -197,4 +197,40 @@ def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, o
 def _edit(module):
     module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
     sys.modules.pop(module.stem)
-    added.cache_clear()
+    found.cache_clear()
+
+
+PLAIN = """
+import jax
+from dataclasses import dataclass
+from glucoloop.control import Decision
+from glucoloop.parts.controllers import ControllerPart
+
+
+@jax.tree_util.register_static
+@dataclass(frozen=True)
+class Plain:
+    sample_time_min: float = 5.0
+
+    def init(self, observation):
+        return observation.delivered_mU_min
+
+    def step(self, state, observation):
+        rate = 30.0 if observation.glucose_mg_dl > 90.0 else 10.0
+        return state, Decision(insulin_mU_min=rate + 0.0 * state, status=0)
+
+
+class PlainPart(ControllerPart, name="plain"):
+    uses_model = False
+
+    def designed(self, case):
+        return Plain()
+"""
+
+
+def test_an_if_on_a_reading_is_told_what_to_write(outside, refused):
+    (outside / "plain_if.py").write_text(PLAIN)
+    told = refused("run", "--controller", "plain_if:PlainPart", *SHORT)
+    assert "Plain asks for the value of a number" in told
+    assert "of plain_if.py" in told
+    assert "jnp.where" in told

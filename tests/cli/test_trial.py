@@ -38,12 +38,24 @@ def sums(folder):
     return (folder / "SHA256SUMS").read_text()
 
 
+@pytest.mark.usefixtures("_plain")
+def test_how_many_were_ever_low_stands_beside_the_time(glucoloop, tmp_path):
+    told = glucoloop("trial", *SMALL, "--max-insulin", 66, "--out", "a", "--population", "lognormal")
+    summary = json.loads((tmp_path / "a/summary.json").read_text())["controllers"]["basal"]
+    for limit in (70, 54):
+        people = summary["ever_below"][f"{limit}_mg_dl"]["people"]
+        line = next(line for line in told.out.splitlines() if line.startswith(f" People ever below {limit} mg/dl"))
+        assert line.split()[5:7] == ["number", str(people)]
+        assert f" Time below {limit} mg/dl " in told.out
+        assert f"time_below_{limit}_pct" in summary["metrics"]
+
+
 @pytest.mark.long
 def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("trial", *TWO, "--traces", 4, "--out", "a")
     assert first.code == 0
     assert {entry.name for entry in (tmp_path / "a").iterdir()} == FILES | {"shards"}
-    for part in ("Undershoot", "basal", "pid", "People ever below 60 mg/dl", "Wrote bands.parquet", "3 shards to a."):
+    for part in ("Undershoot", "basal", "pid", "Time above 250 mg/dl", "Wrote bands.parquet", "3 shards to a."):
         assert part in first.out
     people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet")
     assert people.group_by("controller").agg(pl.col("person").n_unique()).sort("controller").rows() == [

@@ -16,8 +16,8 @@ from glucoloop.experiments.individual_meal_mpc import by_record, impulse_respons
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
 from glucoloop.models.individual import individual_model
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 
 PEOPLE = 24

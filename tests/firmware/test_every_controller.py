@@ -15,7 +15,7 @@ from glucoloop.experiments.situation import usual_situation
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
-from glucoloop.registry.guard import complete_guard
+from glucoloop.parts.guard import complete_guard
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
 

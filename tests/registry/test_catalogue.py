@@ -8,9 +8,9 @@ from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
+from glucoloop.parts.setting import Default, Setting, known_names
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.registry.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
-from glucoloop.registry.settings import Default, Setting, known_names
 
 
 @pytest.mark.parametrize("operating_point", ["setpoint-81", "nominal-22"])

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import pytest
 
-from glucoloop.registry.settings import About, settings_record
+from glucoloop.parts.setting import About, settings_record
 
 SAID = {
     "move_weight": "a move weight of -1 is",

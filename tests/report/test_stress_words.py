@@ -96,8 +96,8 @@ def test_little_is_never_told_as_none(value, text):
     assert short_pct(value) == text
 
 
-def test_a_concentration_that_rounds_to_nothing_has_no_sign():
-    assert (short_mg_dl(-0.2), short_mg_dl(-3.6), short_mg_dl(math.nan)) == ("0", "-4", "n/a")
+def test_a_concentration_below_0_is_no_number():
+    assert (short_mg_dl(-0.2), short_mg_dl(-3.6), short_mg_dl(math.nan)) == ("not valid", "not valid", "n/a")
 
 
 def test_a_shade_reaches_up_to_its_bound(make_stress_row):
@@ -137,17 +137,20 @@ def test_what_stands_and_what_does_not_is_counted(make_stress):
     )
     standing, broken, harm, quiet = verdict(grid_of(result))
     assert standing == (
-        "With the guard, 3 of 4 combinations of a controller and a fault stand: nobody spends more than 1 % of the "
-        "time more below 60 mg/dl than without the fault. Without the guard, 1 of 4 stand."
+        "With the guard, 3 of 4 combinations of a controller and a fault passed: with the fault, nobody spent more "
+        "than 1 % more of the time below 60 mg/dl than without it. Without the guard, 1 of 4 passed."
     )
     assert (
         broken
-        == "What does not stand with the guard: mpc under stuck (1 of 40 people, at most 4.0 % of the time more)."
+        == "Combinations that failed with the guard: mpc under stuck (1 of 40 people worse off, by at most 4.0 % of "
+        "the time)."
     )
-    assert harm.startswith("In none is the mean time below 60 mg/dl longer with the guard")
+    assert harm.startswith("In no combination, with or without a fault, did the guard lengthen")
     assert "imc: 0 % and 151 → 153; mpc: 0 % and 151 → 153." in quiet
     # 1 + 6.66 + 0.004 + 0.25
-    assert quiet.endswith("Of the samples the guard then acts at 7.9 % with imc; 7.9 % with mpc.")
+    assert quiet.endswith(
+        "Without a fault, the guard acted at this percentage of the samples: 7.9 % with imc; 7.9 % with mpc."
+    )
 
 
 def test_harm_that_the_guard_does_is_said(make_stress):
@@ -155,8 +158,8 @@ def test_harm_that_the_guard_does_is_said(make_stress):
     harm = verdict(grid_of(result))[2]
     # the mean is an eighth of the worst
     assert harm == (
-        "In 1 of 2 cells, those without a fault included, the mean time below 60 mg/dl is longer with the guard than "
-        "without it: at most by 1.0 % of the time, in imc under stuck."
+        "In 1 of 2 combinations, those without a fault included, the mean time below 60 mg/dl was longer with the "
+        "guard than without it: by at most 1.0 % of the time, in imc under stuck."
     )
 
 
@@ -164,7 +167,7 @@ def test_only_the_worst_of_many_that_do_not_stand_are_listed(make_stress):
     faults = [f"drift, mg_dl_h={rate}" for rate in range(1, 9)]
     bad = {("imc", True, fault): (float(index + 2), [1]) for index, fault in enumerate(faults)}
     broken = verdict(grid_of(make_stress(["imc"], faults, bad)))[1]
-    assert broken.startswith("What does not stand with the guard: imc under drift 8 mg/dl/h (")
+    assert broken.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl/h (")
     assert broken.count("imc under") == 5
     assert broken.endswith("; and 3 more.")
 
@@ -172,7 +175,7 @@ def test_only_the_worst_of_many_that_do_not_stand_are_listed(make_stress):
 def test_a_test_without_a_guard_speaks_of_none(make_stress):
     told = verdict(grid_of(make_stress(["imc"], [STUCK], {("imc", False, STUCK): (9.0, [1])}, guards=(False,))))
     assert told[0].startswith("Without the guard, 0 of 1 combinations")
-    assert told[1].startswith("What does not stand without the guard")
+    assert told[1].startswith("Combinations that failed without the guard")
     assert len(told) == 3
     assert "acts" not in told[2]
 
@@ -182,9 +185,9 @@ def test_cells_in_which_nobody_took_part_do_not_count_as_standing(make_stress, m
     empty = {"people": 0, "below_60_mean_pct": math.nan, "below_60_worst_pct": math.nan, "worst_more_pct": math.nan}
     rows = tuple(dataclasses.replace(row, **empty) if row.tried.fault == DRIFT else row for row in result.rows)
     assert verdict(grid_of(dataclasses.replace(result, rows=rows)))[0] == (
-        "With the guard, 1 of 1 combinations of a controller and a fault stand: nobody spends more than 1 % of the "
-        "time more below 60 mg/dl than without the fault. Without the guard, 1 of 1 stand. Nobody could take "
-        "part in 1 more."
+        "With the guard, 1 of 1 combinations of a controller and a fault passed: with the fault, nobody spent more "
+        "than 1 % more of the time below 60 mg/dl than without it. Without the guard, 1 of 1 passed. In 1 further "
+        "combination nobody could take part."
     )
 
 
@@ -201,8 +204,8 @@ def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], able=40)
     rows = tuple(dataclasses.replace(row, people=38) if row.tried.fault == DRIFT else row for row in result.rows)
     assert left_out(dataclasses.replace(result, rows=rows)) == [
-        "In 2 of 6 cells glucose did not stay finite, there or without the fault, at most of 2 of 40 people "
-        f"(imc | {DRIFT}); nothing is known of them there."
+        "In 2 of 6 combinations the glucose of some people, 2 of 40 people at most "
+        f"(imc | {DRIFT}), did not stay a finite number, with or without the fault; they are in no number there."
     ]
 
 

@@ -6,8 +6,19 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, options_of, with_options, without
-from glucoloop.cli.request import file_keys, split_off_output, with_lists
+from glucoloop.cli.options import (
+    ALLOW_CODE,
+    CASE,
+    OUTPUT,
+    SITUATION,
+    Given,
+    Option,
+    names,
+    options_of,
+    with_options,
+    without,
+)
+from glucoloop.cli.request import file_keys, keys_used, read_again, split_off_output, with_lists
 from glucoloop.cli.screen import stage
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.config.key import declared, own_keys
@@ -50,7 +61,7 @@ def command(given: Given) -> None:
         _check(given)
         return
     keys, output, file = split_off_output(given)
-    asked = _read(with_lists(keys), file_keys(file))
+    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
     note_on_boluses(asked.run.situation.patient, [asked.run.case.controller])
     with output.folder() as folder:
         if folder is None:
@@ -84,7 +95,7 @@ def _read(keys: Given, of_file: Given) -> Export:
 
 
 def _check(given: Given) -> None:
-    extra = sorted(given.keys() - {"check", "samples", "json", "target"})
+    extra = sorted(given.keys() - {"check", "samples", "json", "target", ALLOW_CODE.key})
     if extra:
         called = ", ".join(names(OPTIONS, {key: given[key] for key in extra}).values())
         raise Refusal(f"--check reads how the controller was designed from the folder; leave out {called}")
@@ -96,7 +107,7 @@ def _check(given: Given) -> None:
     configuration = folder / "run.toml"
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
-    asked = read_export(file_keys(configuration))
+    asked = read_again(lambda _, of_file: read_export(of_file), keys_used, {}, file_keys(configuration))
     chosen: Given = {key: given[key] for key in ("samples", "target") if key in given}
     wanted = read_export({**asked.keys(), **chosen}, names(OPTIONS, given))
     keep_compiled()

@@ -21,7 +21,7 @@ BUG: Final = (
     "This is a bug, of glucoloop or of the code of your own that the last lines name. Report it with these lines and "
     "the command."
 )
-"""What stands below the traceback of an error that is nobody's refusal."""
+"""Sentence below the traceback of an error that is nobody's refusal."""
 
 
 def sentence(error: BaseException) -> str | None:

@@ -18,9 +18,9 @@ from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.control.catalogue import all_settings
+from glucoloop.parts.guard import GUARD, usual_text
 from glucoloop.parts.number_text import in_digits, is_time, minutes_of, number_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import GUARD, usual_text
 
 Given = dict[str, Any]
 """Value of each option that was given, by its key."""
@@ -208,6 +208,14 @@ CASE: Final = (
 """Options of a controller, its tuning and its model."""
 
 OUTPUT_PANEL: Final = "Files and output"
+ALLOW_CODE: Final = Option(
+    "allow_code",
+    "--allow-code",
+    bool,
+    "Import the code, module:attribute, that a file or folder names; without it only what is given here is imported.",
+    OUTPUT_PANEL,
+)
+"""Option that the program reads itself, before the command."""
 OUTPUT: Final = (
     Option(
         "config",
@@ -217,6 +225,7 @@ OUTPUT: Final = (
         OUTPUT_PANEL,
         metavar="FILE",
     ),
+    ALLOW_CODE,
     Option("out", "--out", str, "Folder for tables, figures and the configuration.", OUTPUT_PANEL, metavar="DIR"),
     Option("overwrite", "--overwrite", bool, "Replace an earlier result in that folder.", OUTPUT_PANEL),
     Option("json", "--json", bool, "Print one JSON object instead of a table.", OUTPUT_PANEL),

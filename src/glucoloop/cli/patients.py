@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from glucoloop.cli.options import Given, Option, with_options
-from glucoloop.registry.patients import NOMINAL, PatientEntry, patient_entry, patient_names
+from glucoloop.parts.patients import NOMINAL, PatientEntry, patient_entry, patient_names
 
 HELP: Final = (
     "List the patients, with their operating points, their populations, and what is usual for each.\n\n"

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 HELP: Final = (
     "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
     "Its tables are people (one row per person and controller), counts and bands (glucose and insulin over time), "
-    "summary, and traces if they were kept; without a query their columns are listed. A trial that is not finished "
-    "answers about the shards that are done. Nothing is written. Ctrl-C ends a question at once, --timeout after a "
-    "while.\n\n"
+    "summary, and traces if they were kept; without a query their columns are listed. From a trial "
+    "that is not finished, the finished shards are read. Nothing is written. A query ends at Ctrl-C, or after the time "
+    "of --timeout.\n\n"
     "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"

@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from glucoloop.storage.trials.shard import Simulate
 
 HELP: Final = (
-    "Try controllers on a population of virtual people: tables, bands, and a page with a picture of all.\n\n"
-    "The folder holds one row per person and controller. It grows shard by shard; after Ctrl-C, a kill or a full disk "
-    "the same command goes on where it was, to the same bits. Without options it is linear MPC on 1000 people whose "
-    "metabolism varies as in Parker et al. (2000), for a day with three meals.\n\n"
-    "A case is written as in `glucoloop compare`; settings given beside the cases hold for every case that has them "
-    "and does not say otherwise.\n\n"
+    "Simulate controllers on a population of virtual people; the results are tables, percentiles over time and a "
+    "page.\n\n"
+    "The folder holds one row for each person and controller, and is written in parts (shards). After Ctrl-C, a kill "
+    "or a full disk, the same command continues where it stopped, and the results are the same to the bit. By default "
+    "linear MPC is simulated on 1000 people whose metabolism varies as in Parker et al. (2000), for a day with three "
+    "meals.\n\n"
+    "A case is written as in `glucoloop compare`. A setting that is given as an option applies to every case that has "
+    "this setting and gives no value of its own.\n\n"
     "  glucoloop trial --people 10000 --controller mpc --controller mpc-se --seed 1 --out trial\n\n"
     "  glucoloop trial --days 14 --meal-size-spread 30 --meal-time-spread 45 --noise 1.45 --out fortnight\n\n"
     "  glucoloop trial --case mpc --case 'careful: mpc, move_weight=3' --out weights\n\n"
@@ -70,7 +72,7 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     where = computing(keys)
     out = needed_folder(output, "a trial", "trial")
-    trial = read_request(keys, file, _read)
+    trial = read_request(keys, file, _read, _used)
     note_on_boluses(trial.patient, (case.controller for case in trial.cases))
     from glucoloop.storage.trials.folder import trial_folder
 
@@ -98,6 +100,12 @@ def _read(keys: Given, of_file: Given) -> Trial:
     from glucoloop.config.trial import read_trial
 
     return read_with_cases(keys, of_file, TRIAL, read_trial)
+
+
+def _used(trial: Trial) -> Given:
+    from glucoloop.config.trial import trial_keys
+
+    return trial_keys(trial)
 
 
 def compute(folder: TrialFolder, where: Computing) -> Simulate:

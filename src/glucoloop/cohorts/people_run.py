@@ -21,11 +21,12 @@ from glucoloop.meals.scenario import announced_g
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
+from glucoloop.simulation.usual_limits import usual_limits
 
 Array = npt.NDArray[Any]
 
@@ -50,7 +51,7 @@ class PeopleRun:
     """(samples + 1, people) whether that glucose is in the valid range of the person's model: lower glucose, which may
     even be below zero, means only that it is very low."""
     not_native: str | None = None
-    """What native code could not take, and in whose code; None where it ran, or the other engine was asked for."""
+    """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
 
 
 @checked
@@ -63,7 +64,7 @@ def simulate_people(
     scenario: Scenario | None = None,
     seed: int = 0,
     *,
-    limits: DoseLimits = PARKER_1999_LIMITS,
+    limits: DoseLimits | None = None,
     precision: str = "float64",
     engine: str | None = None,
     threads: int | None = None,
@@ -82,8 +83,8 @@ def simulate_people(
         The 50 g oral glucose test at 50 min over 600 min by default. All people eat the same.
     seed : int
         Seed of the sensors; each person has an individual key.
-    limits : DoseLimits
-        Limits against which the constraints are checked.
+    limits : DoseLimits, optional
+        Limits against which the constraints are checked; those usual for the patient by default.
     precision : {"float64", "float32"}
     engine : {"native", "xla"}, optional
         Native code where the controller allows it, by default.
@@ -110,6 +111,8 @@ def simulate_people(
                 f"the scenario's {name} is {asked:g}, but the people rest at {setpoint:g} mg/dl; "
                 f"draw them with setpoint_mg_dl={asked:g}"
             )
+    usual = usual_limits(people.patient)
+    limits = usual if limits is None else limits
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
     told_g = announced_g(scenario.meals)
     told_otherwise = bool(scenario.announced and np.any(told_g != scenario.eaten().carbs_g))
@@ -129,7 +132,7 @@ def simulate_people(
         own_announcements=told_otherwise,
         own=with_basal_of_each(controller),
         around=Surroundings(
-            sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump() if pump is None else pump
+            sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
         ),
         engine=engine,
         precision=precision,

@@ -6,7 +6,8 @@ import dataclasses
 import hashlib
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -67,6 +68,8 @@ class Trial(Situation):
     traces: Literal["none", "all"] | int = "none"
     """People whose glucose and insulin over time are kept: none, all, or a number of the first ones."""
     shard_people: int = SHARD_PATIENT_DAYS
+    given: Mapping[str, Any] | None = field(default=None, compare=False, repr=False)
+    """Flat keys from which it was read, if it was; nothing depends on them."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.people <= MOST_PEOPLE:
@@ -140,7 +143,7 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
 def plain(trial: Trial) -> dict[str, Any]:
     """Plain values of everything on which the results depend."""
     values = dataclasses.asdict(trial)
-    del values["allow_unusual"]  # no result depends on it
+    del values["allow_unusual"], values["given"]  # no result depends on them
     return {**values, "format": FORMAT}
 
 

@@ -8,10 +8,10 @@ from typing import Any, Final
 from glucoloop.config.case_text import parse_case
 from glucoloop.config.run import case_key_names, controllers_of, overlay, refuse_limits_without_guard
 from glucoloop.control import catalogue
+from glucoloop.parts.guard import GUARD
+from glucoloop.parts.setting import AMONG_OPTIONS, known_names
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import GUARD
-from glucoloop.registry.settings import AMONG_OPTIONS, known_names
 
 CASES_KEY: Final = "case"
 """Key of the tables of cases in a file: ``[[case]]``."""
@@ -50,6 +50,12 @@ def take_cases(given: dict[str, Any], of_file: dict[str, Any]) -> list[dict[str,
     cases = [_with(given, case, of_file) for case in of_file_cases]
     _refuse_alike(of_file_cases, cases, given)
     return cases
+
+
+def given_with(keys: Mapping[str, Any], cases: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Keys that were given with a table for each case, as they stand in a file."""
+    tables = [dict(case) for case in cases]
+    return {**keys, **({CASES_KEY: tables} if tables else {})}
 
 
 def under_shared(shared: Mapping[str, object], case: Mapping[str, object]) -> dict[str, object]:

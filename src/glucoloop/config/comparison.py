@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.config.cases import CASES_KEY, label_of, refuse_foreign, refuse_idle, under_shared
+from glucoloop.config.cases import CASES_KEY, given_with, label_of, refuse_foreign, refuse_idle, under_shared
 from glucoloop.config.key import declared, plain
 from glucoloop.config.options.case import CaseKeys, case_keys
 from glucoloop.config.options.situation import SituationKeys
@@ -29,6 +29,8 @@ class Comparison:
 
     situation: SituationKeys
     cases: Mapping[str, CaseKeys]
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def runs(self) -> dict[str, Run]:
         """The run of each case."""
@@ -76,4 +78,4 @@ def read_comparison(
             raise Refusal(f"case {label!r}: {error}") from None
     guarded = any(case.guard for case in read.values())
     refuse_idle(shared, [case.controller for case in read.values()], guarded=guarded, names=names)
-    return Comparison(situation=situation, cases=read)
+    return Comparison(situation=situation, cases=read, given=given_with(keys, cases))

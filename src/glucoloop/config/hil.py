@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from glucoloop.config.checked import checked
@@ -22,6 +22,8 @@ class Hil:
 
     run: Run
     chip: HilKeys
+    given_of_chip: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Flat keys of the chip that were given."""
 
     @property
     def samples(self) -> int:
@@ -32,6 +34,11 @@ class Hil:
     def emulated(self) -> bool:
         """Whether the chip needs no hardware."""
         return self.chip.chip in EMULATED
+
+    @property
+    def given(self) -> dict[str, Any] | None:
+        """Flat keys from which it was read, if it was."""
+        return None if self.run.given is None else {**self.run.given, **self.given_of_chip}
 
     @property
     def disturbances(self) -> Disturbances:
@@ -57,7 +64,7 @@ def read_hil(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     """
     chip = checked(HilKeys, own_keys(keys, HilKeys), names)
     run = read_run({key: value for key, value in keys.items() if key not in declared(HilKeys)}, names)
-    asked = Hil(run=run, chip=chip)
+    asked = Hil(run=run, chip=chip, given_of_chip=own_keys(keys, HilKeys))
     if not asked.emulated and "/" not in chip.chip:
         raise Refusal(
             f"the chip is {chip.chip!r}; the known ones are: {', '.join(EMULATED)}, or the path of a serial port such "

@@ -14,8 +14,8 @@ from glucoloop.config.options.situation import (
 )
 from glucoloop.config.run import patient_of
 from glucoloop.config.unusual import ask_about
+from glucoloop.parts.setting import refuse_unknown_keys
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import refuse_unknown_keys
 
 
 def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> IdentificationKeys:
@@ -42,8 +42,13 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
     sample_time = keys.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
     entry = patient_of(keys)
     derived: dict[str, object] = {"operating_point": entry.usual_point, "amplitude_mU_min": entry.pulse_mU_min}
-    # A sample time that is wrong is refused by name with the other keys, and nothing follows from it.
-    if isinstance(sample_time, int | float) and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN:
+    # A sample time that is wrong is refused by name with the other keys, and nothing follows from it; what suits a
+    # record is chosen by the record.
+    if (
+        "data" not in keys
+        and isinstance(sample_time, int | float)
+        and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN
+    ):
         derived |= entry.identification(float(sample_time))
     asked = checked(IdentificationKeys, {**derived, **keys}, names)
     entry.operating_point(asked.operating_point)

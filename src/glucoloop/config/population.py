@@ -10,12 +10,12 @@ from typing import Final, Literal
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, plain
 from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
+from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.parts.setting import known_names, refuse_unknown_keys
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.registry.settings import known_names, refuse_unknown_keys
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
@@ -111,7 +111,7 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
             )
         return known[text]
     try:
-        keys, _ = read_toml(_text(path), text)
+        keys = read_toml(_text(path), text).keys
     except OSError as error:
         raise Refusal(f"{text} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:

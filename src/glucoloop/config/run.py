@@ -1,7 +1,7 @@
 """Configuration of a run: the situation of a controller, and the controller with its tuning and model.
 
 In files and on the command line both are given by flat keys; what is not given is filled in here, so that a
-configuration that was read is complete.
+configuration that was read is complete. What was given is kept apart from it: only that is written to be read again.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
 from glucoloop.config.checked import checked
@@ -17,7 +17,6 @@ from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys, case_keys
 from glucoloop.config.options.situation import (
-    PAPER_SAMPLE_TIME_MIN,
     SituationKeys,
     refuse_parts_of_samples,
     whole_samples,
@@ -36,17 +35,17 @@ from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import meal_model_of
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.faults import FAULTS, START
+from glucoloop.parts.guard import GUARD, complete_guard
 from glucoloop.parts.metrics import METRICS, metrics_with
 from glucoloop.parts.part import Part
-from glucoloop.parts.pumps import LIMITS, PUMPS, USUAL_PUMP
+from glucoloop.parts.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.parts.pumps import PUMPS, USUAL_PUMP
 from glucoloop.parts.sensors import SENSORS
+from glucoloop.parts.setting import Value, refuse_unknown_keys
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
-from glucoloop.plausible import ANY_SETTING
+from glucoloop.plausible import ANY_SETTING, LARGEST_RATE_UNDER_THE_SKIN
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import GUARD, complete_guard
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.settings import Value, refuse_unknown_keys
 
 _OF_PATIENT: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
 """Limits of the pump whose usual values are the patient's, unless the pump has its own."""
@@ -58,6 +57,8 @@ class Run:
 
     situation: SituationKeys
     case: CaseKeys
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Flat keys from which it was read, if it was."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same run is read."""
@@ -65,7 +66,8 @@ class Run:
 
     def with_model(self, path: str) -> Self:
         """The same run, with its model from another file."""
-        return dataclasses.replace(self, case=dataclasses.replace(self.case, model=path))
+        given = None if self.given is None else {**self.given, "model": path}
+        return dataclasses.replace(self, case=dataclasses.replace(self.case, model=path), given=given)
 
 
 def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None, *, only_design: bool = False) -> Run:
@@ -96,7 +98,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None,
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
     situation = dataclasses.replace(situation, meals=meals, faults=faults, **parts_told(situation))
-    return Run(situation=situation, case=read_case(keys, situation, names))
+    return Run(situation=situation, case=read_case(keys, situation, names), given=dict(keys))
 
 
 def completed(keys: Mapping[str, object]) -> dict[str, object]:
@@ -165,7 +167,8 @@ def ask_about_surroundings(situation: SituationKeys, meals: Iterable[str], names
         max_insulin_mU_min=situation.max_insulin_mU_min,
         names=names,
     )
-    ask_about(situation, names)
+    under_the_skin = patient_entry(situation.patient).under_the_skin
+    ask_about(situation, names, {"max_insulin_mU_min": LARGEST_RATE_UNDER_THE_SKIN} if under_the_skin else None)
     ask_about_meals(meals)
 
 
@@ -276,8 +279,8 @@ def overlay(
 ) -> dict[str, object]:
     """Merge flat keys of two layers, of which the upper one wins.
 
-    Each upper key removes those below that it excludes: a model file and the keys that identify a model, and the
-    settings of a controller that another one replaces.
+    Each upper key removes those below that it excludes: a model file and the keys that identify a model, the settings
+    of a controller that another one replaces, and the operating point of another patient.
 
     Raises
     ------
@@ -302,35 +305,11 @@ def overlay(
         own = set(entry.settings())
         foreign = catalogue.setting_names(*controllers_of(lower)) - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
-    if "pump" in upper and upper["pump"] != lower.get("pump", USUAL_PUMP):
-        of_pump = {**{key: declared(SituationKeys)[key].default for key in LIMITS}, **_usual_limits(lower)}
-        kept = {key: value for key, value in kept.items() if not (key in of_pump and of_pump[key] == value)}
     if "patient" in upper and upper["patient"] != lower.get("patient", USUAL_PATIENT.name):
-        kept = _without_usual(kept)
+        kept.pop("operating_point", None)
     if upper.get("guard") is False:
         kept = {key: value for key, value in kept.items() if key not in GUARD}
     return {**kept, **upper}
-
-
-def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
-    """Keys without those that were usual for their patient, since another patient has its own."""
-    entry = patient_of(lower)
-    usual: dict[str, object] = {key: getattr(entry, key) for key in _OF_PATIENT}
-    sample_time = lower.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
-    if isinstance(sample_time, int | float) and sample_time > 0.0:
-        usual |= entry.identification(float(sample_time))
-    point, controller = (
-        lower.get("operating_point", entry.usual_point),
-        lower.get("controller", catalogue.USUAL_CONTROLLER),
-    )
-    noisy = bool(lower.get("noise_variance"))
-    usual |= catalogue.complete(str(controller), {}, entry, str(point), noisy=noisy)
-    usual |= complete_guard({}, entry)
-    return {
-        key: value
-        for key, value in lower.items()
-        if key not in ("patient", "operating_point") and not (key in usual and usual[key] == value)
-    }
 
 
 def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> list[str]:

@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal
 
 from glucoloop.cohorts.trial import Trial, usual_shard_people
-from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, label_of, refuse_foreign, refuse_idle, under_shared
+from glucoloop.config.cases import (
+    CASES_KEY,
+    CONTROLLERS_KEY,
+    given_with,
+    label_of,
+    refuse_foreign,
+    refuse_idle,
+    under_shared,
+)
 from glucoloop.config.checked import checked
 from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.key import declared, own_keys
@@ -33,9 +41,9 @@ from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.parts.clock_text import time_of_day_text
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import patient_entry
 from glucoloop.units import MIN_PER_DAY
 
 _LENGTHS: Final = ("days", "duration_min")
@@ -95,9 +103,10 @@ def read_trial(
     surroundings = dataclasses.replace(situation.situation(), faults=faults, **parts_told(situation))
     read = _cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names)
     slow = any(controller_entry(case.controller).slow for case in read)
+    population = _population(own.population, called.get("population", "population"), situation.patient)
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
-        population=_population(own.population, called.get("population", "population"), situation.patient),
+        population=population,
         people=own.people,
         first_person=own.first_person,
         plan=plan,
@@ -108,7 +117,15 @@ def read_trial(
         traces=traces,
         shard_people=own.shard_people
         or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0, slow=slow),
+        given=given_with(with_people(keys, population), cases),
     )
+
+
+def with_people(keys: Mapping[str, object], population: Population) -> dict[str, object]:
+    """Keys with the people of a file themselves, since a path is one only beside its file."""
+    told = keys.get("population")
+    of_file = isinstance(told, str) and told not in populations_of(population.patient)
+    return {**keys, "population": population_keys(population)} if of_file else dict(keys)
 
 
 def overlay_trial(
@@ -120,9 +137,6 @@ def overlay_trial(
         excluded.update(_LENGTHS)
     if "patient" in upper and upper["patient"] != lower.get("patient"):
         excluded.add("population")
-    if {"people", "traces", *_LENGTHS} & upper.keys():
-        # How many go into a shard follows from these.
-        excluded.add("shard_people")
     return overlay({key: value for key, value in lower.items() if key not in excluded}, upper, names)
 
 

@@ -22,8 +22,8 @@ Names = Mapping[str, str] | None
 ALLOW_UNUSUAL: Final = "allow_unusual"
 
 
-def ask_about(record: object, names: Names = None) -> None:
-    """Ask for confirmation of the values of a record outside their plausible ranges.
+def ask_about(record: object, names: Names = None, others: Mapping[str, Quantity] | None = None) -> None:
+    """Ask for confirmation of the values of a record outside their plausible ranges; `others` replace some of these.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def ask_about(record: object, names: Names = None) -> None:
     for key, quantity in quantities(type(record)):
         value = getattr(record, key)
         if value is not None:
-            _ask(value, quantity, key, names)
+            _ask(value, (others or {}).get(key, quantity), key, names)
 
 
 def ask_about_settings(

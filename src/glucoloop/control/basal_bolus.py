@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -82,6 +82,14 @@ class BasalBolus:
     def with_basal(self, insulin_mU_min: jax.Array) -> BasalBolus:
         """The same controller for a person with the given basal rate; values from a rule follow the rate."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
+
+    def settled(self) -> dict[str, Any]:
+        """Basal rate, carb ratio and correction factor."""
+        return {
+            "basal_mU_min": self.basal_mU_min,
+            "carb_ratio_g_U": self.carb_ratio(),
+            "correction_mg_dl_U": self.correction_factor(),
+        }
 
     def carb_ratio(self) -> jax.Array:
         """Carbohydrate that 1 U covers [g/U]."""

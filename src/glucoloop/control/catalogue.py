@@ -17,8 +17,8 @@ from glucoloop.control.settings import (
 )
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.patients import PatientEntry
 from glucoloop.parts.setting import Setting, Value
-from glucoloop.registry.patients import PatientEntry
 
 CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
     ControllerPart,

@@ -7,7 +7,7 @@ E. Zafiriou, Robust Process Control, 1989, ch. 4 and 8.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -48,6 +48,17 @@ class IMC:
     limits: DoseLimits
     delay_samples: int = static()
     sample_time_min: float = static()
+    memory_bound: ClassVar[float] = 1e4
+    """Bound on its memory for a guard: glucose is below 1000 mg/dl, and rates below 10 000 mU/min (600 U/h)."""
+
+    def settled(self) -> dict[str, Any]:
+        """Model, with its gain in mg/dl per mU/min, and the filter."""
+        return {
+            "gain": self.gain / (1.0 - self.pole),
+            "tau_min": -self.sample_time_min / math.log(self.pole),
+            "delay_min": self.delay_samples * self.sample_time_min,
+            "filter_min": -self.sample_time_min / math.log(self.filter_pole),
+        }
 
     def init(self, observation: Observation) -> IMCState:
         """State of a controller at rest under the delivered rate."""

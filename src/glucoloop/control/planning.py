@@ -220,6 +220,8 @@ def plans_of_people(
     limits: DoseLimits,
     constraints: str,
     floor: GlucoseFloor | None = None,
+    *,
+    hidden: ArrayLike = False,
 ) -> MovePlan:
     """Plans of many people, who trail.
 
@@ -228,6 +230,8 @@ def plans_of_people(
     step_response : (p or more, people) array
     tuning, limits, constraints, floor
         As for `plan_moves`.
+    hidden : (people,) array of bool
+        Whether the effect of insulin on a person cannot be seen within the horizon, so that nothing is planned.
 
     Returns
     -------
@@ -246,13 +250,13 @@ def plans_of_people(
     people_first = hessian.transpose(2, 0, 1)
     with np.errstate(invalid="ignore"):
         determinant = xp.linalg.det(people_first)
-    determined = xp.isfinite(determinant) & (determinant != 0.0)
+    determined = xp.isfinite(determinant) & (determinant != 0.0) & ~xp.asarray(hidden)
     solvable = xp.where(determined[:, None, None], people_first, np.eye(m))
     gain = -xp.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
     return MovePlan(
         gain=jnp.asarray(xp.where(determined, gain, np.nan)),
         hessian=jnp.asarray(hessian),
-        gradient=jnp.asarray(gradient),
+        gradient=jnp.asarray(xp.where(hidden, np.nan, gradient)),
         limits=limits,
         floor=floor,
         response=None if floor is None else jnp.asarray(A),

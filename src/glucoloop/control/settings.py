@@ -24,7 +24,11 @@ LONGEST_PREDICTION_HORIZON: Final = 288
 
 PredictionHorizon = Annotated[
     int,
-    About("Predicted samples, p; a known dead time is added to them.", at_least=1, at_most=LONGEST_PREDICTION_HORIZON),
+    About(
+        "Predicted samples, p; a known dead time is added to them. 0: until the model has shown 30 % of its gain.",
+        at_least=0,
+        at_most=LONGEST_PREDICTION_HORIZON,
+    ),
 ]
 OutputWeight = Annotated[float, About("Weight on the error of glucose, Γ_y.", above=0.0)]
 MoveWeight = Annotated[float, About("Weight on each move of insulin, Γ_u.", at_least=0.0)]
@@ -82,7 +86,7 @@ class MPCTuning(ControllerPart):
     move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
 
     def __post_init__(self) -> None:
-        if self.prediction_horizon < self.move_horizon:
+        if 0 < self.prediction_horizon < self.move_horizon:
             raise Refusal(
                 f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
                 f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
@@ -90,7 +94,8 @@ class MPCTuning(ControllerPart):
 
     def longer(self, samples: int) -> Self:
         """The same tuning with a longer prediction horizon, as for a known dead time."""
-        return dataclasses.replace(self, prediction_horizon=self.prediction_horizon + samples)
+        longer = self.prediction_horizon and self.prediction_horizon + samples  # 0 is chosen by a model that has it
+        return dataclasses.replace(self, prediction_horizon=longer)
 
 
 class StateTuning(MPCTuning):
@@ -371,7 +376,7 @@ class IMCSettings(ControllerPart, name="imc"):
 
 
 class PIDSettings(ControllerPart, name="pid"):
-    """PID in velocity form, tuned on a first-order model with dead time."""
+    """PID whose integral waits at limits, tuned on a first-order model with dead time."""
 
     design: ClassVar = "glucoloop.control.pid:design"
     uses_model: ClassVar = False

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from glucoloop.control.catalogue import complete, controller_entry
 from glucoloop.experiments.situation import Situation
-from glucoloop.registry.settings import Value
+from glucoloop.parts.setting import Value
 
 
 @dataclass(frozen=True, kw_only=True)

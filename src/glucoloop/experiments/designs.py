@@ -23,14 +23,14 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.guard import PREFIX
+from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.setting import Value
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import PREFIX
-from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
 
 
@@ -218,6 +218,7 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
         amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
         laguerre_pole=case.laguerre_pole or 0.0,
         laguerre_functions=case.laguerre_functions or None,
+        under_the_skin=patient_entry(situation.patient).under_the_skin,
         sample_time_min=situation.sample_time_min,
     )
 
@@ -233,7 +234,7 @@ def with_guard(
     limits: DoseLimits,
     basal_insulin_mU_min: jax.Array | None = None,
 ) -> Controller:
-    """A controller with the requested guard, if any; its limits are those of `registry.guard`.
+    """A controller with the requested guard, if any; its limits are those of `parts.guard`.
 
     The guard holds the given basal rates ``(people,)``, or for None the rate at which the loop starts.
 

@@ -6,12 +6,12 @@ import functools
 from dataclasses import dataclass
 
 from glucoloop.meals import MealModel, meal_model
+from glucoloop.parts.patients import USUAL_PATIENT, PatientEntry, patient_entry
 from glucoloop.parts.pumps import USUAL_PUMP
 from glucoloop.parts.sensors import USUAL_SENSOR
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients import patient as named_patient
 from glucoloop.pumps import BolusLimits, DoseLimits, bolus_limits, dose_limits
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
 
 
 @functools.cache

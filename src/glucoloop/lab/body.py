@@ -21,9 +21,9 @@ from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.interpreter import interpret
+from glucoloop.parts.patients import PatientEntry, patient_entry
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
-from glucoloop.registry.patients import PatientEntry, patient_entry
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying

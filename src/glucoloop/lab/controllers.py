@@ -26,10 +26,10 @@ from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
 from glucoloop.lab.part import Part, part, starting
+from glucoloop.parts.guard import PREFIX, GuardSettings, usual_limit
+from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.parts.setting import Value
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.registry.guard import PREFIX, GuardSettings, usual_limit
-from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS
-from glucoloop.registry.settings import Value
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}

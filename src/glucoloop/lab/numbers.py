@@ -33,12 +33,13 @@ from glucoloop.lab.controllers import (
 )
 from glucoloop.lab.devices import normals, offered
 from glucoloop.lab.people import people_numbers
+from glucoloop.parts.guard import GUARD, PREFIX, usual_limit
+from glucoloop.parts.patients import PatientEntry
+from glucoloop.parts.routes import SUBCUTANEOUS
+from glucoloop.parts.setting import Value
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import GUARD, PREFIX, usual_limit
-from glucoloop.registry.patients import SUBCUTANEOUS, PatientEntry
-from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step
 
 SEEDS: Final = 10

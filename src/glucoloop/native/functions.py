@@ -313,20 +313,20 @@ class Functions:
         return sine, cosine, do("exact_sub", n, turns)
 
     def sin(self, x: Value) -> Value:
-        """The sine."""
+        """The sine of an angle."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), cosine, sine)
         size = do("select", do("lt", n, 2.0), size, do("neg", size))
         return do("mul", size, do("copy_sign", 1.0, x))
 
     def cos(self, x: Value) -> Value:
-        """The cosine."""
+        """The cosine of an angle."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), sine, cosine)
         return do("select", do("or", do("eq", n, 1.0), do("eq", n, 2.0)), do("neg", size), size)
 
     def tan(self, x: Value) -> Value:
-        """The tangent."""
+        """The tangent of an angle."""
         return self._do("div", self("sin", x), self("cos", x))
 
     def atan2(self, y: Value, x: Value) -> Value:
@@ -345,7 +345,7 @@ class Functions:
         return do("copy_sign", do("select", left, do("sub", math.pi, angle), angle), y)
 
     def cbrt(self, x: Value) -> Value:
-        """The cube root."""
+        """The cube root of a number."""
         do, of, size = self._do, self._of, self._do("abs", x)
         tiny = do("lt", size, float(np.finfo(self._number).tiny))
         size = do("select", tiny, do("mul", size, 2.0**54), size)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from glucoloop.parts.part import Part, loaded
+from glucoloop.parts.code import loaded
+from glucoloop.parts.part import Part
 from glucoloop.parts.ranges import Tuned
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")

@@ -14,16 +14,16 @@ from typing import ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
+from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
 from glucoloop.refusal import Refusal
 from glucoloop.units import MU_PER_U
 
 REGULATION: Final = "Regulation"
 GLYCEMIA: Final = "Glycemia"
 INSULIN: Final = "Insulin"
-CONSTRAINTS: Final = "Constraints kept"
+CONSTRAINTS: Final = "Bounds of Parker et al. (1999)"
 SAMPLES: Final = "Samples"
 FURTHER: Final = "Further metrics"
-NOT_AVAILABLE: Final = "n/a"
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,10 @@ class Result:
     """Result that says whether the value is more than a lower bound."""
     seldom: bool = False
     """Whether tables leave it out if it is 0 in all runs."""
+    concentration: bool = False
+    """Whether it is a concentration of glucose; one below 0 is not valid."""
+    fall: bool = False
+    """Whether it is a fall of glucose below the setpoint; one to below 0 is not valid."""
     everyday: bool = False
     """Whether it is in the short table of ``print(metrics)``."""
 
@@ -60,8 +64,10 @@ class Result:
         """Name and unit in tables."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
-    def text(self, value: float) -> str:
-        """Text of a value in the unit of tables, without the unit."""
+    def text(self, value: float, setpoint_mg_dl: float = math.inf) -> str:
+        """Text of a value in the unit of tables, without the unit; the setpoint is that of a fall."""
+        if (self.concentration and value < 0.0) or (self.fall and value > setpoint_mg_dl):
+            return NOT_VALID
         return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
 
 
@@ -105,6 +111,82 @@ def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Resu
     return Result(f"samples_{name}", f"Samples {where}.", title, digits=0, seldom=seldom)
 
 
+class TimeInRangesPart(MetricPart, name="time-in-ranges"):
+    """Times in ranges of glucose, and the risk index that follows from them."""
+
+    make: ClassVar = f"{_METRICS}.time_in_ranges:TimeInRanges"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        _share(
+            "time_70_180_pct",
+            "from 70 to 180 mg/dl",
+            "Time from 70 to 180 mg/dl",
+            everyday=True,
+            more=", both included; with those below 70 and above 180 it makes 100",
+        ),
+        _share("time_above_180_pct", "above 180 mg/dl", "Time above 180 mg/dl", everyday=True),
+        _share("time_above_250_pct", "above 250 mg/dl", "Time above 250 mg/dl", everyday=True),
+        _share("time_below_70_pct", "below 70 mg/dl", "Time below 70 mg/dl", everyday=True),
+        _share("time_below_60_pct", "below 60 mg/dl", "Time below 60 mg/dl"),
+        _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
+        _share(
+            "time_below_validity_pct",
+            "below the valid range of the patient's model",
+            "Time below the model's validity",
+            seldom=True,
+            more="; a value above 0 means severe hypoglycemia",
+        ),
+        Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
+    )
+
+
+class LowEventsPart(MetricPart, name="low-events"):
+    """Events of low glucose."""
+
+    make: ClassVar = f"{_METRICS}.low_events:LowEvents"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        _events("low_events", 70),
+        _events("very_low_events", 54),
+    )
+
+
+class MeanAndVariationPart(MetricPart, name="mean-and-variation"):
+    """Mean glucose and its variation."""
+
+    make: ClassVar = f"{_METRICS}.mean_and_variation:MeanAndVariation"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        Result(
+            "mean_mg_dl",
+            "Mean glucose over the grid.",
+            "Mean glucose",
+            "mg/dl",
+            concentration=True,
+            everyday=True,
+        ),
+        Result(
+            "cv_pct",
+            "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
+            "Coefficient of variation",
+            "%",
+            everyday=True,
+        ),
+        Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
+    )
+
+
+class RiskIndicesPart(MetricPart, name="risk-indices"):
+    """Risk of low and of high glucose."""
+
+    make: ClassVar = f"{_METRICS}.risk_indices:RiskIndices"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
+        Result("hbgi", "High blood glucose index.", "High blood glucose index", "", 2),
+    )
+
+
 class ExtremesPart(MetricPart, name="extremes"):
     """Least and greatest glucose."""
 
@@ -116,9 +198,17 @@ class ExtremesPart(MetricPart, name="extremes"):
             "Setpoint minus the least glucose.",
             "Undershoot",
             "mg/dl",
+            fall=True,
             everyday=True,
         ),
-        Result("minimum_mg_dl", "Least glucose of the run.", "Least glucose", "mg/dl", everyday=True),
+        Result(
+            "minimum_mg_dl",
+            "Least glucose of the run.",
+            "Least glucose",
+            "mg/dl",
+            concentration=True,
+            everyday=True,
+        ),
         Result(
             "minimum_t_min",
             "Time from the start of the run at which the minimum is first reached.",
@@ -132,6 +222,7 @@ class ExtremesPart(MetricPart, name="extremes"):
             "Greatest glucose of the run.",
             "Greatest glucose",
             "mg/dl",
+            concentration=True,
             everyday=True,
         ),
         Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
@@ -184,75 +275,6 @@ class SquaredErrorPart(MetricPart, name="squared-error"):
     )
 
 
-class TimeInRangesPart(MetricPart, name="time-in-ranges"):
-    """Times in ranges of glucose, and the risk index that follows from them."""
-
-    make: ClassVar = f"{_METRICS}.time_in_ranges:TimeInRanges"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
-        _share("time_below_60_pct", "below 60 mg/dl", "Time below 60 mg/dl"),
-        _share("time_below_70_pct", "below 70 mg/dl", "Time below 70 mg/dl", everyday=True),
-        _share(
-            "time_below_validity_pct",
-            "below the valid range of the patient's model",
-            "Time below the model's validity",
-            seldom=True,
-            more="; a value above 0 means severe hypoglycemia",
-        ),
-        _share(
-            "time_70_180_pct",
-            "from 70 to 180 mg/dl",
-            "Time from 70 to 180 mg/dl",
-            everyday=True,
-            more=", both included; with those below 70 and above 180 it makes 100",
-        ),
-        _share("time_above_180_pct", "above 180 mg/dl", "Time above 180 mg/dl", everyday=True),
-        _share("time_above_250_pct", "above 250 mg/dl", "Time above 250 mg/dl"),
-        Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
-    )
-
-
-class LowEventsPart(MetricPart, name="low-events"):
-    """Events of low glucose."""
-
-    make: ClassVar = f"{_METRICS}.low_events:LowEvents"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        _events("low_events", 70),
-        _events("very_low_events", 54),
-    )
-
-
-class MeanAndVariationPart(MetricPart, name="mean-and-variation"):
-    """Mean glucose and its variation."""
-
-    make: ClassVar = f"{_METRICS}.mean_and_variation:MeanAndVariation"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        Result("mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", everyday=True),
-        Result(
-            "cv_pct",
-            "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
-            "Coefficient of variation",
-            "%",
-            everyday=True,
-        ),
-        Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
-    )
-
-
-class RiskIndicesPart(MetricPart, name="risk-indices"):
-    """Risk of low and of high glucose."""
-
-    make: ClassVar = f"{_METRICS}.risk_indices:RiskIndices"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
-        Result("hbgi", "High blood glucose index.", "High blood glucose index", "", 2),
-    )
-
-
 class InsulinPart(MetricPart, name="insulin"):
     """Insulin delivered and its changes."""
 
@@ -269,25 +291,27 @@ class InsulinPart(MetricPart, name="insulin"):
             everyday=True,
         ),
         Result(
+            "insulin_off_min",
+            "Time of the samples at which the pump delivered no insulin at all.",
+            "Time without insulin",
+            "min",
+            0,
+            everyday=True,
+        ),
+        Result(
+            "longest_insulin_off_min",
+            "Longest time without insulin that no delivery interrupts.",
+            "  longest",
+            "min",
+            0,
+        ),
+        Result(
             "insulin_total_variation_mU_min",
             "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
             "Total variation",
             "mU/min",
         ),
         Result("largest_change_mU_min", "Largest of these changes.", "Largest change", "mU/min"),
-    )
-
-
-class ConstraintsPart(MetricPart, name="constraints"):
-    """Constraints of Parker, Doyle and Peppas (1999)."""
-
-    make: ClassVar = f"{_METRICS}.constraints:Constraints"
-    section: ClassVar = CONSTRAINTS
-    numbers: ClassVar = (
-        Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Rate of change"),
-        Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Magnitude"),
-        Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Least glucose"),
-        Result("constraints_satisfied", "Whether all three constraints hold.", "All"),
     )
 
 
@@ -327,19 +351,32 @@ class SamplesPart(MetricPart, name="samples"):
     )
 
 
+class ConstraintsPart(MetricPart, name="constraints"):
+    """Constraints of Parker, Doyle and Peppas (1999)."""
+
+    make: ClassVar = f"{_METRICS}.constraints:Constraints"
+    section: ClassVar = CONSTRAINTS
+    numbers: ClassVar = (
+        Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
+        Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
+        Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
+        Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
+    )
+
+
 METRICS: Final = Catalogue(
     MetricPart,
     (
-        ExtremesPart,
-        SettlingPart,
-        SquaredErrorPart,
         TimeInRangesPart,
         LowEventsPart,
         MeanAndVariationPart,
         RiskIndicesPart,
+        ExtremesPart,
+        SettlingPart,
+        SquaredErrorPart,
         InsulinPart,
-        ConstraintsPart,
         SamplesPart,
+        ConstraintsPart,
     ),
     example="NAME, setting=value",
 )

@@ -14,14 +14,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib
 import inspect
-import sys
 import typing
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, ClassVar, Final, Self, dataclass_transform
 
+from glucoloop.parts.code import loaded
 from glucoloop.parts.grammar import NAME, Given, Tree, part_text, place, plain
 from glucoloop.parts.setting import Default, Setting, described, known_names, usual
 from glucoloop.refusal import Refusal
@@ -183,33 +181,6 @@ class Part:
     def text(self) -> str:
         """Text from which the same part is read, with every setting."""
         return part_text(self.tree(whole=True))
-
-
-def loaded(value: str) -> Any:
-    """Object that ``module:attribute`` names, in a module that Python finds or that lies in the current folder.
-
-    Raises
-    ------
-    Refusal
-        For a module that cannot be imported, or a missing attribute.
-    """
-    module, _, attribute = value.partition(":")
-    here = str(Path.cwd())
-    added = here not in sys.path
-    if added:
-        sys.path.insert(0, here)
-    try:
-        found: Any = importlib.import_module(module)
-        for name in attribute.split("."):
-            found = getattr(found, name)
-    except AttributeError:
-        raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
-    except Exception as error:  # whatever somebody else's module does when it is imported
-        raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
-    finally:
-        if added:
-            sys.path.remove(here)
-    return found
 
 
 def _plain(value: Any, whole: bool) -> Any:

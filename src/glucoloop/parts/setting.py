@@ -50,7 +50,11 @@ _WITH_UNIT: Final = re.compile(rf"({_NUMBER.pattern})\s*([A-Za-zµ²()/%]+)")
 LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
 _LONGEST: Final = 60
-_MOST_NAMES: Final = 12
+MOST_NAMES_TOLD: Final = 12
+AMONG_OPTIONS: Final = "--help of the command has each as an option"
+"""Text on where all keys of a configuration are told."""
+_SHORTEST_WORD: Final = 4
+"""Length from which a part of a name says what it is about; shorter ones are mostly units."""
 
 
 @dataclass(frozen=True)
@@ -286,16 +290,36 @@ def described(name: str, hint: Any, default: Default) -> Setting:
     return Setting(name, type(choices[0]) if choices else kind, choices, optional, many, default, about)
 
 
-def known_names(unknown: str, names: Iterable[str]) -> str:
-    """Words on the known names after an unknown one: the most similar one, and all unless they are many."""
-    every = list(names)
-    if not every:
+def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "") -> None:
+    """Raise ValueError for the first key that is not known; ``of`` says of what: ``" of a trial"``."""
+    names = list(known)
+    for key in keys:
+        if key not in names:
+            told = known_names(key, names, where=AMONG_OPTIONS)
+            raise Refusal(f"unknown key {key!r}{of}; {told}")
+
+
+def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:
+    """Text about known names after an unknown one: the most similar one, and the others unless they are many.
+
+    Where they are many and `where` says where all stand, those that share a word with the unknown one are told.
+    """
+    names = list(known)
+    if not names:
         return "there are none"
-    close = difflib.get_close_matches(unknown, every, n=1)
-    if len(every) > _MOST_NAMES:
-        return f"did you mean {close[0]!r}?" if close else f"`glucoloop list` shows the {len(every)} known ones"
+    close = difflib.get_close_matches(unknown, names, n=1)
+    if close and len(names) > MOST_NAMES_TOLD:
+        return f"did you mean {close[0]!r}?"
+    if where and len(names) > MOST_NAMES_TOLD:
+        words = {word for word in unknown.casefold().split("_") if len(word) >= _SHORTEST_WORD}
+        alike = [name for name in names if words & set(name.casefold().split("_"))]
+        if len(alike) == 1:
+            return f"did you mean {alike[0]!r}?"
+        if 1 < len(alike) <= MOST_NAMES_TOLD:
+            return f"those like it are: {', '.join(alike)}"
+        return f"none of the {len(names)} known ones is like it; {where}"
     meant = f"did you mean {close[0]!r}? " if close else ""
-    return f"{meant}the known ones are: {', '.join(every)}"
+    return f"{meant}the known ones are: {', '.join(names)}"
 
 
 def expanded(text: str, kind: Any) -> Iterator[str]:

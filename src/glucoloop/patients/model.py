@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.arguments import checked
+from glucoloop.parts.patients import PatientEntry, patient_entry
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import PatientEntry, patient_entry
 
 Values = Mapping[str, Any]
 """Number, or array ``(people,)``, of each parameter."""

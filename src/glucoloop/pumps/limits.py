@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.parts.routes import PUMP_OF_1999
 from glucoloop.refusal import Refusal
 
 
@@ -17,9 +18,9 @@ from glucoloop.refusal import Refusal
 class DoseLimits:
     """Bounds on the infusion and on its change from one sample to the next."""
 
-    max_change_mU_min: jax.Array | float = 16.7
-    min_mU_min: jax.Array | float = 0.0
-    max_mU_min: jax.Array | float = 66.9
+    max_change_mU_min: jax.Array | float = PUMP_OF_1999.max_change_mU_min
+    min_mU_min: jax.Array | float = PUMP_OF_1999.min_mU_min
+    max_mU_min: jax.Array | float = PUMP_OF_1999.max_mU_min
 
     def clip(self, insulin_mU_min: jax.Array, previous_mU_min: jax.Array) -> jax.Array:
         """Clip the change first and the magnitude second, as the paper does."""
@@ -37,14 +38,17 @@ class DoseLimits:
 
 
 PARKER_1999_LIMITS: Final = DoseLimits()
-"""Limits of the paper: the full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin
-below 100 mU/l.
-"""
+"""Limits of the paper."""
 
 
 @checked
-def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max_mU_min: float = 66.9) -> DoseLimits:
-    """Limits with the given bounds.
+def dose_limits(
+    *,
+    max_change_mU_min: float = PUMP_OF_1999.max_change_mU_min,
+    min_mU_min: float = PUMP_OF_1999.min_mU_min,
+    max_mU_min: float = PUMP_OF_1999.max_mU_min,
+) -> DoseLimits:
+    """Limits with the given bounds; those of Parker et al. (1999) for the others.
 
     Raises
     ------

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from glucoloop.control import Status
 from glucoloop.refusal import Refusal
-from glucoloop.report.validity import validity_note
+from glucoloop.report.validity import concentrations, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
@@ -48,6 +48,7 @@ class PlottedRun:
     """(samples + 1,) rates delivered from each of these times on; the last repeats that of the last sample."""
     fine_t_min: Floats
     fine_glucose_mg_dl: Floats
+    """Glucose of the model, which may be below 0 where the model is not valid."""
     reading_t_min: Floats
     """Times of valid readings; empty if all of them equal the patient's glucose."""
     reading_mg_dl: Floats
@@ -67,6 +68,11 @@ class PlottedRun:
     """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
     meals: tuple[tuple[float, float], ...]
     """Time in min and carbohydrate in g of each meal."""
+
+    @property
+    def shown_glucose_mg_dl(self) -> Floats:
+        """Glucose to be drawn; NaN where it is below 0."""
+        return concentrations(self.fine_glucose_mg_dl)
 
     @property
     def horizon_min(self) -> float:

@@ -17,20 +17,30 @@ from glucoloop.meals import Meal
 from glucoloop.parts.faults import FAULTS
 from glucoloop.parts.pumps import USUAL_PUMP
 from glucoloop.parts.sensors import USUAL_SENSOR
-from glucoloop.registry.settings import Value
+from glucoloop.parts.setting import Value
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
 
 
-def run_facts(run: Run) -> dict[str, str]:
-    """Settings of a run."""
-    return {"Controller": case_in_words(run.case.case()), **_of_run(run.situation)}
+def run_facts(run: Run, settled: Mapping[str, float] | None = None) -> dict[str, str]:
+    """Settings of a run, and those that were settled when its controller was designed."""
+    return {"Controller": case_in_words(run.case.case()), **_settled("", settled or {}), **_of_run(run.situation)}
 
 
-def comparison_facts(asked: Comparison) -> dict[str, str]:
-    """Settings of a comparison."""
-    cases = {label: case_in_words(run.case.case()) for label, run in asked.runs().items()}
-    return {**{f"Case {label}": text for label, text in cases.items()}, **_of_run(asked.situation)}
+def _settled(label: str, settled: Mapping[str, float]) -> dict[str, str]:
+    numbers = {key: float(f"{value:.4g}") for key, value in settled.items()}
+    return {f"As designed{label}": _settings(numbers)} if settled else {}
+
+
+def comparison_facts(asked: Comparison, settled: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, str]:
+    """Settings of a comparison, and those that were settled when its controllers were designed, by label."""
+    told: dict[str, str] = {}
+    for label, run in asked.runs().items():
+        told |= {
+            f"Case {label}": case_in_words(run.case.case()),
+            **_settled(f", {label}", (settled or {}).get(label, {})),
+        }
+    return {**told, **_of_run(asked.situation)}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:

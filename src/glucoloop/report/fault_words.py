@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from glucoloop.parts.faults import DURATION, FAULTS, LATEST, PER_DAY, START, FaultPart
-from glucoloop.registry.settings import Value
+from glucoloop.parts.setting import Value
 
 # The longest first: what a name ends in.
 _UNITS: Final = {

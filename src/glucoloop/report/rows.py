@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from glucoloop.metrics import Metrics
-from glucoloop.parts.metrics import NOT_AVAILABLE, Result, metrics_with
+from glucoloop.parts.metrics import Result, metrics_with
+from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.refusal import Refusal
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -56,4 +58,6 @@ def _cell(result: Result, metrics: Mapping[str, float | int | bool | None]) -> s
     value = metrics[result.name]
     if value is None or isinstance(value, bool):
         return NOT_AVAILABLE if value is None else "yes" if value else "no"
-    return result.text(value) + ("+" if result.settled and not metrics[result.settled] else "")
+    least, fall = metrics["minimum_mg_dl"], metrics["undershoot_mg_dl"]
+    setpoint = math.inf if least is None or fall is None else least + fall
+    return result.text(value, setpoint) + ("+" if result.settled and not metrics[result.settled] else "")

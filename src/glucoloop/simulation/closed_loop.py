@@ -26,6 +26,7 @@ from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
 from glucoloop.simulation.two_forms import follows_the_clock
+from glucoloop.simulation.usual_limits import usual_limits
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
@@ -274,7 +275,7 @@ def simulate(
     sensor : Sensor, optional
         Sensor; an ideal one by default.
     pump : Pump, optional
-        Pump; by default one with the limits of Parker et al. (1999).
+        Pump; by default one with the limits that are usual for the patient, see `simulation.usual_limits`.
     scenario : Scenario, optional
         The 50 g oral glucose test at 50 min over 600 min by default.
     key : JAX key or int
@@ -294,7 +295,7 @@ def simulate(
         initial glucose.
     """
     sensor = IdealSensor() if sensor is None else sensor
-    pump = LimitedPump() if pump is None else pump
+    pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
     scenario = Scenario() if scenario is None else scenario
     integrator = default_integrator(patient) if integrator is None else integrator
     key = random_key(key)

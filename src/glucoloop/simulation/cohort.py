@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller
 from glucoloop.meals.absorption import absorb
 from glucoloop.meals.models import meal_model_of
@@ -30,6 +31,7 @@ from glucoloop.sensors import Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
 from glucoloop.simulation.exponential import meal_moments, substeps_for
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
+from glucoloop.simulation.parts import NEED_VALUES, needs_values
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.units import MIN_PER_DAY
@@ -222,7 +224,7 @@ class Cohort:
 
     @property
     def not_native(self) -> str | None:
-        """What native code could not take, and in whose code; None where it runs, or the other engine was asked for."""
+        """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
         return self._engine.not_native
 
     @property
@@ -316,9 +318,12 @@ class Cohort:
         if self._own_meals or self._own_told:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
-        return make_engine(
-            self._step, own, carry, reaching, shared, key, name=name, precision=precision, products=products
-        )
+        try:
+            return make_engine(
+                self._step, own, carry, reaching, shared, key, name=name, precision=precision, products=products
+            )
+        except NEED_VALUES as error:
+            raise ArgumentTypeError(needs_values(type(self._single.controller).__name__, error)) from None
 
     # many people
 

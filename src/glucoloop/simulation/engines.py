@@ -55,7 +55,7 @@ class Engine(Protocol):
 
     @property
     def not_native(self) -> str | None:
-        """What native code could not take, and in whose code; None where native code runs or was not asked for."""
+        """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
         ...
 
     def run(

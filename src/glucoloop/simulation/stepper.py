@@ -27,6 +27,7 @@ from glucoloop.simulation.closed_loop import default_integrator, start_of
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import Fixed, apart
 from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
+from glucoloop.simulation.usual_limits import usual_limits
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 
@@ -185,7 +186,7 @@ class Stepper:
         self.start: Final = start_of(patient, fasting)
         self._meal_model = meal_model_of(patient, meal_model)
         plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
-        pump = LimitedPump() if pump is None else pump
+        pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
         self._no_bolus = 0.0 if gives_bolus(pump) else None
         loop = Loop(
             plant=plant,

@@ -37,7 +37,9 @@ class Work:
     what: str
     """Name of the work in messages: ``"trial"``."""
     keys: Mapping[str, Any]
-    """Configuration as flat keys."""
+    """Configuration as flat keys, with the values that are used."""
+    given: Mapping[str, Any] | None = None
+    """Flat keys from which they follow, if it was read from fewer."""
     final: tuple[str, ...]
     """Names of the files that are written when everything is done."""
     summary: str
@@ -53,7 +55,7 @@ class Work:
     @property
     def text(self) -> str:
         """Text of that file."""
-        return toml_text(self.keys, f"{self.command} --config {self.configuration}")
+        return toml_text(self.keys, f"{self.command} --config {self.configuration}", self.given)
 
 
 class ResumableFolder(ABC):

@@ -126,12 +126,12 @@ class RowsFolder(ResumableFolder, Generic[R]):
     def read_origin(self) -> Origin:
         """Read the configuration and the record of the arithmetic."""
         place = self.path / self.first
-        config, version = read_toml(kept_text(place, "a configuration"), str(place))
+        written = read_toml(kept_text(place, "a configuration"), str(place))
         record: dict[str, str] | None = None
         with contextlib.suppress(ValueError, AttributeError, RecursionError):
             found = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
             record = {name: str(of) for name, of in found.items()}
-        return Origin(version, config, record)
+        return Origin(written.version, written.keys if written.used is None else written.used, record)
 
     def read_done(self) -> None:
         """Read the rows."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import controller_entry
-from glucoloop.control.protocol import gives_boluses
+from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.experiments.situation import Situation
-from glucoloop.metrics import Metrics, summarise
+from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.refusal import Refusal
@@ -41,16 +41,25 @@ class Outcome:
     limits: DoseLimits
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
+    settled: Mapping[str, float] = field(default_factory=dict)
+    """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
 
     def repeat(self) -> Run:
         """The run with its model from a file beside its configuration, so that the folder repeats it by itself."""
         return self.run if self.model is None or self.run.case.model is None else self.run.with_model("model.json")
 
+    @property
+    def summary(self) -> ClinicalSummary:
+        """Times in ranges, extremes and insulin, as a clinician reads them first."""
+        return clinical_summary(self.trace, self.metrics)
+
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "config": self.run.keys(),
+            "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
+            "summary": self.summary.as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
         }
@@ -88,6 +97,7 @@ def outcome_of(
         trace=trace,
         metrics=metrics,
         limits=situation.limits,
+        settled=settled(controller),
         notes=(
             *notes_on(run, model),
             *notes_on_patient(situation, controller),

@@ -11,8 +11,8 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import design_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value
 
 Designer = Callable[[MPCTuning], Controller]
 """Function that makes the controller of a tuning."""

@@ -11,6 +11,7 @@ from glucoloop.config.key import Key, declared
 from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
 from glucoloop.parts.clock_text import parse_time_of_day
 from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
 from glucoloop.parts.pumps import PUMPS, USUAL_PUMP
 from glucoloop.parts.sensors import SENSORS, USUAL_SENSOR
 from glucoloop.plausible import (
@@ -27,7 +28,6 @@ from glucoloop.plausible import (
     SETPOINT,
 )
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
 
 if TYPE_CHECKING:
     from glucoloop.experiments.situation import Situation

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.meals.hovorka import HovorkaGut
+from glucoloop.parts.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaConstants
 from glucoloop.patients.hovorka.rest import (
@@ -40,6 +41,8 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         highest_mg_dl=glucose_without_insulin_mg_dl,
         beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
     )
+    insulin_route: ClassVar[str] = SUBCUTANEOUS
+    usual_pump: ClassVar[PumpRange] = PUMP_OF_1999
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
 

@@ -44,7 +44,7 @@ _DIGITS: Final = 20
 
 def plain_trial(trial: Trial) -> Work:
     """Work of ``glucoloop trial``."""
-    return Work(command="trial", what="trial", keys=trial_keys(trial), final=FINAL, summary=SUMMARY)
+    return Work(command="trial", what="trial", keys=trial_keys(trial), given=trial.given, final=FINAL, summary=SUMMARY)
 
 
 class TrialFolder(ResumableFolder):

@@ -15,10 +15,11 @@ from glucoloop import arithmetic
 from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
+from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.origin import Origin, outside_code
+from glucoloop.storage.origin import Origin
 from glucoloop.storage.strict_json import json_text
 
 HEADER: Final = "trial.json"

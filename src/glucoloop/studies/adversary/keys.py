@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.config.cases import given_with
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.options.situation import whole_samples
+from glucoloop.config.trial import with_people
 from glucoloop.control.catalogue import controller_entry
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value
 from glucoloop.studies.adversary.options import FEW_GENERATIONS, GENERATIONS, REFUSED, USUAL, AdversaryKeys
 from glucoloop.studies.adversary.outcome import ErrorSearch
 from glucoloop.studies.adversary.search import Effort
@@ -33,6 +35,8 @@ class Adversary:
     own: AdversaryKeys
     limits: Mapping[str, Value]
     """All limits of the guard."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def _effort(self, controller: str) -> Effort:
         own = self.own
@@ -112,7 +116,8 @@ def read_adversary(
         own=declared(AdversaryKeys),
         refused=REFUSED,
     )
-    asked = Adversary(base=base, own=own, limits=limits)
+    given = given_with(with_people(keys, base.population), cases)
+    asked = Adversary(base=base, own=own, limits=limits, given=given)
     asked.cells()  # refuses a part of a sample
     library()
     return asked

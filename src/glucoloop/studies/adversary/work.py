@@ -39,7 +39,7 @@ class Scores(NamedTuple):
 
 def work_of(asked: Adversary) -> Work:
     """Work of ``glucoloop adversary``."""
-    return Work(command="adversary", what="search", keys=asked.keys(), final=FINAL, summary=SUMMARY)
+    return Work(command="adversary", what="search", keys=asked.keys(), given=asked.given, final=FINAL, summary=SUMMARY)
 
 
 def rows_of(asked: Adversary) -> Rows[Scores]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals.plan import MealPlan
+from glucoloop.parts.setting import Value, known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value, known_names
 from glucoloop.studies.detection.options import ESTIMATORS
 
 MOST_RUNS: Final = 100_000
@@ -39,6 +39,8 @@ class Detection:
     """All settings of every estimator; see `control.catalogue.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def __post_init__(self) -> None:
         check_estimators(self.estimators)

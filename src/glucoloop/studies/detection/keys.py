@@ -8,7 +8,7 @@ from typing import Any
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import controllers_of, refuse_unknown_beside
-from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
+from glucoloop.config.trial import overlay_trial, read_trial, trial_keys, with_people
 from glucoloop.control import catalogue
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.refusal import Refusal
@@ -63,6 +63,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
         estimators=own.estimators,
         settings={key: complete[key] for key in ESTIMATING.estimator_settings},
         threshold=own.threshold,
+        given=with_people(keys, trial.population),
     )
 
 

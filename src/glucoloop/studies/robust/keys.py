@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.run import Run, read_run, refuse_unknown_beside
-from glucoloop.config.trial import read_trial, trial_keys
+from glucoloop.config.trial import read_trial, trial_keys, with_people
 from glucoloop.control import catalogue
 from glucoloop.experiments.case import Case
 from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
@@ -33,6 +33,8 @@ class Robust:
     far: HowFar
     ranges: Mapping[str, str]
     """Ranges of the tuned numbers, as written."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same search is read."""
@@ -112,7 +114,8 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     )
     if own.sampler != "random":
         library()
-    return Robust(search=search, own=own, far=far, ranges={of.name: of.text for of in space})
+    ranges, given = {of.name: of.text for of in space}, with_people(keys, trial.population)
+    return Robust(search=search, own=own, far=far, ranges=ranges, given=given)
 
 
 def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple[Tuned, ...], dict[str, float]]:

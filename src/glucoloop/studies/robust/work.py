@@ -28,6 +28,7 @@ def work_of(asked: Robust) -> Work:
         command="robust",
         what="search",
         keys=asked.keys(),
+        given=asked.given,
         final=FINAL,
         summary=SUMMARY,
         may_change=frozenset(declared(HowFar)),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.parts.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE, glucose_text
 from glucoloop.studies.stress.stress import StressRow
 
 
@@ -24,7 +24,7 @@ def short_pct(value: float) -> str:
 
 def short_mg_dl(value: float) -> str:
     """Text of a concentration, rounded to a whole number."""
-    return f"{value:z.0f}" if math.isfinite(value) else NOT_AVAILABLE
+    return glucose_text(value, 0)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from glucoloop.printable import how_many
 from glucoloop.studies.stress._cells import short_mg_dl, short_pct
 from glucoloop.studies.stress._grid import Grid
 from glucoloop.studies.stress.stress import MOST_MORE_PCT, MOST_NAMED, NO_FAULT, StressResult, StressRow
@@ -31,8 +32,9 @@ def left_out(result: StressResult) -> list[str]:
     if lost:
         most = min(lost, key=lambda row: row.people)
         told.append(
-            f"In {len(lost)} of {len(result.rows)} cells glucose did not stay finite, there or without the fault, at "
-            f"most of {able - most.people} of {people_told(able)} ({most.tried.label}); nothing is known of them there."
+            f"In {len(lost)} of {len(result.rows)} combinations the glucose of some people, {able - most.people} of "
+            f"{people_told(able)} at most ({most.tried.label}), did not stay a finite number, with or without the "
+            "fault; they are in no number there."
         )
     return told
 
@@ -44,7 +46,8 @@ def people_told(people: int) -> str:
 
 def worse_told(row: StressRow) -> str:
     """Text of the number of people who were worse off, and of the largest difference."""
-    return f"{len(row.worse)} of {people_told(row.people)}, at most {short_pct(row.worst_more_pct)} % of the time more"
+    most = short_pct(row.worst_more_pct)
+    return f"{len(row.worse)} of {people_told(row.people)} worse off, by at most {most} % of the time"
 
 
 def numbers_told(row: StressRow) -> str:
@@ -69,16 +72,16 @@ def _standing(grid: Grid) -> list[str]:
         known = _known(grid, guarded)
         stand = sum(row.stands for row in known)
         if len(told) == 1:
-            told.append(f"Without the guard, {stand} of {len(known)} stand.")
+            told.append(f"Without the guard, {stand} of {len(known)} passed.")
             continue
         which = "With" if guarded else "Without"
         told.append(
-            f"{which} the guard, {stand} of {len(known)} combinations of a controller and a fault stand: nobody spends "
-            f"more than {MOST_MORE_PCT:g} % of the time more below 60 mg/dl than without the fault."
+            f"{which} the guard, {stand} of {len(known)} combinations of a controller and a fault passed: with the "
+            f"fault, nobody spent more than {MOST_MORE_PCT:g} % more of the time below 60 mg/dl than without it."
         )
     unknown = len(grid.under_faults(grid.guards[0])) - len(_known(grid, grid.guards[0]))
     if unknown:
-        told.append(f"Nobody could take part in {unknown} more.")
+        told.append(f"In {how_many(unknown, 'further combination')} nobody could take part.")
     return [" ".join(told)]
 
 
@@ -90,7 +93,9 @@ def _failing(grid: Grid) -> list[str]:
         return []
     listed = [f"{_cell(grid, row)} ({worse_told(row)})" for row in rows[:_MOST_LISTED]]
     more = len(rows) - _MOST_LISTED
-    return [f"What does not stand {which} the guard: {'; '.join(listed)}{f'; and {more} more' if more > 0 else ''}."]
+    return [
+        f"Combinations that failed {which} the guard: {'; '.join(listed)}{f'; and {more} more' if more > 0 else ''}."
+    ]
 
 
 def _harm_of_the_guard(grid: Grid) -> list[str]:
@@ -104,11 +109,11 @@ def _harm_of_the_guard(grid: Grid) -> list[str]:
     longer = [(row.below_60_mean_pct - bare.below_60_mean_pct, row) for bare, row in pairs]
     longer = [(difference, row) for difference, row in longer if difference > 0.0]
     if not longer:
-        return ["In none is the mean time below 60 mg/dl longer with the guard than without it, nor without a fault."]
+        return ["In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."]
     most, row = max(longer, key=lambda each: each[0])
     return [
-        f"In {len(longer)} of {len(pairs)} cells, those without a fault included, the mean time below 60 mg/dl is "
-        f"longer with the guard than without it: at most by {short_pct(most)} % of the time, in {_cell(grid, row)}."
+        f"In {len(longer)} of {len(pairs)} combinations, those without a fault included, the mean time below 60 mg/dl "
+        f"was longer with the guard than without it: by at most {short_pct(most)} % of the time, in {_cell(grid, row)}."
     ]
 
 
@@ -130,7 +135,7 @@ def _without_a_fault(grid: Grid) -> list[str]:
             f"{short_pct(_acted_pct(grid.row(controller, True, NO_FAULT)))} % with {controller}"
             for controller in grid.controllers
         )
-        sentences.append(f"Of the samples the guard then acts at {'; '.join(acts)}.")
+        sentences.append(f"Without a fault, the guard acted at this percentage of the samples: {'; '.join(acts)}.")
     return [" ".join(sentences)]
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.config.cases import given_with
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import faults_told
+from glucoloop.config.trial import with_people
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value
 from glucoloop.studies.guarded import guarded_trial_keys, read_guarded_trial
 from glucoloop.studies.options import Guards
 from glucoloop.studies.stress.options import REFUSED, USUAL, StressKeys
@@ -32,6 +34,8 @@ class StressTest:
     guards: Guards
     limits: Mapping[str, Value]
     """All limits of the guard."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same test is read."""
@@ -76,4 +80,5 @@ def read_stress(
     else:
         faults = faults_told(own.faults, horizon_min, allow_unusual=base.allow_unusual)
     tested = stress_of(base, faults, own.guards, limits)
-    return StressTest(stress=tested, base=base, faults=faults, guards=own.guards, limits=limits)
+    given = given_with(with_people(keys, base.population), cases)
+    return StressTest(stress=tested, base=base, faults=faults, guards=own.guards, limits=limits, given=given)

@@ -44,12 +44,12 @@ def stress_page(result: StressResult, *, title: str = "Stress test") -> str:
     grid = grid_of(result)
     sections = [
         _lead(result, grid),
-        section("What stands and what does not", "", _paragraphs([*left_out(result), *verdict(grid)]), "verdict"),
+        section("Conclusions", "", _paragraphs([*left_out(result), *verdict(grid)]), "verdict"),
         _map(grid),
         _why(result, grid),
         _all(grid),
         _faults(grid),
-        _page.situation(result.facts, Repeat(result.repeat, result.keys, _FILES)),
+        _page.situation(result.facts, Repeat(result.repeat, result.keys, _FILES, given=result.given)),
     ]
     return _page.page(title, "\n".join(part for part in sections if part), STYLE)
 
@@ -76,9 +76,9 @@ def _lead(result: StressResult, grid: Grid) -> str:
 
 def _map(grid: Grid) -> str:
     caption = (
-        "Percentage of the time below 60 mg/dl of the person who was longest below. A triangle and a number: so many "
-        f"people spent more than {MOST_MORE_PCT:g} % of the time more below 60 mg/dl than without the fault, under the "
-        "same controller. All numbers stand below."
+        "Each cell shows the percentage of the time below 60 mg/dl of the person with the longest such time. A "
+        "triangle with a number shows how many people were worse off: with the fault, they spent over "
+        f"{MOST_MORE_PCT:g} % more of the time below 60 mg/dl than without it, with the same controller."
     )
     across = len(grid.controllers)
     gap = '<col class="gap">'
@@ -103,7 +103,7 @@ def _map(grid: Grid) -> str:
         f'<thead><tr><th scope="col" rowspan="2" class="fault">Fault</th>{guards}</tr><tr>{heads}</tr></thead>\n'
         f"<tbody>{body}</tbody></table>"
     )
-    title = "Time below 60 mg/dl of the worst-off"
+    title = "Longest time of any person below 60 mg/dl"
     return section(title, caption, f"{_scale(grid)}\n{scrolling(table, title)}")
 
 
@@ -111,7 +111,7 @@ def _scale(grid: Grid) -> str:
     keys = "".join(
         f"<span><span {_look(shade, 'key')}></span>{shade.words}</span>" for shade in legend_shades(grid.rows.values())
     )
-    return f'<div class="scale">{keys}<span>▲ worse off than without the fault</span></div>'
+    return f'<div class="scale">{keys}<span>▲ people worse off than without the fault</span></div>'
 
 
 def _look(shade: Shade, *kinds: str) -> str:
@@ -140,20 +140,23 @@ def _why(result: StressResult, grid: Grid) -> str:
     if not rows:
         return ""
     caption = (
-        "With the guard, each controller and fault under which somebody was worse off, with what happened to the "
-        "person who was so most. People are told by their numbers in the population, the worst first."
+        "Every controller and fault with which at least one person was worse off in spite of the guard, and what "
+        "happened to the person affected most. People are listed by their numbers in the population, the one affected "
+        "most first."
     )
     reasons = {reason.tried: reason for reason in result.reasons}
     parts = []
     for row in rows:
         reason = reasons.get(row.tried)
-        told = f"<p>Person {reason.person}: {_text(reason.text)}</p>" if reason else "<p>No reason was looked for.</p>"
+        told = (
+            f"<p>Person {reason.person}: {_text(reason.text)}</p>" if reason else "<p>The reason was not examined.</p>"
+        )
         parts.append(
             f"<dt>{_text(row.tried.controller)}<span>{_text(grid.told(row.tried))}</span></dt>"
             f"<dd>{told}<p>{worse_told(row)}: {numbers_told(row)}</p></dd>"
         )
     body = "\n".join(parts)
-    return section("For whom, and why", caption, f'<dl class="why">\n{body}\n</dl>')
+    return section("Who was worse off, and why", caption, f'<dl class="why">\n{body}\n</dl>')
 
 
 def _all(grid: Grid) -> str:
@@ -178,9 +181,11 @@ def _all(grid: Grid) -> str:
         for controller in grid.controllers
     ]
     caption = (
-        "Times are of the run, mean over the people and of the one who was longest below; ever below were so many of "
-        "the people; events are below 70 and below 54 mg/dl for 15 min or longer, of all people; samples are of all "
-        "people. Worse off: as on the map, and the largest difference of anybody."
+        "Times are percentages of the run: the mean over the people, and the largest value of any person (worst). Ever "
+        "below: the percentage of people whose glucose fell below that value at any time. Events: periods of 15 min or "
+        "longer below 70 mg/dl (low) or 54 mg/dl (very low), summed over all people. Samples: percentages of the "
+        "samples of all people. Worse off: the number of people as in the map above, and the largest increase of the "
+        "time below 60 mg/dl of any person."
     )
     return section("All numbers", caption, "\n".join(tables), "all")
 
@@ -218,7 +223,13 @@ def _faults(grid: Grid) -> str:
             f"<td>{_text(fault.summary)}</td><td>{_text(settings_in_words(fault))}</td>"
             f"<td>{_text(when_in_words(fault))}</td></tr>"
         )
-    heads = "".join(f'<th scope="col">{head}</th>' for head in ("Fault", "Of", "What happens", "Set", "When"))
+    heads = "".join(f'<th scope="col">{head}</th>' for head in ("Fault", "Part", "What happens", "Settings", "When"))
     table = f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>{''.join(lines)}</tbody></table>"
     body = scrolling(table, "The faults")
-    return section("The faults", "Moments are drawn for each person, evenly.", body, "faults")
+    return section(
+        "The faults",
+        "A fault without a fixed time begins at a random time, which is drawn for each person; all times are equally "
+        "likely.",
+        body,
+        "faults",
+    )

@@ -29,7 +29,7 @@ FINAL: Final = ("stress.csv", "stress.parquet", SUMMARY, "stress.html", "figure.
 
 def work_of(asked: StressTest) -> Work:
     """Work of ``glucoloop stress``, which is kept in the folder of a trial."""
-    return Work(command="stress", what="trial", keys=asked.keys(), final=FINAL, summary=SUMMARY)
+    return Work(command="stress", what="trial", keys=asked.keys(), given=asked.given, final=FINAL, summary=SUMMARY)
 
 
 def result_of(asked: StressTest, folder: TrialFolder) -> StressResult:
@@ -71,6 +71,7 @@ def _result(
         facts=facts,
         repeat="stress --config stress.toml",
         keys=asked.keys(),
+        given=asked.given,
         able=able,
         infeasible=asked.base.people - able,
     )
@@ -111,6 +112,8 @@ def summary_of(result: StressResult) -> dict[str, Any]:
 def _flat(row: StressRow) -> Mapping[str, Any]:
     """A row as plain columns."""
     own = {field.name: getattr(row, field.name) for field in dataclasses.fields(row) if field.name != "tried"}
+    if row.lowest_mg_dl < 0.0:  # no concentration: the valid range of the model ended above it
+        own["lowest_mg_dl"] = None
     cell = {"controller": row.tried.controller, "guarded": row.tried.guarded, "fault": row.tried.fault}
     return {**cell, **own, "worse": len(row.worse), "worse_people": " ".join(map(str, row.worse))}
 
@@ -123,16 +126,17 @@ def verdict(result: StressResult) -> Iterator[str]:
         return
     broken = [row for row in guarded if not row.stands]
     yield (
-        f"With the guard, in {len(guarded) - len(broken)} of {len(guarded)} cells nobody spends more than 1 % of the "
-        "time more below 60 mg/dl than without the fault."
+        f"With the guard, in {len(guarded) - len(broken)} of {len(guarded)} combinations of a controller and a fault "
+        "nobody spent more than 1 % more of the time below 60 mg/dl than without the fault."
     )
     not_valid = [row for row in result.rows if row.people_below_validity]
     if not_valid:
         most = max(not_valid, key=lambda row: row.people_below_validity)
         yield (
-            f"In {len(not_valid)} of {len(result.rows)} cells glucose was lower than the patient's model is valid for, "
-            f"at most of {most.people_below_validity} of {most.people} people ({most.tried.label}). Read it as severe "
-            "hypoglycemia; its depth means nothing."
+            f"In {len(not_valid)} of {len(result.rows)} combinations glucose fell below the valid range of the "
+            f"patient's model, for at most {most.people_below_validity} of {most.people} people ({most.tried.label}). "
+            "Read it as severe hypoglycemia; its depth means nothing."
         )
     for reason in result.reasons:
-        yield f"{reason.tried.label}: person {reason.person}, {reason.more_pct:.1f} % more. {reason.text}"
+        more = f"{reason.more_pct:.1f} % more of the time below 60 mg/dl"
+        yield f"{reason.tried.label}: person {reason.person}, {more}. {reason.text}"

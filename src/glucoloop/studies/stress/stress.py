@@ -17,8 +17,8 @@ import numpy.typing as npt
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.studies.options import Guards
 
@@ -260,6 +260,7 @@ class StressResult:
     repeat: str
     """Command that repeats the test from its folder, without the name of the program."""
     keys: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, Any] | None = None
     """Configuration of the test."""
     able: int | None = None
     """Number of people with a basal rate; by default all of them are in a row."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.parts.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.studies.stress._cells import short_mg_dl, short_pct
 from glucoloop.studies.stress._grid import GUARDS, Grid, grid_of
 from glucoloop.studies.stress.stress import MOST_MORE_PCT, StressResult, StressRow
@@ -143,10 +143,14 @@ def _people_worse(row: StressRow) -> str:
 
 
 def _caption(grid: Grid) -> str:
-    pairs = "|".join(GUARDS[guarded] for guarded in grid.guards)
+    if len(grid.guards) > 1:
+        which = "In each pair a|b, a is without the guard and b with it."
+    else:
+        which = f"All numbers are {GUARDS[grid.guards[0]]}."
     return (
-        f"{'Pairs are' if len(grid.guards) > 1 else 'All is'} {pairs}. Worse off: people more than {MOST_MORE_PCT:g} % "
-        "of the time more below 60 mg/dl than without the fault. Below 60 and 54 mg/dl: % of the time, mean of the "
-        "people and of the one who was longest below. Least: glucose. Low events: below 70 mg/dl for 15 min or longer, "
-        "of all people. Saturated, fallback, suspended: % of the samples."
+        f"{which} Worse off: people who spent over {MOST_MORE_PCT:g} % more of the time below 60 mg/dl than without "
+        "the fault. <60, <54: percentage of the time below 60 or 54 mg/dl, as the mean over the people and for the "
+        "person with the longest time (worst). Least: lowest glucose. Low events: periods of 15 min or longer below "
+        "70 mg/dl, summed over all people. Saturated (dose at the pump's limits), fallback (the guard gave the basal "
+        "rate), suspended (the guard stopped insulin): percentage of the samples."
     )

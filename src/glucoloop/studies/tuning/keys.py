@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from glucoloop.config.checked import checked
@@ -31,6 +31,13 @@ class GridSearch:
     seeds: int
     top: int
     """Number of tunings in the table."""
+    given_of_search: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Flat keys of the search itself that were given."""
+
+    @property
+    def given(self) -> dict[str, Any] | None:
+        """Flat keys from which it was read, if it was."""
+        return None if self.run.given is None else {**self.run.given, **self.given_of_search}
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same search is read."""
@@ -73,6 +80,7 @@ def read_grid_search(keys: Mapping[str, object], names: Mapping[str, str] | None
         grid=_grid(run, ranges, called),
         seeds=own.seeds or (_USUAL_SEEDS if noisy else 1),
         top=own.top,
+        given_of_search={key: value for key, value in keys.items() if key in called},
     )
 
 

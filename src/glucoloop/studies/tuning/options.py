@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 from glucoloop.config.key import Key
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.registry.guard import GUARD
+from glucoloop.parts.guard import GUARD
 
 MOST_SEEDS: Final = 1000
 NOT_TUNED: Final = ("guard", *GUARD)

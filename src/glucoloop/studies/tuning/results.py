@@ -9,10 +9,9 @@ from typing import Any
 
 import polars as pl
 
-from glucoloop.config.toml import toml_text
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report import Repeat
 from glucoloop.report.facts import run_facts
 from glucoloop.report.print_figure import figure_files
@@ -142,8 +141,9 @@ def files_of(found: Searched) -> tuple[dict[str, str | bytes], str | None]:
         files["model.json"] = found.model.text()
         if asked.run.case.model is not None:
             repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
-    again = Repeat("tune --config tune.toml", repeat.keys(), {"surface.csv": "all tunings", "tune.json": "the same"})
-    files["tune.toml"] = toml_text(again.keys, again.command)
+    data = {"surface.csv": "all tunings", "tune.json": "the same"}
+    again = Repeat("tune --config tune.toml", repeat.keys(), data, given=repeat.given)
+    files["tune.toml"] = again.text
     files["surface.html"] = surface_page(
         found.surface,
         found.printed,

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from glucoloop.config.key import Key
 from glucoloop.config.options.situation import PatientKey
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.parts.patients import USUAL_PATIENT
 
 CAMPAIGN_PANEL = "Campaign"
 _ONE_OF: Final = f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more."

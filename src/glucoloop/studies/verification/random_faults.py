@@ -20,8 +20,8 @@ import numpy.typing as npt
 from glucoloop.episodes import Episodes
 from glucoloop.experiments.faulty import put_around
 from glucoloop.parts.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
+from glucoloop.parts.setting import Value
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
-from glucoloop.registry.settings import Value
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY

@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.printable import how_many
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.studies.verification.campaign import Campaign, met
 from glucoloop.studies.verification.nonsense import NonsenseResult
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
@@ -29,8 +29,9 @@ def campaign_told(campaign: Campaign, result: CampaignResult, seconds: float) ->
     more = f"; {result.repeated} of them closed twice" if result.repeated else ""
     yield f"{how_many(result.loops, 'loop')}, {result.samples} samples, {seconds:.1f} s{more}."
     yield (
-        f"Below 60: mean time below 60 mg/dl. Better, worse: people with a guard who are lower for less or longer than "
-        f"without, by more than {Guarding.MARGIN_PCT:g} % of the run. Most, person: the largest such difference, whose."
+        "Below 60: mean time below 60 mg/dl. Better, worse: number of people who spend less or more time below 60 "
+        f"mg/dl with the guard than without it, by over {Guarding.MARGIN_PCT:g} % of the run. Most, person: the "
+        "largest such difference, and the number of that person."
     )
     yield _verdict(result.violations)
 
@@ -48,7 +49,7 @@ def nonsense_told(result: NonsenseResult, seconds: float) -> Iterator[str | Tabl
                     f"{arm.controller}, guarded, loop {loop}: {promise}; "
                     f"glucoloop verify --nonsense 1 --seed {result.seed} --controller {arm.controller} --person {loop}"
                 )
-    yield f"{result.samples} samples of guarded controllers that were told nonsense, {seconds:.1f} s."
+    yield f"{result.samples} samples of guarded controllers with nonsense as readings, {seconds:.1f} s."
     yield _verdict(result.violations)
 
 
