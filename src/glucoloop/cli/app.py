@@ -23,7 +23,7 @@ from glucoloop.cli import (
     hil,
     identify,
     lab,
-    patients,
+    listing,
     query,
     reproduce,
     robust,
@@ -57,7 +57,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("run", help=run.HELP)(run.command)
-app.command("patients", help=patients.HELP)(patients.command)
+app.command("list", help=listing.HELP)(listing.command)
 app.command("identify", help=identify.HELP)(identify.command)
 app.command("compare", help=compare.HELP)(compare.command)
 app.command("bound", help=bound.HELP)(bound.command)

@@ -131,7 +131,7 @@ def compute(folder: TrialFolder, where: Computing) -> Simulate:
 
 
 def _begun(trial: Trial) -> str:
-    """What is computed, told before the first results, which may take minutes."""
+    """Sentence on what is computed, told before the first results, which may take minutes."""
     whom, labels = how_many(trial.people, "person", "people"), ", ".join(case.label for case in trial.cases)
     slow = [case.label for case in trial.cases if controller_entry(case.controller).slow]
     told = f"Designing and compiling for {whom} under {labels}"

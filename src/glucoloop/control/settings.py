@@ -420,7 +420,7 @@ class BasalBolusSettings(ControllerPart, name="basal-bolus"):
 
 
 class BasalSettings(ControllerPart, name="basal"):
-    """No controller: the rate at which the loop starts."""
+    """The rate at which the loop starts, without a controller."""
 
     design: ClassVar = "glucoloop.control.open_loop:design"
     uses_model: ClassVar = False

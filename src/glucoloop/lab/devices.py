@@ -19,7 +19,7 @@ from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.faulty import put_around
 from glucoloop.lab.body import SAMPLE_TIME_MIN
-from glucoloop.lab.part import Part, part, starting
+from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -75,7 +75,7 @@ class _Passed:
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=self.valid)
 
 
-def sensor_parts() -> dict[str, Part]:
+def sensor_parts() -> dict[str, CompiledPart]:
     """Noise, and the faults of a sensor, each with its state at the start."""
     found = {"noise": noise_part()}
     for entry in offered():
@@ -85,7 +85,7 @@ def sensor_parts() -> dict[str, Part]:
     return found
 
 
-def fault_parts(told: FaultPart) -> dict[str, Part]:
+def fault_parts(told: FaultPart) -> dict[str, CompiledPart]:
     """The two functions of a fault of a sensor: its state at the start, and its step."""
     zero = jnp.zeros(())
     shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
@@ -105,7 +105,7 @@ def fault_parts(told: FaultPart) -> dict[str, Part]:
     return {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, shown)}
 
 
-def noise_part() -> Part:
+def noise_part() -> CompiledPart:
     """The reading of glucose with bounded white noise, from a normal number that was drawn before."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
@@ -142,9 +142,9 @@ def pumps() -> dict[str, Pump]:
     return found
 
 
-def pump_parts() -> dict[str, Part]:
+def pump_parts() -> dict[str, CompiledPart]:
     """Pumps, each with its state at the start: from a decision to what is delivered and what is reported."""
-    found: dict[str, Part] = {}
+    found: dict[str, CompiledPart] = {}
     zero = jnp.zeros(())
     decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int)}
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, Generic, TypeVar
 
 from glucoloop.parts.code import added, entry_points, loaded
-from glucoloop.parts.grammar import NAME, Given, part_tree, place
+from glucoloop.parts.grammar import NAME, GivenValue, part_tree, place
 from glucoloop.parts.part import Part, read
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
@@ -14,11 +14,10 @@ from glucoloop.refusal import Refusal
 P = TypeVar("P", bound=Part)
 
 HOMES: Final = {
-    "patient": "glucoloop.parts.patients:PATIENTS",
     "sensor": "glucoloop.parts.sensors:SENSORS",
     "pump": "glucoloop.parts.pumps:PUMPS",
     "fault": "glucoloop.parts.faults:FAULTS",
-    "controller": "glucoloop.control.settings:CONTROLLERS",
+    "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "guard": "glucoloop.parts.guard:GUARDS",
     "metric": "glucoloop.parts.metrics:METRICS",
 }
@@ -110,7 +109,7 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
             As `parse`.
         """
         leaf = tree.get(NAME) if isinstance(tree, Mapping) else tree
-        name = leaf.value if isinstance(leaf, Given) else leaf
+        name = leaf.value if isinstance(leaf, GivenValue) else leaf
         where = place(tree)
         if not isinstance(name, str) or not name:
             given = "nothing" if name is None else repr(name)

@@ -13,7 +13,7 @@ _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
 
 
 class ControllerPart(Part):
-    """A controller.
+    """Declaration of a controller.
 
     A controller joins every command by one class, entered in `control.catalogue.CONTROLLERS` or by the entry point of
     another package in the group ``glucoloop.controllers``.

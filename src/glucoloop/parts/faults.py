@@ -37,7 +37,7 @@ Noticed = Annotated[bool, About("Whether the pump reports the fault: true or fal
 
 
 class FaultPart(MadePart):
-    """A fault.
+    """Declaration of a fault.
 
     Its function is given the settings of the fault itself, and, if it has parameters of these names, ``inner``,
     ``episodes``, ``sample_time_min``, ``limits`` and ``key``. It returns a record whose field ``inner`` is the sensor
@@ -253,7 +253,7 @@ class NonsenseSettings(Timed, name="nonsense"):
 
 
 class ResolutionSettings(Untimed, name="resolution"):
-    """Only whole steps are delivered, from a least dose on; the remainder is delivered later."""
+    """Whole steps alone are delivered, from a least dose on; the remainder is delivered later."""
 
     make: ClassVar = "glucoloop.pumps:with_resolution"
     part: ClassVar = "pump"

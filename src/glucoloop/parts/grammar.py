@@ -20,7 +20,7 @@ _BARE: Final = re.compile(r"[^,='\"()\[\]]+")
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenValue:
     """A value as it was given, and the option or file in which it stood."""
 
     value: object
@@ -44,7 +44,7 @@ def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tr
     for place, item in enumerate(_pieces(text, where)):
         key, is_setting, value = (piece.strip() for piece in item.partition("="))
         if not is_setting and place == 0 and key:
-            tree[NAME] = Given(unquoted(key), where)
+            tree[NAME] = GivenValue(unquoted(key), where)
         elif not is_setting or not key.isidentifier() or not value:
             raise Refusal(
                 f"{where}: {item.strip()!r} in {text!r} is no setting with a value; write it like {example!r}"
@@ -54,7 +54,7 @@ def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tr
         elif value[0] == "(" and value[-1] == ")":
             tree[key] = part_tree(value[1:-1], where, example)
         else:
-            tree[key] = Given(unquoted(value), where)
+            tree[key] = GivenValue(unquoted(value), where)
     return tree
 
 
@@ -105,21 +105,21 @@ def given(plain: Any, where: str) -> Any:
         return {str(key): given(value, where) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
         return [given(value, where) for value in plain]
-    return Given(plain, where, text=False)
+    return GivenValue(plain, where, text=False)
 
 
 def plain(tree: Any) -> Any:
-    """What was given, without its place."""
+    """Given values without their places."""
     if isinstance(tree, Mapping):
         return {key: plain(value) for key, value in tree.items()}
     if isinstance(tree, list | tuple):
         return [plain(value) for value in tree]
-    return tree.value if isinstance(tree, Given) else tree
+    return tree.value if isinstance(tree, GivenValue) else tree
 
 
 def place(tree: Any) -> str:
     """Option or file in which the first value of a tree stood."""
-    if isinstance(tree, Given):
+    if isinstance(tree, GivenValue):
         return tree.where
     for value in tree.values() if isinstance(tree, Mapping) else tree if isinstance(tree, list) else ():
         found = place(value)

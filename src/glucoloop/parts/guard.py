@@ -44,9 +44,9 @@ OF_ROUTE: Final[dict[str, dict[str, float]]] = {
 
 
 class GuardSettings(Part, name="usual"):
-    """Limits on readings, times and doses around any controller; see `control.guarded`.
+    """Limits on readings, times and doses around any controller.
 
-    Values without a source were chosen by the experiments of the guide.
+    See `control.guarded`. Values without a source were chosen by the experiments of the guide.
 
     The defaults are for insulin into a vein; `for_route` gives those for insulin under the skin. Their sources:
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final, Self, dataclass_transform
 
 from glucoloop.parts.code import loaded
-from glucoloop.parts.grammar import NAME, Given, Tree, part_text, place, plain
+from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_text, place, plain
 from glucoloop.parts.setting import Default, Setting, described, known_names, usual
 from glucoloop.refusal import Refusal
 
@@ -170,7 +170,7 @@ class Part:
         return {name: getattr(self, name) for name in self.settings()}
 
     def tree(self, *, whole: bool = False) -> Tree:
-        """What was given as plain values, the same for TOML and JSON; with `whole` every setting."""
+        """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
         named = {NAME: self.called} if self.called else {}
         return {
             **named,
@@ -271,7 +271,7 @@ def read(part: type[Part], tree: Mapping[str, Any]) -> Part:
         if isinstance(leaf, list):
             items = [setting.read(str(item.value)) if item.text else item.value for item in leaf]
             values[key] = setting.check(tuple(items), called)
-        elif isinstance(leaf, Given) and leaf.text and isinstance(value, str):
+        elif isinstance(leaf, GivenValue) and leaf.text and isinstance(value, str):
             values[key] = setting.check(setting.read(value), called)
         else:
             values[key] = setting.check(value, called)
@@ -297,7 +297,7 @@ class MadePart(Part):
     """The function, as ``module:function``; a class will do."""
 
     def made(self, **known: Any) -> Any:
-        """What the part stands for; making it imports JAX.
+        """Object that the part stands for; making it imports JAX.
 
         Raises
         ------
@@ -307,7 +307,7 @@ class MadePart(Part):
         return self.made_of(self.values(), known)
 
     def made_of(self, settings: Mapping[str, Any], known: Mapping[str, Any]) -> Any:
-        """What the function makes of these settings, and of what it takes of the rest."""
+        """Object that the function makes of these settings, and of what it takes of the rest."""
         maker = loaded(self.make)
         taken = inspect.signature(maker).parameters
         return maker(**settings, **{name: value for name, value in known.items() if name in taken})

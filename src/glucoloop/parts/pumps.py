@@ -30,7 +30,7 @@ Least = Annotated[float, About("Least rate that is delivered.", at_least=0.0)]
 
 
 class PumpPart(MadePart):
-    """A pump.
+    """Declaration of a pump.
 
     Its function is also given, if it has parameters of these names, ``inner`` (a pump that only keeps the limits of the
     run), ``limits`` (`pumps.DoseLimits`), ``bolus`` (`pumps.BolusLimits`) and ``sample_time_min``.

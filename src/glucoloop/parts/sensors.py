@@ -18,7 +18,7 @@ LONGEST_LAG_MIN: Final = 120.0
 
 
 class SensorPart(MadePart):
-    """A sensor.
+    """Declaration of a sensor.
 
     Its function is also given, if it has parameters of these names, ``site`` (the site that was asked for, or None),
     ``inner`` (a sensor at that site without error) and ``sample_time_min``.
@@ -28,7 +28,7 @@ class SensorPart(MadePart):
 
 
 class IdealSettings(SensorPart, name="ideal"):
-    """Neither error nor delay."""
+    """Readings without error or delay."""
 
     make: ClassVar = "glucoloop.sensors:IdealSensor"
 

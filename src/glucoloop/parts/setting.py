@@ -187,7 +187,7 @@ class Setting:
         return text if factor is None else float(found[1]) * factor
 
     def wrong(self, value: object) -> str | None:
-        """What is wrong with a value, and the mend; None for a possible one. Strict: 2.0 is no whole number."""
+        """Sentence on what is wrong with a value, and the mend; None for a possible one. 2.0 is no whole number."""
         if value is None and self.optional:
             return None
         if self.many:

@@ -9,7 +9,7 @@ from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
-from glucoloop.parts.setting import Default, Setting, known_names
+from glucoloop.parts.setting import About, Default, Setting, known_names
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
@@ -96,15 +96,15 @@ def test_unknown_names_are_answered():
 
 @pytest.mark.parametrize(
     ("kind", "value", "told"),
-    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a number"), (str, 1, "a text")],
+    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a finite number"), (str, 1, "a text")],
 )
 def test_setting_of_another_type_is_refused(kind, value, told):
     with pytest.raises(ValueError, match=f"x is {value!r}; give {told}"):
-        Setting("x", kind, "", Default(kind())).check(value)
+        Setting("x", kind, (), False, False, Default(kind()), About("")).check(value)
 
 
 def test_whole_number_will_do_for_a_number():
-    checked = Setting("x", float, "", Default(0.0)).check(1)
+    checked = Setting("x", float, (), False, False, Default(0.0), About("")).check(1)
     assert isinstance(checked, float)
 
 
