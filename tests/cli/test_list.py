@@ -49,4 +49,4 @@ def test_what_another_package_adds_is_listed(glucoloop, install):
 
 
 def test_an_unknown_name_is_refused_with_the_likely_one(refused):
-    assert refused("list", "spike") == "there is no part and no kind of parts 'spike'; did you mean 'spikes'?."
+    assert refused("list", "spike") == "there is no part and no kind of parts 'spike'; did you mean 'spikes'?"
