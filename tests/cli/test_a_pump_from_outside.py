@@ -28,7 +28,7 @@ def outside(install, tmp_path):
 
 def in_a_file(run):
     """Keys of a run as its file has them."""
-    return {key: value for key, value in run.keys().items() if value is not None}
+    return dict(run.given)
 
 
 def limits_of(run):

@@ -32,15 +32,18 @@ MISTAKES = {
     "run --setpoint 1_00": ["'1_00'", "in digits from 0 to 9"],
     "run --setpoint ١٠٠": ["'١٠٠'", "in digits from 0 to 9"],
     "run --seed 1_0": ["'1_0'", "a whole number, in digits"],
-    "run --controller pid --setting gain=1_0": ["gain is '1_0'; give a number"],
-    "run --fault missing,start_min=1_0": ["start_min is '1_0'; give a number"],
+    "run --controller pid --setting gain=1_0": ["gain is '1_0'; give a finite number"],
+    "run --fault missing,start_min=1_0": ["start_min is '1_0'; give a finite number"],
     "trial --out a --traces ١٠": ["give none, all, or the number"],
     "tune --move-horizon ١:٢ --prediction-horizon 2": ["write it like 1:4"],
     "robust --out a --move-weight 1_0:20": ["write it like .1:2"],
     "run --move-weight 1e9": ["1e+09", "usually from -1e+06 to 1e+06", "--allow-unusual"],
-    "run --move-weight 1e300": ["move weight of 1e+300", "of a size up to 1e+30"],
+    "run --move-weight 1e300": ["move_weight is 1e+300; give a finite number", "of a size up to 1e+30"],
     "run --controller pid --gain 1e9": ["1e+09 mU/min per mg/dl", "usually from 0.001 to 100", "--allow-unusual"],
-    "run --controller mpc-se --other-process-noise 1e150": ["1e+150", "of a size up to"],
+    "run --controller mpc-se --other-process-noise 1e150": [
+        "1e+150",
+        "other_process_noise is 1e+150; give a number of a size up to 1e+30",
+    ],
     "compare --case a:pid,gain=1e9 --case b:pid": ["case 'a'", "gain is 1e+09", "--allow-unusual"],
     "bound --known-after 1e300": ["at most 527040"],
     "run --duration 10x": ["'10x'", "minutes, or a time with its unit like 1.5h"],
@@ -63,11 +66,11 @@ MISTAKES = {
     "run --sample-time 0": ["--sample-time is 0", "at least 0.1"],
     "run --seed -1": ["--seed is -1", "at least 0"],
     "run --seed 1.5": ["--seed is '1.5'", "a whole number"],
-    "run --move-horizon 0": ["move horizon of 0", "from 1 to"],
+    "run --move-horizon 0": ["move_horizon is 0; give a whole number from 1 to 50", "from 1 to"],
     "run --move-horizon 9": ["prediction horizon of 8", "from 9 to"],
-    "run --output-weight 0": ["output weight of 0", "above 0"],
-    "run --move-weight -1": ["move weight of -1", "0 or more"],
-    "run --constraints lp": ["'lp'", "clip, qp"],
+    "run --output-weight 0": ["output_weight is 0; give a finite number above 0", "above 0"],
+    "run --move-weight -1": ["move_weight is -1; give a finite number of 0 or more", "0 or more"],
+    "run --constraints lp": ["'lp'", "constraints is 'lp'; give clip or qp"],
     "run --integrator euler": ["--integrator is 'euler'", "'fast' or 'adaptive'"],
     "run --max-insulin 0": ["--max-insulin is 0", "above 0"],
     "run --min-insulin 80": ["80 to 66.9"],
@@ -92,7 +95,7 @@ MISTAKES = {
     "compare --case mpc --case a:mpc,move_weight": ["move_weight=1"],
     "compare --case mpc --case a:mpc,move_weight=1,move_weight=2": ["given twice"],
     "compare --case mpc --case a:mpx": ["case 'a'", "unknown controller 'mpx'"],
-    "compare --case mpc --case a:mpc,move_weight=high": ["case 'a'", "'high'", "a number"],
+    "compare --case mpc --case a:mpc,move_weight=high": ["case 'a'", "'high'", "a finite number"],
     "compare --case mpc --case a:mpc,prediction_horizon=1": ["case 'a'", "prediction horizon of 1"],
     "compare --case mpc --case=": ["'' is not a case"],
     "identify --data absent.csv": ["absent.csv", "No such file"],
@@ -379,7 +382,7 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
     ],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
-    outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict))
+    outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict, given=None))
     monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: outcome)
     monkeypatch.setattr("glucoloop.cli.run.write_outcome", lambda folder, *_: folder.write("a.txt", "a"))
     monkeypatch.setattr("glucoloop.cli.run.tell", raising(error))

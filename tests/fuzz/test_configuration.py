@@ -116,7 +116,7 @@ def test_population_can_only_make_finite_people(refusal, tables, name):
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_setting_that_is_not_finite_is_refused_by_its_own_name(refusal, value):
-    assert refusal(read_run, {"output_weight": value}) == f"output_weight is {value:g}; give a finite number"
+    assert refusal(read_run, {"output_weight": value}) == f"output_weight is {value:g}; give a finite number above 0"
 
 
 def test_short_sample_time_is_refused_for_itself_and_not_for_what_follows_from_it(refusal):

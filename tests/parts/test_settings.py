@@ -98,7 +98,7 @@ def test_any_text_is_a_part_or_refused_in_a_sentence(text):
         ("desk, lit_min=-1h", "lit_min is -60 min; give"),
         ("desk, lit_min=3kg", "lit_min is '3kg'; give a number above 0 min"),
         ("desk, rate_mU_min=-1", "rate_mU_min is -1 mU/min; give a finite number of 0 mU/min or more"),
-        ("desk, rate_mU_min=1e300", "rate_mU_min is 1e+300 mU/min; give a finite number"),
+        ("desk, rate_mU_min=1e300", "rate_mU_min is 1e+300 mU/min; give a number of a size up to 1e+30"),
         ("desk, rate_mU_min=nan", "rate_mU_min is nan mU/min; give"),
         ("desk, target_mg_dl=-5", "target_mg_dl is -5 mg/dl; give a finite number above 0 mg/dl"),
         ("desk, colour=green", "colour is 'green'; give red or blue"),

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from glucoloop.config.key import quantities
-from glucoloop.config.meal_text import names_units, parse_meal
+from glucoloop.config.meal_text import meal_text, names_units, parse_meal
 from glucoloop.parts.part import Part
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
@@ -56,6 +56,10 @@ def ask_about_meals(texts: Iterable[str]) -> None:
     """Ask for confirmation of meals of unusual size, or without any unit."""
     for text in texts:
         meal = parse_meal(text)
+        if not any(names_units(text)):
+            raise Refusal(
+                f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
+            )
         ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
 
 

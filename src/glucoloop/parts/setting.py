@@ -210,7 +210,9 @@ class Setting:
             return None
         unit = f" {self.unit}" if number and self.unit else ""
         meant = f"; {told}" if number and (told := self._looks_like(value)) else ""
-        return f"{self.name} is {shown(value)}{unit}; give {self.about.possible(self.kind, self.unit)}{meant}"
+        huge = number and self.about.finite and LARGEST < abs(typing.cast(float, value)) < math.inf
+        mend = f"a number of a size up to {LARGEST:g}" if huge else self.about.possible(self.kind, self.unit)
+        return f"{self.name} is {shown(value)}{unit}; give {mend}{meant}"
 
     def _looks_like(self, value: Any) -> str | None:
         return None if self.about.quantity is None else self.about.quantity.looks_like(value)
