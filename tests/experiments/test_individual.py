@@ -19,7 +19,7 @@ from glucoloop.meals.plan import MealPlan
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
+from glucoloop.registry.patients import USUAL_PATIENT
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)
@@ -108,9 +108,17 @@ def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
 @pytest.mark.parametrize("name", ["mpc", "mpc-se", "nlqdmc-se"])
 def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_for_all(name):
     situation = Situation(patient="hovorka-2004")
-    tuning = catalogue.complete(name, {}, patient_entry("hovorka-2004"), situation.operating_point, noisy=False)
-    assert tuning["prediction_horizon"] == 0
-    one = Case(name, name, tuning, memory=288, laguerre_pole=0.96, laguerre_functions=8, model_noise_variance=0.0)
+    entry, point = situation.whom
+    tuning = catalogue.complete(name, {"prediction_horizon": 0}, entry, point, noisy=False)
+    one = Case(
+        label=name,
+        controller=name,
+        tuning=tuning,
+        model_noise_variance=0.0,
+        memory=288,
+        laguerre_pole=0.96,
+        laguerre_functions=8,
+    )
     nominal = controller_of(situation, one)
     for persons in ([0], [1, 2]):  # whoever else is in a block
         found = virtual_people(population("boiroux2017", patient="hovorka-2004"), 1, persons)

@@ -168,7 +168,7 @@ def design_linear_mpc(
         Tuning; by default that of the paper without noise, its horizon longer where the model is slower, so that at
         its end the response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 is chosen in the same way.
     limits : DoseLimits
-        Limits of the pump.
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     constraints : {"clip", "qp"}
         ``"clip"``: the closed form, its rate clipped and then its magnitude, as in the paper. ``"qp"``: the exact
         minimiser within the limits of every planned move.

@@ -377,6 +377,7 @@ def design_meal_mpc(
         Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
         response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     habits : MealHabits, optional
         Prior knowledge of meals.
     estimator : {"moving-horizon", "kalman"}

@@ -224,6 +224,7 @@ def design_nlqdmc_se(
         Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
         response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     measurement_variance : float
         R, (mg/dl)^2.
     dead_time_samples : int
