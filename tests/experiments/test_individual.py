@@ -105,8 +105,8 @@ def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["mpc", "mpc-se", "nlqdmc-se"])
-def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_for_all(name):
+@pytest.mark.parametrize(("name", "of"), [("mpc", "boiroux2017"), ("mpc-se", "nominal"), ("nlqdmc-se", "nominal")])
+def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_for_all(name, of):
     situation = Situation(patient="hovorka-2004")
     entry, point = situation.whom
     tuning = catalogue.complete(name, {"prediction_horizon": 0}, entry, point, noisy=False)
@@ -121,7 +121,7 @@ def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_fo
     )
     nominal = controller_of(situation, one)
     for persons in ([0], [1, 2]):  # whoever else is in a block
-        found = virtual_people(population("boiroux2017", patient="hovorka-2004"), 1, persons)
+        found = virtual_people(population(of, patient="hovorka-2004"), 1, persons)
         assert individual_design(situation, one, nominal, found)(found).horizons == nominal.horizons
 
 
