@@ -52,6 +52,7 @@ if TYPE_CHECKING:
         linear_model,
         nonlinear_model,
         simulate,
+        usual_limits,
     )
 
 __version__ = "0.1.0"
@@ -97,6 +98,7 @@ _HOME = {
     "population": "patients",
     "record_from_samples": "identification",
     "simulate": "simulation",
+    "usual_limits": "simulation",
     "simulate_people": "cohorts.people_run",
     "summarise": "metrics",
     "virtual_people": "patients",
@@ -145,6 +147,7 @@ __all__ = [
     "simulate",
     "simulate_people",
     "summarise",
+    "usual_limits",
     "virtual_people",
     "white_noise",
     "with_resolution",

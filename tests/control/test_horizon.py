@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import glucoloop as gl
-from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_meal_mpc, design_mpc_se
+from glucoloop.control import MealTuning, MPCTuning, StateTuning, design_linear_mpc, design_meal_mpc, design_mpc_se
 from glucoloop.control.horizon import LEAST_SHARE, USUAL_SHARE, suited
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
@@ -80,8 +80,20 @@ def test_designs_on_the_equations_see_what_the_patient_shows(name):
         with pytest.raises(ValueError, match=f"sees .* % of the gain of insulin; .*horizon of {enough} or more"):
             design(short)
         assert design(asked).horizons[1] == int(np.argmax(share >= USUAL_SHARE)) + 1
-    with pytest.raises(ValueError, match=f"horizon of {enough} or more"):
-        design_meal_mpc(nonlinear)
+    with pytest.raises(ValueError, match=f"horizon of {enough} or more, or 0 for one that suits the model"):
+        design_meal_mpc(nonlinear, MealTuning())
+    usual = [design_mpc_se(linear, noise), gl.design_nlqdmc_se(nonlinear, noise)]
+    assert [one.horizons[1] for one in usual] == [design(asked).horizons[1]] * 2
+    assert design_meal_mpc(nonlinear).prediction_horizon == usual[0].horizons[1]
+
+
+def test_designs_on_the_equations_see_enough_of_the_papers_patient():
+    person = gl.patient()
+    linear, nonlinear = gl.linear_model(person), gl.nonlinear_model(person)
+    noise = np.ones(linear.Gamma.size)
+    assert design_mpc_se(linear, noise).horizons == (2, 7)
+    assert gl.design_nlqdmc_se(nonlinear, noise).horizons == (2, 7)  # at 5 the model has less than 30 % of its gain
+    assert design_meal_mpc(nonlinear).prediction_horizon == 12
 
 
 @pytest.mark.long

@@ -9,13 +9,17 @@ import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import catalogue
+from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
+from glucoloop.control.settings import StateTuning
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
+from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
 from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import population, virtual_people
+from glucoloop.pumps import PARKER_1999_LIMITS
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)
@@ -72,7 +76,7 @@ def people():
 )
 def test_a_design_for_many_is_that_for_each(people, one, error):
     trial = trial_of(one)
-    design = individual_design(trial, one, people)
+    design = individual_design(trial, one, controller_of(trial, one), people)
     together = design(people)
     for place in range(len(PERSONS)):
         person = jax.tree.map(lambda a, i=place: a[i] if jnp.ndim(a) else a, people.patient)
@@ -85,7 +89,8 @@ def test_a_design_for_many_is_that_for_each(people, one, error):
 
 def test_no_design_where_there_is_nothing_to_design(people):
     one = case("basal")
-    assert individual_design(trial_of(one), one, people) is None
+    trial = trial_of(one)
+    assert individual_design(trial, one, controller_of(trial, one), people) is None
 
 
 def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
@@ -93,6 +98,50 @@ def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
     found = virtual_people(population("parker2000"), 0, persons, setpoint_mg_dl=120.0)
     assert found.feasible.tolist() == [False, True]
     one = case("mpc")
-    together = individual_design(trial_of(one), one, found)(found)
+    trial = trial_of(one)
+    together = individual_design(trial, one, controller_of(trial, one), found)(found)
     assert np.isnan(np.asarray(together.step_response)[:, 0]).all()
     assert np.isfinite(np.asarray(together.step_response)[:, 1]).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "of"), [("mpc", "boiroux2017"), ("mpc-se", "nominal"), ("nlqdmc-se", "nominal")])
+def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_for_all(name, of):
+    situation = Situation(patient="hovorka-2004")
+    entry, point = situation.whom
+    tuning = catalogue.complete(name, {"prediction_horizon": 0}, entry, point, noisy=False)
+    one = Case(
+        label=name,
+        controller=name,
+        tuning=tuning,
+        model_noise_variance=0.0,
+        memory=288,
+        laguerre_pole=0.96,
+        laguerre_functions=8,
+    )
+    nominal = controller_of(situation, one)
+    for persons in ([0], [1, 2]):  # whoever else is in a block
+        found = virtual_people(population(of, patient="hovorka-2004"), 1, persons)
+        assert individual_design(situation, one, nominal, found)(found).horizons == nominal.horizons
+
+
+def test_the_rate_of_somebody_on_whom_insulin_is_not_seen_within_the_horizon_is_kept():
+    fast, slow = np.exp(-0.1), np.exp(-0.0005)
+    models = FilteredModels(
+        Phi=np.array([[[fast, slow]]]),
+        Gamma=np.array([[-0.3, -0.001]]),
+        C=np.ones((1, 2)),
+        kalman_gain=np.full((1, 2), 0.5),
+        rest=np.array([[-0.3 / (1.0 - fast), -0.001 / (1.0 - slow)]]),
+    )
+    found = mpc_se_of_people(
+        models,
+        StateTuning(2, 8),
+        PARKER_1999_LIMITS,
+        basal_mU_min=jnp.full(2, 20.0),
+        basal_glucose_mg_dl=jnp.full(2, 100.0),
+        sample_time_min=5.0,
+    )
+    gain = np.asarray(found.plan.gain)
+    assert np.isfinite(gain[:, 0]).all()
+    assert np.isnan(gain[:, 1]).all()

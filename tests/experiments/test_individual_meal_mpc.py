@@ -89,7 +89,7 @@ def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
     monkeypatch.setattr(individual_meal_mpc, "controller_of", lambda *_: MealMPC(**{**blank, "model": own}))
     monkeypatch.setattr(individual_meal_mpc, "by_record", lambda *_: known)
     trial = trial_of(by)
-    found = individual_design(trial, trial.cases[0], people)(people).model
+    found = individual_design(trial, trial.cases[0], None, people)(people).model
     np.testing.assert_array_equal(found.insulin_mU_min, people.basal_insulin_mU_min)
     error = np.sqrt(np.mean(np.log(np.asarray(found.gain) / true_gain) ** 2))
     assert found.gain.shape == found.lag.shape == (PEOPLE,)

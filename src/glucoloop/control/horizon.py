@@ -56,6 +56,13 @@ def response_at_rest(model: NonlinearModel) -> tuple[Any, Any]:
     return linear_response(discretise(linear, model.sample_time_min))
 
 
+def or_suited(tuning: Tuning | None, default: Tuning) -> tuple[Tuning, int]:
+    """A tuning, or for None the default with a horizon to choose; and the shortest horizon that `suited` chooses."""
+    if tuning is not None:
+        return tuning, 1
+    return dataclasses.replace(default, prediction_horizon=0), default.prediction_horizon
+
+
 def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tuning:
     """A tuning with a horizon that suits the model, if its own is 0, and unchanged otherwise.
 
@@ -84,7 +91,11 @@ def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tunin
     seen = float(share[min(tuning.prediction_horizon, share.size) - 1])
     if not seen >= LEAST_SHARE:
         enough = _samples_until(LEAST_SHARE, share)
-        mend = "design on another model" if enough is None else f"give a prediction horizon of {enough} or more"
+        mend = (
+            "design on another model"
+            if enough is None
+            else f"give a prediction horizon of {enough} or more, or 0 for one that suits the model"
+        )
         raised = ", so that insulin seems to raise glucose" if seen < 0.0 else ""
         raise Refusal(
             f"a prediction horizon of {tuning.prediction_horizon} samples sees {100.0 * seen:.2g} % of the gain of "

@@ -128,6 +128,7 @@ def design_imc(
     delay_min : float
         A whole number of samples; the hold itself is not counted.
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     filter_min : float
         lambda, above 0.
     sample_time_min : float

@@ -22,7 +22,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import identified_response, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LONGEST_PREDICTION_HORIZON, LinearMPCSettings, MPCTuning
+from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LinearMPCSettings, MPCTuning
 from glucoloop.control.tuning import NOISE_FREE
 from glucoloop.models.step_response import Realisation, StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -168,7 +168,7 @@ def design_linear_mpc(
         Tuning; by default that of the paper without noise, its horizon longer where the model is slower, so that at
         its end the response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 is chosen in the same way.
     limits : DoseLimits
-        Limits of the pump.
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     constraints : {"clip", "qp"}
         ``"clip"``: the closed form, its rate clipped and then its magnitude, as in the paper. ``"qp"``: the exact
         minimiser within the limits of every planned move.
@@ -236,12 +236,6 @@ def linear_mpc_of_people(
     gain = step_response[-1]
     if realisation is not None:
         gain = gain + np.asarray(realisation.advanced(step_response.shape[0]).sum)
-    if not tuning.prediction_horizon:
-        # one horizon for all, that of the person in the middle
-        longest = extended(step_response, realisation, LONGEST_PREDICTION_HORIZON)
-        known = np.isfinite(gain) & (gain < 0.0)
-        share = np.median((longest / gain)[:, known], axis=1) if known.any() else np.ones(len(longest))
-        tuning = suited(tuning, -share, -1.0, usual=NOISE_FREE.prediction_horizon)
     S, after = _remembered(step_response, realisation, tuning.prediction_horizon)
     hidden = unseen(extended(S, None, tuning.prediction_horizon), gain, tuning.prediction_horizon)
     floor = glucose_floor(glucose_floor_mg_dl, floor_weight)

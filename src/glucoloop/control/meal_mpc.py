@@ -19,7 +19,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import response_at_rest, suited
+from glucoloop.control.horizon import or_suited, response_at_rest, suited
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import MealMPCSettings, MealTuning
 from glucoloop.estimation.unknown_meal import (
@@ -374,7 +374,10 @@ def design_meal_mpc(
         Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient, and
         `models.sensor_lag.behind_lag` one of a sensor that lags.
     tuning : MealTuning, optional
+        Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
+        response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     habits : MealHabits, optional
         Prior knowledge of meals.
     estimator : {"moving-horizon", "kalman"}
@@ -406,13 +409,13 @@ def design_meal_mpc(
     >>> MealTuning(move_horizon=3).prediction_horizon
     12
     """
-    tuning = MealTuning() if tuning is None else tuning
     habits = MealHabits() if habits is None else habits
     if estimator not in ESTIMATORS:
         raise Refusal(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
-    tuning = suited(tuning, *response_at_rest(model))
+    tuning, usual = or_suited(tuning, MealTuning())
+    tuning = suited(tuning, *response_at_rest(model), usual=usual)
     own = individual_model(model, model.insulin_mU_min)
     chosen: MealEstimator
     if estimator == "kalman":

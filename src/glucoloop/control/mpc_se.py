@@ -19,7 +19,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import linear_response, suited
+from glucoloop.control.horizon import linear_response, or_suited, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, MPCSESettings, StateTuning
@@ -192,7 +192,7 @@ def _with_disturbance(
 def design_mpc_se(
     model: LinearModel,
     process_noise: ArrayLike,
-    tuning: StateTuning,
+    tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
     measurement_variance: float = 1.45,
@@ -229,8 +229,11 @@ def design_mpc_se(
         a patient. The innovation is of the sensor's reading, all else of glucose.
     process_noise : (n,) or (n, n) array
         Q, per sample; a vector is its diagonal.
-    tuning : StateTuning
+    tuning : StateTuning, optional
+        Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
+        response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     measurement_variance : float
         R, (mg/dl)^2.
     offset_free : {"held-innovation", "output-disturbance", "input-disturbance", "none"}
@@ -286,7 +289,8 @@ def design_mpc_se(
         )
         rest = np.append(rest, 0.0)
     K = np.asarray(steady_state_gain(Phi, C_reading, Q, measurement_variance).gain)
-    tuning = suited(tuning, *linear_response(model))
+    tuning, usual = or_suited(tuning, MPCSESettings())
+    tuning = suited(tuning, *linear_response(model), usual=usual)
 
     Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
     one = mpc_se_of_people(
@@ -357,6 +361,8 @@ def mpc_se_of_people(
 ) -> MPCSE:
     """Controllers of many people, who trail, from their models and Kalman gains.
 
+    The rate of a person whose model at the horizon shows less than `horizon.LEAST_SHARE` of its gain is kept.
+
     Parameters
     ----------
     models : FilteredModels
@@ -369,7 +375,8 @@ def mpc_se_of_people(
         Whether the correction K e is repeated at each sample ahead.
     """
     floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
-    tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
+    seen_samples = tuning.prediction_horizon
+    tuning = dataclasses.replace(tuning, prediction_horizon=seen_samples + dead_time_samples)
     Phi, Gamma, kalman_gain = models.Phi, models.Gamma, models.kalman_gain
     rows = [models.C]
     for _ in range(tuning.prediction_horizon):
@@ -377,6 +384,7 @@ def mpc_se_of_people(
     C_Phi = np.stack(rows)  # C Phi^i, i = 0 .. p
     free_input = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], Gamma), axis=0)
     free_innovation = np.cumsum(np.einsum("pi...,i...->p...", C_Phi[:-1], kalman_gain), axis=0)
+    hidden = unseen(free_input, np.einsum("i...,i...->...", models.C, models.rest), seen_samples)
     late = np.zeros((dead_time_samples, *free_input.shape[1:]))
     return MPCSE(
         Phi=jnp.asarray(Phi),
@@ -388,7 +396,7 @@ def mpc_se_of_people(
         free_input=jnp.asarray(free_input),
         free_innovation=jnp.asarray(free_innovation if hold_innovation else np.zeros_like(free_input)),
         reference=jnp.asarray(tuning.reference()),
-        plan=plans_of_people(np.concatenate([late, free_input]), tuning, limits, constraints, floor),
+        plan=plans_of_people(np.concatenate([late, free_input]), tuning, limits, constraints, floor, hidden=hidden),
         basal_mU_min=basal_mU_min,
         basal_glucose_mg_dl=basal_glucose_mg_dl,
         sample_time_min=sample_time_min,

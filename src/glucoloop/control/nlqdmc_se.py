@@ -19,7 +19,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.horizon import response_at_rest, suited
+from glucoloop.control.horizon import or_suited, response_at_rest, suited
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
@@ -185,7 +185,7 @@ class NLQDMC:
 def design_nlqdmc_se(
     model: NonlinearModel,
     process_noise: ArrayLike,
-    tuning: StateTuning,
+    tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
     measurement_variance: float = 1.45,
@@ -220,8 +220,11 @@ def design_nlqdmc_se(
         `models.sensor_lag.behind_lag` one of a sensor that lags.
     process_noise : (n,) or (n, n) array
         Q, per sample; a vector is its diagonal.
-    tuning : StateTuning
+    tuning : StateTuning, optional
+        Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
+        response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     measurement_variance : float
         R, (mg/dl)^2.
     dead_time_samples : int
@@ -258,7 +261,8 @@ def design_nlqdmc_se(
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     check_pace(noise_pace)
-    tuning = suited(tuning, *response_at_rest(model))
+    tuning, usual = or_suited(tuning, NLQDMCSettings())
+    tuning = suited(tuning, *response_at_rest(model), usual=usual)
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     return NLQDMC(
         model=model,

@@ -193,6 +193,7 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
     ----------
     tuning : PIDTuning
     limits : DoseLimits
+        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     sample_time_min : float
         Sample time, above 0.
 

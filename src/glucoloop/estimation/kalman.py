@@ -148,7 +148,9 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
         "(detectability), and every mode on the unit circle must be driven by Q."
     )
     try:
-        P = scipy.linalg.solve_discrete_are(Phi.T, rows.T, Q, noise)
+        # SciPy warns where it balances a badly scaled pencil; what it finds is checked below.
+        with np.errstate(all="ignore"):
+            P = scipy.linalg.solve_discrete_are(Phi.T, rows.T, Q, noise)
     except np.linalg.LinAlgError as error:
         raise Refusal(refusal) from error
     P = 0.5 * (P + P.T)

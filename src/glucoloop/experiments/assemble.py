@@ -125,7 +125,7 @@ def own_controllers(
     """
     if not individual:
         return with_basal_of_each(controller)
-    designed = individual_design(situation, dataclasses.replace(case, guard=None), example)
+    designed = individual_design(situation, dataclasses.replace(case, guard=None), controller, example)
     if designed is None or case.guard is None:
         return designed
 

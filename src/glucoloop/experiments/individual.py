@@ -20,6 +20,7 @@ from glucoloop.control import Controller
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
+from glucoloop.control.protocol import settled
 from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
@@ -48,13 +49,17 @@ _BY_FILTER: Final = ("held-innovation", "none")
 """Ways of removing an offset in MPC/SE without a further state."""
 
 
-def individual_design(situation: Situation, case: Case, example: VirtualPeople) -> Design | None:
+def individual_design(
+    situation: Situation, case: Case, controller: Controller, example: VirtualPeople
+) -> Design | None:
     """Function that designs controllers of people's own.
 
     Parameters
     ----------
     situation : Situation
     case : Case
+    controller : Controller
+        Controller of the case, designed for the nominal patient.
     example : VirtualPeople
         Some of the people, which show the values that vary.
 
@@ -71,8 +76,21 @@ def individual_design(situation: Situation, case: Case, example: VirtualPeople) 
     designer = controller_entry(case.controller).individual_designer()
     if designer is None:
         return None
-    design: Design = designer(situation, case, example)
+    design: Design = designer(situation, _with_horizon(situation, case, controller), example)
     return design
+
+
+def _with_horizon(situation: Situation, case: Case, controller: Controller) -> Case:
+    """A case whose horizon, where it follows from the model, is that of the nominal patient for all people.
+
+    One horizon makes their controllers of one shape, and a person's does not depend on who else is in a block.
+    """
+    horizon = settled(controller).get("prediction_horizon")
+    if case.tuning.get("prediction_horizon") != 0 or horizon is None:
+        return case
+    if case.known_dead_time:
+        horizon -= situation.dead_time_samples
+    return dataclasses.replace(case, tuning={**case.tuning, "prediction_horizon": round(horizon)})
 
 
 def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:

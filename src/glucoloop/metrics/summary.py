@@ -44,7 +44,8 @@ def summarise(
     ----------
     trace : Trace
     limits : DoseLimits
-        Bounds of the constraints (17) and (18).
+        Bounds of the constraints (17) and (18), by default those of 1999; give ``gl.usual_limits(patient)`` for another
+        patient.
     lowest_glucose_mg_dl : array_like
         Bound of the constraint (19).
     metrics : sequence of str

@@ -6,6 +6,7 @@ from glucoloop.simulation.experiment import excite, fit_step, identify, validate
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 from glucoloop.simulation.stepper import Stepper
+from glucoloop.simulation.usual_limits import usual_limits
 
 __all__ = [
     "Adaptive",
@@ -18,5 +19,6 @@ __all__ = [
     "linear_model",
     "nonlinear_model",
     "simulate",
+    "usual_limits",
     "validate_on",
 ]

@@ -74,6 +74,10 @@ def _excite(
     return jnp.concatenate([readings, last[None]])
 
 
+_LEAST_CHANGE_MG_DL: Final = 1e-6
+"""Least change of glucose to which a model is fitted; rounding makes 1e-12 of it."""
+
+
 @checked
 def excite(
     patient: Patient,
@@ -283,4 +287,9 @@ def fit_step(
         step_mU_min = min(LARGEST_PULSE_MU_MIN, basal) / 2.0
     record = excite(patient, np.full(samples, basal + step_mU_min), sample_time_min=sample_time_min)
     response = np.asarray(record.glucose_mg_dl - patient.setpoint_mg_dl)
+    if not np.abs(response).max() >= _LEAST_CHANGE_MG_DL:
+        raise Refusal(
+            f"a step of {step_mU_min:g} mU/min moves glucose by {np.abs(response).max():.2g} mg/dl, which is "
+            "hardly more than rounding; give a larger step"
+        )
     return fit_first_order(sample_time_min * np.arange(samples + 1), response, step_mU_min, delay_min)

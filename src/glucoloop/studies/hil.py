@@ -77,9 +77,17 @@ def run_hardware(asked: Hil, progress: Callable[[int], None] = lambda samples: N
     ValueError
         If the controller cannot be designed or exported, a tool is missing, or the chip does not answer.
     """
-    run, chip = asked.run, asked.chip
     if asked.emulated:
-        refuse_missing_tools(chip.chip)
+        refuse_missing_tools(asked.chip.chip)
+        return _run(asked, None, progress)
+    # opened before a design that takes long, since it may be no port
+    with contextlib.closing(SerialLink(asked.chip.chip, asked.chip.baud)) as board:
+        return _run(asked, board, progress)
+
+
+def _run(asked: Hil, board: Link | None, progress: Callable[[int], None]) -> HilOutcome:
+    """Design the controller and run the loop, on a board or on the emulated chip."""
+    run, chip = asked.run, asked.chip
     situation = run.situation.situation()
     model = model_for(run, situation)
     controller = controller_for(run, situation, model)
@@ -95,7 +103,7 @@ def run_hardware(asked: Hil, progress: Callable[[int], None] = lambda samples: N
         integrator=integrator_of(run.situation),
     )
     exported = exported_controller(run, chip, situation, controller, stepper)
-    with _linked(asked, exported) as link:
+    with contextlib.nullcontext(board) if board is not None else _emulated(chip.chip, exported) as link:
         on_chip = run_on_chip(
             exported,
             stepper,
@@ -112,15 +120,10 @@ def run_hardware(asked: Hil, progress: Callable[[int], None] = lambda samples: N
 
 
 @contextlib.contextmanager
-def _linked(asked: Hil, exported: Exported) -> Iterator[Link]:
-    chip = asked.chip
-    with contextlib.ExitStack() as stack:
-        link: Link
-        if asked.emulated:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="glucoloop-hil-")))
-            program = build(exported, chip.chip, folder)
-            link = ProcessLink(program, folder, plan_at(exported.source, Payloads(exported.source, exported.precision)))
-        else:
-            link = SerialLink(chip.chip, chip.baud)
-        stack.callback(link.close)
-        yield link
+def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
+    with tempfile.TemporaryDirectory(prefix="glucoloop-hil-") as name:
+        folder = Path(name)
+        program = build(exported, chip, folder)
+        plan = plan_at(exported.source, Payloads(exported.source, exported.precision))
+        with contextlib.closing(ProcessLink(program, folder, plan)) as link:
+            yield link
