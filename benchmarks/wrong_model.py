@@ -6,7 +6,7 @@
     python benchmarks/wrong_model.py --rows "late 10" --runs 1000    of a thousand people, where readings are late
     python benchmarks/wrong_model.py --set mean_carbs_g=20 --set noise_pace=0    of other settings, one table for each
 
-The situations are those of ``glucoloop claims``, in `glucoloop.papers.meal_aware.mismatches`. Undershoot is that below
+The situations are those of `glucoloop.papers.meal_aware.situations`, as in ``docs/claims.py``. Undershoot is that below
 the setpoint of noise-free glucose at the samples.
 """
 
@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, MismatchRuns, designer
-from glucoloop.papers.meal_aware.mismatches import MISMATCHES, Mismatch
-from glucoloop.papers.meal_aware.options import MISMATCH_TUNING_SEED
+from glucoloop.papers.meal_aware.measures import Runs
+from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, designer
+from glucoloop.papers.meal_aware.situations import MISMATCH_TUNING_SEED, MISMATCHES, Mismatch
 
 Table = dict[str, dict[str, float]]
 
@@ -39,7 +39,7 @@ _COLUMNS = {
 }
 
 
-def table_of(runs: Mapping[str, MismatchRuns]) -> Table:
+def table_of(runs: Mapping[str, Runs]) -> Table:
     """Numbers of each situation."""
     found = {}
     for name, of_row in runs.items():

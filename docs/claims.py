@@ -1,132 +1,200 @@
-"""Turn results of ``glucoloop claims`` into the tables that ``guide/claims.md`` shows.
+"""Check each claim about the meal-aware controller, and write the tables that ``guide/claims.md`` shows.
 
-    glucoloop claims --seed 2000 --out claims
-    python docs/claims.py claims/claims.json
+    python docs/claims.py                                   everything: half an hour on two processors
+    python docs/claims.py --only stomachs --only fasting    some situations, or groups of them
+    python docs/claims.py --seeds 4 --people 4 --figures glimpse.md    a glimpse
 
-It rewrites ``guide/claims_figures.md``. Results of some situations each, with the same seeds, are put together:
-``python docs/claims.py some/claims.json others/claims.json``.
+This controller and the paper's four are simulated in the same situations with the same noise. The claims are those of
+``papers/meal_aware/claims.toml``. The runs of each controller in each situation, and the bounds, are kept in
+``claims_runs.json`` of the folder ``--out`` as soon as they are done; after Ctrl-C the same command goes on from there.
 """
 
+import argparse
+import dataclasses
 import json
 import math
-import sys
 from pathlib import Path
 
-from made import made
+import numpy as np
 
+import glucoloop
+from glucoloop.cli.compiled import keep_compiled
+from glucoloop.papers.entries import markdown_table
+from glucoloop.papers.meal_aware.claims import judged, spread
+from glucoloop.papers.meal_aware.loops import bound_of, close_loops
+from glucoloop.papers.meal_aware.measures import Runs
+from glucoloop.papers.meal_aware.situations import (
+    ALL_SITUATIONS,
+    CONTROLLERS,
+    GROUPS,
+    MISMATCHES,
+    SITUATIONS,
+    TUNING_PEOPLE_SEED,
+    TUNING_SEEDS,
+    Extent,
+)
+
+FIGURES = Path(__file__).resolve().parent / "guide" / "claims_figures.md"
+TITLES = {**{situation.name: situation.title for situation in SITUATIONS}, **GROUPS}
 DIGITS = {"": 0, "mU/min": 1}
+SIGNS = {"at-least": "≥", "at-most": "≤"}
 SHOWN = {
     "undershoot_mg_dl": "Undershoot, mg/dl",
     "overshoot_mg_dl": "Peak above setpoint, mg/dl",
     "insulin_total_variation_mU_min": "Total variation of insulin, mU/min",
 }
-SHARES = ("median", "p5", "p95")
+
+
+class Kept:
+    """Runs and bounds that were computed, in a file that grows with each."""
+
+    def __init__(self, file, extent):
+        self.file, self.runs, self.bounds = file, {}, {}
+        self.made = {"glucoloop": glucoloop.__version__, **dataclasses.asdict(extent)}
+        if not file.exists():
+            return
+        told = json.loads(file.read_text(encoding="utf-8"))
+        if told["made"] != self.made:
+            raise SystemExit(f"{file} holds runs made with {told['made']}; choose another folder with --out")
+        self.bounds = told["bounds"]
+        for situation, controllers in told["runs"].items():
+            for controller, runs in controllers.items():
+                self.put(situation, controller, Runs(**{**runs, "run": np.asarray(runs["run"]), "numbers": {
+                    name: np.asarray(values, float) for name, values in runs["numbers"].items()
+                }}))  # fmt: skip
+
+    def put(self, situation, controller, runs):
+        self.runs.setdefault(situation, {})[controller] = runs
+
+    @property
+    def cases(self):
+        return {(situation, controller) for situation, of_each in self.runs.items() for controller in of_each}
+
+    def write(self):
+        """Write the file in one step, so that an interrupt leaves the last one."""
+        runs = {name: {one: dataclasses.asdict(of) for one, of in each.items()} for name, each in self.runs.items()}
+        told = {"made": self.made, "bounds": self.bounds, "runs": runs}
+        part = self.file.with_suffix(".part")
+        part.write_text(json.dumps(told, default=np.ndarray.tolist), encoding="utf-8")
+        part.replace(self.file)
+
+
+def carry_out(kept, extent, rows, controllers, *, bounds):
+    """Compute what is not kept yet."""
+    named, wrong = ([row for row in rows if row in kind] for kind in (SITUATIONS, MISMATCHES))
+    wanted, done = len(rows) * len(controllers), kept.cases
+    for situation, controller, runs in close_loops(extent, named, wrong, controllers=controllers, kept=done):
+        kept.put(situation, controller, runs)
+        kept.write()
+        print(f"{len(kept.cases)} of {wanted}: {situation}, {controller}", flush=True)
+    for row in rows if bounds else named:
+        if row.name not in kept.bounds:
+            best = bound_of(row)
+            kept.bounds[row.name] = None if best is None else best.bound
+            kept.write()
 
 
 def number(value, digits):
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+    return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 
 
-def claims(told):
-    titles = {situation["name"]: situation["title"] for situation in told["situations"]}
-    titles |= {row["group"]: row["title"] for row in told["mismatches"]}
-    controllers = list(told["claims"][0]["controllers"])
-    lines = [
-        f"| Situation | Claim | Unit | Bound | | {' | '.join(controllers)} | Of |",
-        f"| :--- | :--- | :--- | ---: | :--- |{' ---: |' * len(controllers)} :--- |",
-    ]
-    last = None
-    for claim in told["claims"]:
-        digits = DIGITS.get(claim["unit"], 2)
-        cells = [
-            titles[claim["situation"]] if claim["situation"] != last else "",
-            claim["what"],
-            claim["unit"],
-            f"{'≥' if claim['kind'] == 'at-least' else '≤'} {number(claim['bound'], digits)}",
-            "holds" if claim["holds"] else "**does not hold**",
-            *(number(claim["controllers"][name], digits) for name in controllers),
-            claim["runs"],
-        ]
-        last = claim["situation"]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+def cell(values, digits):
+    """Median, and 5 to 95 % of the runs where there are several."""
+    middle, low, high = (number(spread(values)[share], digits) for share in ("median", "p5", "p95"))
+    return middle if values.size == 1 else f"{middle} ({low} to {high})"
 
 
-def cell(shares, digits, one):
-    middle, low, high = (number(shares[share], digits) for share in SHARES)
-    return middle if one else f"{middle} ({low} to {high})"
-
-
-def numbers(told):
-    columns = [*SHOWN.values(), "Distance to the bound, mg/dl"]
-    lines = [f"| Situation | Controller | {' | '.join(columns)} |", f"| :--- | :--- |{' ---: |' * len(columns)}"]
-    for situation in told["situations"]:
-        one, title = situation["runs"] == "one run", situation["title"]
-        for name, found in situation["controllers"].items():
-            cells = [cell(found[key], 0 if "variation" in key else 1, one) for key in SHOWN]
-            from_bound = situation["distance_to_bound_mg_dl"].get(name)
-            cells.append("" if from_bound is None else cell(from_bound, 1, one))
-            lines.append(f"| {title} | {name} | {' | '.join(cells)} |")
-            title = ""
-    return lines
-
-
-def mismatches(told):
-    """Undershoot where the model is wrong, and the distance of the meal-aware controller to the bound."""
-    lines = []
-    for row in told["mismatches"]:
-        if not lines:
-            names = list(row["controllers"])
-            lines.append(f"| Situation | Of | {' | '.join(names)} | Bound | Distance, {names[-1]} |")
-            lines.append(f"| :--- | :--- |{' ---: |' * (len(names) + 2)}")
-        one = row["runs"] == "one run"
-        cells = [cell(found["undershoot_mg_dl"], 1, one) for found in row["controllers"].values()]
-        from_bound = row["distance_to_bound_mg_dl"].get(names[-1])
-        cells += ["" if from_bound is None else number(row["bound_mg_dl"], 2)]
-        cells += ["" if from_bound is None else cell(from_bound, 1, one)]
-        lines.append(f"| {row['name']} | {row['runs']} | {' | '.join(cells)} |")
-    return lines
-
-
-def together(paths):
-    """One result of several, which differ in their situations alone."""
-    told, *others = (json.loads(Path(path).read_text(encoding="utf-8")) for path in paths)
-    for other in others:
-        if other["config"]["seed"] != told["config"]["seed"]:
-            raise SystemExit("the results have other seeds; make them again with the same one")
-        for part in ("claims", "situations", "mismatches"):
-            told[part] += other[part]
-    return told
-
-
-def table(title, lines):
-    """Lines of a table under its title; none for a table without a row."""
-    return [title, "", *lines, ""] if len(lines) > 2 else []
-
-
-def main(paths):
-    told = together(paths)
-    held = sum(claim["holds"] for claim in told["claims"])
-    tuning, config = told["tuning"], told["config"]
-    first, last = tuning["sensor_seeds"]
-    text = "\n".join(
-        [
-            f"{held} of {len(told['claims'])} claims hold.",
-            "",
-            *claims(told),
-            "",
-            *table("Median, and 5 to 95 % of the runs:", numbers(told)),
-            *table(
-                "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:",
-                mismatches(told),
-            ),
-            f"The tables were {made(*paths, version=told['version'])} and `--seed {config['seed']}`. The tuning was "
-            f"chosen on sensor seeds {first} to {last} and on people of seed {tuning['people_seed']}.",
-        ]
+def claims(judgements, controllers, extent):
+    lines, last = [], None
+    for of in judgements:
+        claim, digits = of.entry, DIGITS.get(of.entry.unit, 2)
+        lines.append([
+            TITLES[claim.situation] if claim.situation != last else "",
+            claim.what,
+            claim.unit,
+            f"{SIGNS[claim.kind]} {number(claim.printed, digits)}",
+            "holds" if of.agrees(controllers[-1]) else "**does not hold**",
+            *(number(of.reproduced[name].median, digits) for name in controllers),
+            claim.runs_told(extent),
+        ])  # fmt: skip
+        last = claim.situation
+    return markdown_table(
+        ["Situation", "Claim", "Unit", "Bound", "", *controllers, "Of"], lines, ["Bound", *controllers]
     )
-    (Path(__file__).resolve().parent / "guide" / "claims_figures.md").write_text(text + "\n", encoding="utf-8")
+
+
+def alone(situations, kept, controllers):
+    columns, lines = [*SHOWN.values(), "Distance to the bound, mg/dl"], []
+    for situation in situations:
+        title, bound = situation.title, kept.bounds[situation.name]
+        for name in controllers:
+            numbers = kept.runs[situation.name][name].numbers
+            cells = [cell(numbers[key], 0 if "variation" in key else 1) for key in SHOWN]
+            cells.append("" if bound is None else cell(numbers["deviation_mg_dl"] - bound, 1))
+            lines.append([title, name, *cells])
+            title = ""
+    return markdown_table(["Situation", "Controller", *columns], lines, columns)
+
+
+def mismatches(rows, kept, controllers, extent):
+    """Undershoot where the model is wrong, and the distance of the last controller to the bound."""
+    columns, lines = [*controllers, "Bound", f"Distance, {controllers[-1]}"], []
+    for row in rows:
+        numbers, bound = {name: runs.numbers for name, runs in kept.runs[row.name].items()}, kept.bounds.get(row.name)
+        away = ["", ""]
+        if bound is not None:
+            away = [number(bound, 2), cell(numbers[controllers[-1]]["deviation_mg_dl"] - bound, 1)]
+        cells = [cell(numbers[name]["undershoot_mg_dl"], 1) for name in controllers]
+        lines.append([row.name, row.runs_told(extent), *cells, *away])
+    return markdown_table(["Situation", "Of", *columns], lines, columns)
+
+
+def page(kept, extent, rows, controllers):
+    """The tables of the situations."""
+    named, wrong = ([row for row in rows if row in kind] for kind in (SITUATIONS, MISMATCHES))
+    runs = {row.name: {name: kept.runs[row.name][name] for name in controllers} for row in rows}
+    judgements = judged(runs)
+    held = sum(bool(of.agrees(controllers[-1])) for of in judgements)
+    parts = [f"{held} of {len(judgements)} claims hold.", claims(judgements, controllers, extent)]
+    if named:
+        parts += ["Median, and 5 to 95 % of the runs:", alone(named, kept, controllers)]
+    if wrong:
+        parts.append(
+            "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:"
+        )
+        parts.append(mismatches(wrong, kept, controllers, extent))
+    parts.append(
+        f"Made with glucoloop {glucoloop.__version__} and `--seed {extent.seed}`. The tuning was chosen on sensor "
+        f"seeds {TUNING_SEEDS.start} to {TUNING_SEEDS.stop - 1} and on people of seed {TUNING_PEOPLE_SEED}."
+    )
+    if extent.tuned_on:
+        parts[-1] += f" Of these, {' and '.join(extent.tuned_on)} are here too: they are no independent test."
+    return "\n\n".join(parts) + "\n"
+
+
+def main(arguments=None):
+    given = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    usual = Extent()
+    given.add_argument("--seed", type=int, default=usual.seed, help="First seed of the sensor, and that of the people.")
+    given.add_argument("--seeds", type=int, default=usual.seeds, help="Runs of each noisy situation.")
+    given.add_argument("--people", type=int, default=usual.people)
+    given.add_argument("--only", action="append", choices=list(TITLES), help="All, unless some are given.")
+    given.add_argument("--controller", action="append", help="All, unless some are given; the last is claimed of.")
+    given.add_argument("--no-bounds", action="store_true", help="No best possible doses where a model is wrong.")
+    given.add_argument("--out", type=Path, default=Path("claims"), help="Folder of the runs.")
+    given.add_argument("--figures", type=Path, default=FIGURES, help="File of the tables.")
+    asked = given.parse_args(arguments)
+    extent = Extent(seed=asked.seed, seeds=asked.seeds, people=asked.people)
+    controllers = asked.controller or list(CONTROLLERS)
+    rows = [row for row in ALL_SITUATIONS if not asked.only or getattr(row, "group", row.name) in asked.only]
+    keep_compiled()
+    asked.out.mkdir(parents=True, exist_ok=True)
+    kept = Kept(asked.out / "claims_runs.json", extent)
+    carry_out(kept, extent, rows, controllers, bounds=not asked.no_bounds)
+    text = page(kept, extent, rows, controllers)
+    asked.figures.write_text(text, encoding="utf-8")
     print(text)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

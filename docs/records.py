@@ -2,7 +2,7 @@
 
     python docs/records.py         # minutes; rewrites docs/guide/records_figures.md
 
-The people, meals and sensor noise are those of the situation "People, with noise" of ``glucoloop claims``. Only the
+The people, meals and sensor noise are those of the situation "People, with noise" of ``docs/claims.py``. Only the
 noise of the identification's record differs.
 """
 

@@ -29,7 +29,6 @@ KEYS_OF = {
     "identify": identification_keys,
     "export": own_keys,
     "hil": own_keys,
-    "claims": lambda asked: {"seeds": asked.seeds, "people": asked.people},
 }
 LATE = {"noise_variance": 1.0, "dead_time_min": 5.0}
 CASES = {"case": [{"label": "a", "controller": "mpc", "move_weight": 1.0}, {"label": "b", "controller": "pid"}]}
@@ -51,16 +50,12 @@ def test_every_command_with_a_file_is_here():
     assert {name for name, parameters in commands.items() if "config" in parameters} == KEYS_OF.keys()
 
 
-@pytest.mark.parametrize("command", [name for name in KEYS_OF if name != "claims"])
+@pytest.mark.parametrize("command", KEYS_OF)
 def test_number_given_wins_and_the_rest_of_the_file_stands(command):
     more = CASES if command in ("compare", "trial", "stress", "adversary") else {}
     found = read(command, {"noise_variance": 2.0}, {**LATE, **more})
     assert found["noise_variance"] == 2.0
     assert found["dead_time_min"] == 5.0
-
-
-def test_claims_of_a_file_under_those_given():
-    assert read("claims", {"seeds": 3}, {"seeds": 7, "people": 9}) == {"seeds": 3, "people": 9}
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from glucoloop.config.options.export import ChipKeys
 from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.options.trial import TrialKeys
-from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.parker1999.options import ReproduceKeys
 from glucoloop.studies.adversary.options import AdversaryKeys
 from glucoloop.studies.detection.options import DetectionKeys
@@ -25,7 +24,7 @@ from glucoloop.studies.tuning.options import GridKeys, RangeKeys
 from glucoloop.studies.verification.options import CampaignKeys
 
 RECORDS = (
-    *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ClaimsKeys, ReproduceKeys),
+    *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ReproduceKeys),
     *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressKeys, GridKeys, RangeKeys, CampaignKeys),
 )
 BOUNDED = [

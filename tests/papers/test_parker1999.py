@@ -8,8 +8,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from glucoloop.papers.entries import ComparedEntry, Reproduced
 from glucoloop.papers.parker1999 import experiments
-from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, compare, count, left_out
+from glucoloop.papers.parker1999.comparison import compare, count, left_out
 from glucoloop.papers.parker1999.deviations import DEVIATIONS, reason_for
 from glucoloop.papers.parker1999.pages import html_report, markdown_report, tables
 from glucoloop.papers.parker1999.parts import FIGURES, chosen
@@ -45,7 +46,7 @@ TABLE_2 = {
 
 @pytest.fixture(scope="session")
 def study():
-    wanted = experiments.Experiments.of_paper((0, 10), tunings=False)
+    wanted = experiments.of_paper((0, 10), tunings=False)
     return experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None)
 
 

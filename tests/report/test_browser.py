@@ -6,7 +6,7 @@ import pytest
 
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
-from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced
+from glucoloop.papers.entries import ComparedEntry, Reproduced
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.options import POINTS
 from glucoloop.papers.parker1999.pages import html_report

@@ -16,7 +16,6 @@ from glucoloop.arithmetic import pin
 from glucoloop.cli import (
     adversary,
     bound,
-    claims,
     compare,
     detect,
     export,
@@ -73,7 +72,6 @@ app.command("verify", help=verify.HELP)(verify.command)
 app.command("adversary", help=adversary.HELP)(adversary.command)
 app.command("query", help=query.HELP)(query.command)
 app.command("reproduce", help=reproduce.HELP)(reproduce.command)
-app.command("claims", help=claims.HELP)(claims.command)
 for _registered in app.registered_commands:
     _registered.cls = WholeNames
 

@@ -14,7 +14,7 @@ from glucoloop.refusal import Refusal
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from glucoloop.papers.parker1999.comparison import ComparedEntry
+    from glucoloop.papers.parker1999.published import PrintedRow
 
 PAPERS: Final = ("parker1999",)
 
@@ -74,7 +74,7 @@ def command(given: Given) -> None:
     print(where_written(output.out, files))
 
 
-def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
+def _tell(rows: Sequence[PrintedRow], points: Sequence[str]) -> None:
     from rich.table import Table
 
     from glucoloop.papers.parker1999.comparison import count, left_out

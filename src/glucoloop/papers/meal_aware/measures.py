@@ -25,47 +25,21 @@ that noise alone makes no swing.
 
 
 @dataclass(frozen=True)
-class RunMeasure:
-    """One number that describes a run."""
+class Runs:
+    """Runs of one controller in one situation."""
 
-    name: str
-    title: str
-    unit: str
-    digits: int = 1
-
-
-MEASURES: Final = (
-    RunMeasure("undershoot_mg_dl", "Undershoot", "mg/dl"),
-    RunMeasure("overshoot_mg_dl", "Peak above setpoint", "mg/dl"),
-    RunMeasure("deviation_mg_dl", "Largest deviation", "mg/dl"),
-    RunMeasure("late_deviation_mg_dl", f"Largest deviation, last {LATE_MIN:g} min", "mg/dl"),
-    RunMeasure("late_swings", f"Swings, last {LATE_MIN:g} min", "", 0),
-    RunMeasure("minimum_mg_dl", "Lowest glucose", "mg/dl"),
-    RunMeasure("time_near_pct", f"Time within {NEAR_MG_DL:g} mg/dl", "%"),
-    RunMeasure("time_below_60_pct", "Time below 60 mg/dl", "%", 2),
-    RunMeasure("settling_5pct_min", "Settling, 5 %", "min", 0),
-    RunMeasure("insulin_total_variation_mU_min", "Total variation of insulin", "mU/min", 0),
-)
-"""Measures of noise-free glucose on a grid of one minute."""
+    run: npt.NDArray[np.int64]
+    """(runs,) seeds of the sensor, or numbers of the runs or people."""
+    numbers: Mapping[str, Floats]
+    """(runs,) values of each measure, by its name; those of the run without noise, by names with ``quiet``, (1,)."""
+    infeasible: int = 0
+    """Number of people without a basal rate for the setpoint, who are not among the runs."""
 
 
-AT_SAMPLES: Final = (
-    RunMeasure("undershoot_mg_dl", "Undershoot", "mg/dl"),
-    RunMeasure("overshoot_mg_dl", "Peak above setpoint", "mg/dl"),
-    RunMeasure("deviation_mg_dl", "Largest deviation", "mg/dl"),
-    RunMeasure("minimum_mg_dl", "Lowest glucose", "mg/dl"),
-    RunMeasure("time_below_60_pct", "Time below 60 mg/dl", "%", 2),
-    RunMeasure("late_offset_mg_dl", f"Mean less setpoint, last {LATE_MIN:g} min", "mg/dl", 2),
-    RunMeasure("late_swing_mg_dl", f"Highest less lowest, last {LATE_MIN:g} min", "mg/dl", 2),
-    RunMeasure("late_variation_mU_min", f"Total variation of insulin, last {LATE_MIN:g} min", "mU/min", 0),
-)
-"""Measures of noise-free glucose at the samples."""
-
-
-def numbers_of(
-    metrics: Mapping[str, Floats], t_min: Floats, glucose_mg_dl: Floats, setpoint: float
+def numbers_by_minute(
+    metrics: Mapping[str, Floats], t_min: Floats, glucose_mg_dl: Floats, setpoint_mg_dl: float
 ) -> dict[str, Floats]:
-    """Compute the measures of runs.
+    """Compute the measures of runs whose glucose is known on a fine grid.
 
     Parameters
     ----------
@@ -74,28 +48,28 @@ def numbers_of(
     t_min : (points,) array
     glucose_mg_dl : (points, runs) array
         Glucose; it is interpolated linearly where the points are farther apart than a minute.
-    setpoint : float
+    setpoint_mg_dl : float
     """
     minutes = np.arange(t_min[0], t_min[-1] + 0.5)
-    away, late = np.abs(glucose_mg_dl - setpoint), t_min >= t_min[-1] - LATE_MIN
+    away, late = np.abs(glucose_mg_dl - setpoint_mg_dl), t_min >= t_min[-1] - LATE_MIN
     by_minute = np.stack([np.interp(minutes, t_min, of_run) for of_run in glucose_mg_dl.T], axis=1)
-    near = np.abs(by_minute - setpoint) <= NEAR_MG_DL
-    swings = jax.vmap(lambda of_run: crossings(of_run, setpoint, SWING_MG_DL / setpoint), in_axes=1)(
+    near = np.abs(by_minute - setpoint_mg_dl) <= NEAR_MG_DL
+    swings = jax.vmap(lambda of_run: crossings(of_run, setpoint_mg_dl, SWING_MG_DL / setpoint_mg_dl), in_axes=1)(
         glucose_mg_dl[late]
     )
-    own = {
+    kept = ("undershoot_mg_dl", "overshoot_mg_dl", "minimum_mg_dl", "insulin_total_variation_mU_min")
+    return {
+        **{name: np.asarray(metrics[name], float) for name in kept},
         "deviation_mg_dl": np.maximum(metrics["undershoot_mg_dl"], metrics["overshoot_mg_dl"]),
-        "late_deviation_mg_dl": away[late].max(axis=0),
-        "late_swings": swings,
+        "late_swings": np.asarray(swings, float),
         "time_near_pct": np.where(np.isfinite(away).all(axis=0), 100.0 * near.mean(axis=0), np.nan),
     }
-    return {measure.name: np.asarray({**metrics, **own}[measure.name], float) for measure in MEASURES}
 
 
 def numbers_at_samples(
     glucose_mg_dl: Floats, insulin_mU_min: Floats, setpoint_mg_dl: float, sample_time_min: float
 ) -> dict[str, Floats]:
-    """Compute the measures `AT_SAMPLES` of runs.
+    """Compute the measures of runs whose glucose is known at the samples.
 
     Parameters
     ----------
@@ -106,7 +80,7 @@ def numbers_at_samples(
     """
     away, points = glucose_mg_dl - setpoint_mg_dl, round(LATE_MIN / sample_time_min) + 1
     late = away[-points:]
-    found = {
+    return {
         "undershoot_mg_dl": np.maximum(-away.min(axis=0), 0.0),
         "overshoot_mg_dl": away.max(axis=0),
         "deviation_mg_dl": np.abs(away).max(axis=0),
@@ -116,4 +90,3 @@ def numbers_at_samples(
         "late_swing_mg_dl": late.max(axis=0) - late.min(axis=0),
         "late_variation_mU_min": np.abs(np.diff(insulin_mU_min[-points:], axis=0)).sum(axis=0),
     }
-    return {measure.name: found[measure.name] for measure in AT_SAMPLES}

@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -15,18 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
-from glucoloop.bounds import OptimalDoses, bound_of_situation
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.config.trial import read_trial
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.episodes import once
 from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.meals import Eaten, Meal, Scenario
+from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.papers.meal_aware.measures import Floats, numbers_at_samples
-from glucoloop.papers.meal_aware.mismatches import Mismatch
-from glucoloop.papers.meal_aware.situations import HORIZON_MIN, OPERATING_POINT
+from glucoloop.papers.meal_aware.measures import Floats, Runs, numbers_at_samples
+from glucoloop.papers.meal_aware.situations import HORIZON_MIN, OPERATING_POINT, Mismatch
 from glucoloop.parts.guard import complete_guard
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
@@ -51,18 +48,6 @@ _NO_RATE_MU_MIN: Final = 20.0
 
 Design = Callable[[float, float], Controller]
 """Function that designs a controller for a setpoint and a noise variance."""
-
-
-@dataclass(frozen=True)
-class MismatchRuns:
-    """Runs of one controller in one situation."""
-
-    run: npt.NDArray[np.int64]
-    """(runs,) numbers of the runs, or of the people."""
-    numbers: Mapping[str, Floats]
-    """(runs,) values of each measure of `AT_SAMPLES`, by its name."""
-    infeasible: int
-    """Number of people without a basal rate for the setpoint, who are not among the runs."""
 
 
 @pytree
@@ -222,15 +207,13 @@ class MismatchedLoops:
         """Value of each run's situation."""
         return np.asarray(values)[self._row]
 
-    def run(self, design: Design, *, progress: Callable[[int], None] = lambda runs: None) -> dict[str, MismatchRuns]:
+    def run(self, design: Design) -> dict[str, Runs]:
         """Close the loops under the controllers of a design.
 
         Parameters
         ----------
         design : callable
             Function that designs a controller for a setpoint and a noise variance.
-        progress : callable
-            Called with the number of loops that have just been closed.
 
         Returns
         -------
@@ -260,7 +243,6 @@ class MismatchedLoops:
                     if isinstance(leaf, jax.Array):
                         leaf.block_until_ready()
             done = cohort.run(people)
-            progress(asked)
             return np.asarray(done.glucose_mg_dl, float)[:, :asked], np.asarray(done.insulin_mU_min, float)[:, :asked]
 
         threads = None if cohort.engine == "native" else 1  # JAX has its own
@@ -269,13 +251,13 @@ class MismatchedLoops:
         glucose, insulin = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
         return dict(self._measured(glucose, insulin))
 
-    def _measured(self, glucose: Floats, insulin: Floats) -> Iterator[tuple[str, MismatchRuns]]:
+    def _measured(self, glucose: Floats, insulin: Floats) -> Iterator[tuple[str, Runs]]:
         for i, row in enumerate(self.rows):
             mine = self._row == i
             counted = mine & self._feasible
             numbers = numbers_at_samples(glucose[:, counted], insulin[:, counted], row.setpoint_mg_dl, SAMPLE_MIN)
             run = np.flatnonzero(self._feasible[mine]).astype(np.int64)
-            yield row.name, MismatchRuns(run=run, numbers=numbers, infeasible=int(mine.sum() - counted.sum()))
+            yield row.name, Runs(run=run, numbers=numbers, infeasible=int(mine.sum() - counted.sum()))
 
     def _controllers(self, design: Design) -> tuple[Any, Any]:
         """Controller of one person, and those of all people, each designed for the situation; numbers trail."""
@@ -323,27 +305,3 @@ def _alike(controllers: Sequence[Any]) -> list[Any]:
         controller.padded(move_slots(moves, most), horizon)
         for controller, (moves, _) in zip(controllers, horizons, strict=True)
     ]
-
-
-def bounds_of_mismatches(rows: Sequence[Mismatch]) -> dict[str, OptimalDoses]:
-    """Best possible doses of the situations of the nominal person, by name; people would each need their own.
-
-    Faults of the sensor, noise and the guard make no plan possible that was not before, so they do not count.
-    """
-    found: dict[Any, OptimalDoses] = {}
-    bounds = {}
-    for row in rows:
-        if row.people != "nominal" or row.late or row.blocked or row.flat_battery:
-            continue
-        key = row.setpoint_mg_dl, row.meals, tuple(sorted(row.stomach.items()))
-        if key not in found:
-            scenario = Scenario(
-                [Meal(t_min=t_min, carbs_g=carbs_g, eating_min=eating) for carbs_g, t_min, eating in row.meals],
-                horizon_min=HORIZON_MIN,
-                setpoint_mg_dl=row.setpoint_mg_dl,
-                initial_glucose_mg_dl=row.setpoint_mg_dl,
-                meal_model=LehmannDeutsch(**row.stomach),
-            )
-            found[key] = bound_of_situation(_trial().nominal, scenario, _trial().limits, sample_time_min=SAMPLE_MIN)
-        bounds[row.name] = found[key]
-    return bounds

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -11,106 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.metrics import Metrics
-from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, NoisyRun, PointResults, noisy_runs
-from glucoloop.papers.parker1999.published import UNSETTLED, PrintedEntry, published
+from glucoloop.papers.entries import Reproduced, compared
+from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, PointResults, noisy_runs
+from glucoloop.papers.parker1999.published import PrintedRow, published
 from glucoloop.printable import how_many
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
 from glucoloop.tuning.paper import printed_tuning
 
-_CLOSE: Final = 0.1
-"""Relative difference within which a number agrees with the printed one."""
 _NOISE_DRAWS: Final = 200_000
 
 
-@dataclass(frozen=True)
-class Reproduced:
-    """Result for one printed entry at one operating point."""
-
-    median: float | str
-    low: float | None = None
-    """10th percentile over the seeds; None where there is one run."""
-    high: float | None = None
-    unsettled: bool = False
-    """Whether more than half of the runs never settle."""
-
-    @classmethod
-    def of(cls, values: Any, settled: Any = None) -> Reproduced:
-        """Median and percentiles over the seeds, `(seeds,)`."""
-        array = np.asarray(values, float)
-        unsettled = settled is not None and bool(np.mean(~np.asarray(settled)) > 0.5)
-        if array.size == 1:
-            return cls(median=float(array[0]), unsettled=unsettled)
-        low, median, high = (float(part) for part in np.percentile(array, [10, 50, 90]))
-        return cls(median=median, low=low, high=high, unsettled=unsettled)
-
-    def spans(self, value: float) -> bool:
-        """Whether a value lies between the 10th and the 90th percentile of the seeds."""
-        return self.low is not None and self.high is not None and self.low <= value <= self.high
-
-    @property
-    def text(self) -> str:
-        """Text of the result in a table."""
-        if isinstance(self.median, str):
-            return self.median
-        middle = UNSETTLED if self.unsettled else _number(self.median)
-        if self.low is None or self.high is None:
-            return middle
-        return f"{middle} ({_number(self.low)} to {_number(self.high)})"
-
-
-@dataclass(frozen=True)
-class ComparedEntry:
-    """A printed entry with its reproductions."""
-
-    entry: PrintedEntry
-    reproduced: dict[str, Reproduced]
-    """Result at each operating point."""
-
-    def difference(self, operating_point: str) -> float | None:
-        """Reproduced less printed, where both are numbers."""
-        found = self.reproduced.get(operating_point)
-        if found is None or isinstance(found.median, str) or isinstance(self.entry.printed, str):
-            return None
-        return found.median - self.entry.printed
-
-    def agrees(self, operating_point: str) -> bool | None:
-        """Whether the entry reproduces; None where it was not measured.
-
-        A number does if it is within a tenth of the printed one or the printed one lies between the 10th and the 90th
-        percentile of the seeds; a bound if it is kept; a word if it is the same.
-        """
-        found = self.reproduced.get(operating_point)
-        if found is None:
-            return None
-        printed = self.entry.printed
-        if printed == UNSETTLED:
-            return found.unsettled
-        if isinstance(printed, str) or isinstance(found.median, str):
-            return printed == found.median
-        if self.entry.kind == "at-most":
-            return found.median <= printed
-        return _close(found.median, printed) or found.spans(printed)
-
-    def agrees_by_spread(self, operating_point: str) -> bool:
-        """Whether the entry reproduces only because the seeds spread over the printed number.
-
-        Its median is more than a tenth away: another realisation of the noise could well have been printed.
-        """
-        found, printed = self.reproduced.get(operating_point), self.entry.printed
-        if not self.agrees(operating_point) or found is None or self.entry.kind == "at-most":
-            return False
-        if isinstance(printed, str) or isinstance(found.median, str):
-            return False
-        return not _close(found.median, printed)
-
-
-def _close(found: float, printed: float) -> bool:
-    return abs(found - printed) <= _CLOSE * abs(printed)
-
-
-def count(rows: Iterable[ComparedEntry], operating_point: str) -> str:
+def count(rows: Iterable[PrintedRow], operating_point: str) -> str:
     """Number of entries that reproduce at an operating point, as a sentence without its full stop."""
     measured = [row for row in rows if row.agrees(operating_point) is not None]
     agree = sum(bool(row.agrees(operating_point)) for row in measured)
@@ -124,15 +35,10 @@ def count(rows: Iterable[ComparedEntry], operating_point: str) -> str:
     return f"{told}; without {inputs}, {sum(bool(row.agrees(operating_point)) for row in results)} of {len(results)}"
 
 
-def left_out(rows: Iterable[ComparedEntry]) -> str:
+def left_out(rows: Iterable[PrintedRow]) -> str:
     """Sentence on the entries that no experiment was run for; empty if there are none."""
     number = sum(not row.reproduced for row in rows)
     return f"{how_many(number, 'printed entry', 'printed entries')} not run and left out." if number else ""
-
-
-def _number(value: float) -> str:
-    """Text of a number with three significant digits."""
-    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
 def _percent_less(ours: Any, theirs: Any) -> npt.NDArray[np.float64]:
@@ -157,12 +63,8 @@ def _tables(study: PointResults) -> dict[str, Reproduced]:
     return found
 
 
-def _claims(study: PointResults) -> dict[str, Reproduced]:
+def _claims_with_noise(study: PointResults) -> dict[str, Reproduced]:
     noisy = {key: loops.metrics for key, loops in study.with_noise.items()}
-    return {**_claims_with_noise(noisy), **_claims_without_noise(study)}
-
-
-def _claims_with_noise(noisy: Mapping[NoisyRun, Metrics]) -> dict[str, Reproduced]:
     found: dict[str, Reproduced] = {}
     if ("mpc", "0") in noisy and ("mpc-se", "0") in noisy:
         mpc, mpc_se = noisy["mpc", "0"], noisy["mpc-se", "0"]
@@ -236,7 +138,7 @@ def _tuning(study: PointResults) -> dict[str, Reproduced]:
     return found
 
 
-def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = ("",)) -> list[ComparedEntry]:
+def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = ("",)) -> list[PrintedRow]:
     """Compare the printed entries with the results of each study; entries that a study leaves out are absent.
 
     Parameters
@@ -246,11 +148,6 @@ def compare(studies: Mapping[str, PointResults], prefixes: tuple[str, ...] = (""
     prefixes : tuple of str
         Prefixes of the names of the entries to compare; all entries by default.
     """
-    found = {name: _tables(study) | _claims(study) | _model(study) | _tuning(study) for name, study in studies.items()}
-    return [
-        ComparedEntry(
-            entry=entry, reproduced={name: ours[entry.id] for name, ours in found.items() if entry.id in ours}
-        )
-        for entry in published()
-        if entry.id.startswith(prefixes)
-    ]
+    parts = (_tables, _claims_with_noise, _claims_without_noise, _model, _tuning)
+    found = {name: {id: of for part in parts for id, of in part(study).items()} for name, study in studies.items()}
+    return compared([entry for entry in published() if entry.id.startswith(prefixes)], found)

@@ -26,6 +26,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
 from glucoloop.tuning.paper import paper_tuning_surface
+from glucoloop.tuning.stacking import stack
 from glucoloop.tuning.surface import TuningSurface
 
 Floats = npt.NDArray[np.float64]
@@ -52,37 +53,15 @@ def _dead_time_min(run: NoisyRun) -> int:
     return int(run[1].removesuffix("M"))
 
 
-@dataclass(frozen=True)
-class Experiments:
-    """Selection of the experiments of the paper."""
+Experiment = str | NoisyRun
+"""``"model"``, Section III, identification and its validation; ``"without-noise"``, Table I and Fig. 5; ``"tunings"``,
+searches around the printed tunings; or a row of Table II, of which Fig. 4 and 6 show some.
+"""
 
-    model: bool = False
-    """Section III, identification and its validation."""
-    without_noise: bool = False
-    """Table I and Fig. 5, runs without noise."""
-    with_noise: frozenset[NoisyRun] = frozenset()
-    """Rows of Table II, of which Fig. 4 and 6 show some."""
-    tunings: bool = False
-    """Searches around the printed tunings."""
 
-    @classmethod
-    def of_paper(cls, dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: bool = True) -> Experiments:
-        """All experiments, with the given dead times in Table II."""
-        return cls(model=True, without_noise=True, with_noise=noisy_runs(dead_times_min), tunings=tunings)
-
-    def __or__(self, other: Experiments) -> Experiments:
-        return Experiments(
-            model=self.model or other.model,
-            without_noise=self.without_noise or other.without_noise,
-            with_noise=self.with_noise | other.with_noise,
-            tunings=self.tunings or other.tunings,
-        )
-
-    def limited_to(self, dead_times_min: Sequence[int], *, tunings: bool) -> Experiments:
-        """A selection of these experiments with the given dead times only, and without searches if so asked."""
-        return dataclasses.replace(
-            self, with_noise=self.with_noise & noisy_runs(dead_times_min), tunings=self.tunings and tunings
-        )
+def of_paper(dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: bool = True) -> frozenset[Experiment]:
+    """All experiments, with the given dead times in Table II."""
+    return frozenset({"model", "without-noise", *(["tunings"] if tunings else []), *noisy_runs(dead_times_min)})
 
 
 @dataclass(frozen=True)
@@ -151,12 +130,6 @@ def _noisy(situation: Situation, dead_time_min: int) -> Situation:
     )
 
 
-def _stack(controllers: Sequence[Controller]) -> Controller:
-    """Controllers of one kind stacked into one, whose arrays have a leading axis."""
-    stacked: Controller = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *controllers)
-    return stacked
-
-
 def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> SeededRuns:
     """One run per key, each with its own controller if there are several."""
     around = surroundings_of(situation)
@@ -166,7 +139,7 @@ def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Contro
         return summarise(trace), trace
 
     if isinstance(controllers, Sequence):
-        metrics, traces = jax.vmap(run)(_stack(controllers), keys)
+        metrics, traces = jax.vmap(run)(stack(controllers), keys)
     else:
         metrics, traces = jax.vmap(run, in_axes=(None, 0))(controllers, keys)
     return SeededRuns(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
@@ -225,7 +198,7 @@ def _searches(operating_point: str, noise_free: Identification, progress: Progre
 
 def study(
     operating_point: str,
-    experiments: Experiments | None = None,
+    experiments: frozenset[Experiment] | None = None,
     *,
     seeds: int,
     seed: int,
@@ -236,7 +209,7 @@ def study(
     Parameters
     ----------
     operating_point : str
-    experiments : Experiments, optional
+    experiments : frozenset, optional
         All of the paper by default. A run is the same, whatever is carried out beside it.
     seeds : int
         Runs of each noisy experiment.
@@ -245,7 +218,8 @@ def study(
     progress : callable
         Called with the name of the step that has just been done.
     """
-    wanted = Experiments.of_paper() if experiments is None else experiments
+    wanted = of_paper() if experiments is None else experiments
+    noisy_wanted = {run for run in wanted if isinstance(run, tuple)}
     situation = dataclasses.replace(usual_situation(), operating_point=operating_point)
     person = situation.nominal
     keys = _Keys.of(seed, seeds)
@@ -259,14 +233,14 @@ def study(
     def noise_free() -> Identification:
         return identify(person)
 
-    of_records = wanted.model or any(name == "mpc" for name, _ in wanted.with_noise)
+    of_records = "model" in wanted or any(name == "mpc" for name, _ in noisy_wanted)
     identified = records(0) if of_records else []
     model = None
-    if wanted.model:
+    if "model" in wanted:
         model = _study_model(person, noise_free(), identified)
         progress(f"{operating_point}: models validated")
     without_noise: dict[str, SeededRuns] = {}
-    if wanted.without_noise:
+    if "without-noise" in wanted:
         without_noise = _without_noise(situation, operating_point, noise_free())
         progress(f"{operating_point}: Table I")
 
@@ -274,10 +248,10 @@ def study(
     linear, Q = linear_model(person), process_noise(person, *tuning.noise)
     with_noise: dict[NoisyRun, SeededRuns] = {}
     identified_anew: dict[str, SeededRuns] = {}
-    for minutes in sorted({_dead_time_min(run) for run in wanted.with_noise}):
+    for minutes in sorted({_dead_time_min(run) for run in noisy_wanted}):
         late, samples = _noisy(situation, minutes), minutes // SAMPLE_TIME_MIN
         longer = dataclasses.replace(tuning.mpc, prediction_horizon=tuning.mpc.prediction_horizon + samples)
-        for name, time in sorted(run for run in wanted.with_noise if _dead_time_min(run) == minutes):
+        for name, time in sorted(run for run in noisy_wanted if _dead_time_min(run) == minutes):
             known = time.endswith("M")
             controllers: Controller | list[Controller]
             if name == "mpc-se":
@@ -298,5 +272,5 @@ def study(
         without_noise=without_noise,
         with_noise=with_noise,
         identified_anew=identified_anew,
-        tuning=_searches(operating_point, noise_free(), progress) if wanted.tunings else {},
+        tuning=_searches(operating_point, noise_free(), progress) if "tunings" in wanted else {},
     )

@@ -36,7 +36,9 @@ CAPTIONS: Final = {
 def draw(study: PointResults, names: Collection[str] | None = None) -> dict[str, Figure]:
     """Figures of one operating point, by name: those whose experiments were carried out, or the named ones."""
     made = {**_of_model(study), **_of_runs(study)}
-    made |= {f"tuning-{name}": functools.partial(_tuning, study, name) for name in study.tuning}
+    for name, surface in study.tuning.items():
+        printed = printed_tuning(study.operating_point, name)
+        made[f"tuning-{name}"] = functools.partial(plot_surface, surface, printed=printed)
     return {name: drawn() for name, drawn in made.items() if names is None or name in names}
 
 
@@ -64,7 +66,3 @@ def _of_runs(study: PointResults) -> dict[str, Callable[[], Figure]]:
     without_noise = {_NAMES[name]: quiet[name] for name in ("mpc", "mpc-se", "nlqdmc-se", "imc") if name in quiet}
     traces = {"figure-4": with_noise, "figure-5": without_noise, "figure-6": unknown}
     return {name: functools.partial(plot, shown) for name, shown in traces.items() if shown}
-
-
-def _tuning(study: PointResults, name: str) -> Figure:
-    return plot_surface(study.tuning[name], printed=printed_tuning(study.operating_point, name))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import glucoloop
-from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, count, left_out
+from glucoloop.papers.entries import Reproduced, markdown_table
+from glucoloop.papers.parker1999.comparison import count, left_out
 from glucoloop.papers.parker1999.deviations import reason_for
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.figures import CAPTIONS
+from glucoloop.papers.parker1999.published import PrintedRow
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.report._page import FOOTER, page, scrolling, section
 from glucoloop.report._page import table as page_table
@@ -45,14 +48,14 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-def _row_text(row: ComparedEntry, points: Sequence[str]) -> tuple[str, ...]:
+def _row_text(row: PrintedRow, points: Sequence[str]) -> tuple[str, ...]:
     found = (_found(row, point) for point in points)
     readings = ", ".join(str(_READING_NUMBERS[name]) for name in row.entry.readings)
     place = f"p. {row.entry.page}, {row.entry.place}"
     return (row.entry.what, f"{_printed(row)} {row.entry.unit}".strip(), *found, place, readings)
 
 
-def _found(row: ComparedEntry, point: str) -> str:
+def _found(row: PrintedRow, point: str) -> str:
     """The result at an operating point, its difference from the printed number, and whether it agrees."""
     found, difference = row.reproduced.get(point), row.difference(point)
     if found is None:
@@ -63,14 +66,10 @@ def _found(row: ComparedEntry, point: str) -> str:
     return "; ".join([found.text, *([] if difference is None else [f"{difference:+.2f}"]), verdict])
 
 
-def _printed(row: ComparedEntry) -> str:
+def _printed(row: PrintedRow) -> str:
     printed = row.entry.printed
     text = printed if isinstance(printed, str) else f"{printed:g}"
     return f"at most {text}" if row.entry.kind == "at-most" else text
-
-
-def _columns(points: Sequence[str]) -> tuple[str, ...]:
-    return ("Entry", "Printed", *points, "Place", "Readings")
 
 
 def _anew(studies: Mapping[str, PointResults]) -> Table:
@@ -93,23 +92,21 @@ def _anew(studies: Mapping[str, PointResults]) -> Table:
     )
 
 
-def tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -> list[Table]:
+def tables(rows: Sequence[PrintedRow], studies: Mapping[str, PointResults]) -> list[Table]:
     """Every table of the report; those of experiments that were not carried out are left out."""
     made: list[Table] = []
     for heading, prefix in _SECTIONS:
-        of_section = tuple(
-            _row_text(row, list(studies)) for row in rows if row.entry.id.startswith(prefix) and row.reproduced
-        )
-        if of_section:
-            made.append(
-                Table(heading=heading, note="" if made else _CELL, columns=_columns(list(studies)), rows=of_section)
-            )
-        if of_section and prefix == "table-2." and any(study.identified_anew for study in studies.values()):
+        chosen = [row for row in rows if row.entry.id.startswith(prefix) and row.reproduced]
+        if chosen:
+            columns = ("Entry", "Printed", *studies, "Place", "Readings")
+            told = tuple(_row_text(row, list(studies)) for row in chosen)
+            made.append(Table(heading=heading, note="" if made else _CELL, columns=columns, rows=told))
+        if chosen and prefix == "table-2." and any(study.identified_anew for study in studies.values()):
             made.append(_anew(studies))
     return made
 
 
-def tables_at_the_end(rows: Sequence[ComparedEntry]) -> list[Table]:
+def tables_at_the_end(rows: Sequence[PrintedRow]) -> list[Table]:
     """Tables of the entries that do not reproduce, and of the readings that the rows rest on."""
     if not rows:
         return []
@@ -143,7 +140,7 @@ def tables_at_the_end(rows: Sequence[ComparedEntry]) -> list[Table]:
     ]
 
 
-def _summary(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int) -> list[str]:
+def _summary(rows: Sequence[PrintedRow], studies: Mapping[str, PointResults], seed: int) -> list[str]:
     lines = []
     for point, study in studies.items():
         if all(row.agrees(point) is None for row in rows):
@@ -151,11 +148,10 @@ def _summary(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults],
         lines.append(f"At {point}, {count(rows, point)}.")
         if study.with_noise:
             lines[-1] += f" Noisy entries are medians over {study.seeds} seeds, with the 10th and 90th percentile."
-    missing = left_out(rows)
-    return [*lines, *([missing] if missing else []), f"glucoloop {glucoloop.__version__}, seed {seed}."]
+    return [*lines, *filter(None, [left_out(rows)]), f"glucoloop {glucoloop.__version__}, seed {seed}."]
 
 
-def json_report(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int) -> dict[str, Any]:
+def json_report(rows: Sequence[PrintedRow], studies: Mapping[str, PointResults], seed: int) -> dict[str, Any]:
     """The report as plain data."""
     return {
         "paper": "Parker, Doyle, Peppas 1999, IEEE Trans. Biomed. Eng. 46(2), 148-157",
@@ -164,15 +160,7 @@ def json_report(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResult
         "seeds": {point: study.seeds for point, study in studies.items()},
         "entries": [
             {
-                "id": row.entry.id,
-                "what": row.entry.what,
-                "printed": row.entry.printed,
-                "kind": row.entry.kind,
-                "unit": row.entry.unit,
-                "page": row.entry.page,
-                "place": row.entry.place,
-                "readings": list(row.entry.readings),
-                "input_at": list(row.entry.input_at),
+                **dataclasses.asdict(row.entry),
                 "reproduced": {
                     point: {
                         "median": found.median,
@@ -193,20 +181,25 @@ def json_report(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResult
 
 
 def markdown_report(
-    rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
+    rows: Sequence[PrintedRow],
+    studies: Mapping[str, PointResults],
+    seed: int,
+    figures: Mapping[str, str],
 ) -> str:
     """The report as Markdown; `figures` are paths by name."""
     parts = [f"# {TITLE}", *_summary(rows, studies, seed)]
     parts += [f"![{CAPTIONS[name.split('/')[-1]]} ({name.split('/')[0]})]({path})" for name, path in figures.items()]
     for table in [*tables(rows, studies), *tables_at_the_end(rows)]:
-        lines = [table.columns, tuple("---" for _ in table.columns), *table.rows]
-        text = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
-        parts += [f"## {table.heading}", *([table.note] if table.note else []), text if table.rows else "Nothing."]
+        text = markdown_table(table.columns, table.rows) if table.rows else "Nothing."
+        parts += [f"## {table.heading}", *([table.note] if table.note else []), text]
     return "\n\n".join([*parts, FOOTER]) + "\n"
 
 
 def html_report(
-    rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
+    rows: Sequence[PrintedRow],
+    studies: Mapping[str, PointResults],
+    seed: int,
+    figures: Mapping[str, str],
 ) -> str:
     """The report as one page; `figures` are SVG texts by name, ``operating-point/figure``."""
     parts = [f'<p class="lead">{html.escape(line)}</p>' for line in _summary(rows, studies, seed)]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, noisy_runs
+from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiment, noisy_runs
 from glucoloop.refusal import Refusal
 
 
@@ -14,7 +14,7 @@ from glucoloop.refusal import Refusal
 class PaperPart:
     """A table or figure of the paper, or several together."""
 
-    experiments: Experiments
+    experiments: frozenset[Experiment]
     entries: tuple[str, ...] = ()
     """Prefixes of the names of its printed numbers; empty where it has no numbers."""
     figures: tuple[str, ...] = ()
@@ -30,15 +30,15 @@ class PaperPart:
 
 _FIG_6: Final = frozenset(("mpc", f"{minutes}") for minutes in DEAD_TIMES_MIN)
 TABLES: Final = {
-    "I": PaperPart(Experiments(without_noise=True), entries=("table-1.",)),
-    "II": PaperPart(Experiments(with_noise=noisy_runs()), entries=("table-2.",)),
+    "I": PaperPart(frozenset({"without-noise"}), entries=("table-1.",)),
+    "II": PaperPart(noisy_runs(), entries=("table-2.",)),
 }
 FIGURES: Final = {
-    "2": PaperPart(Experiments(model=True), figures=("figure-2",)),
-    "3": PaperPart(Experiments(model=True), entries=("model.validation.",), figures=("figure-3",)),
-    "4": PaperPart(Experiments(with_noise=noisy_runs((0,))), entries=("figure-4.",), figures=("figure-4",)),
-    "5": PaperPart(Experiments(without_noise=True), figures=("figure-5",)),
-    "6": PaperPart(Experiments(with_noise=_FIG_6), figures=("figure-6",)),
+    "2": PaperPart(frozenset({"model"}), figures=("figure-2",)),
+    "3": PaperPart(frozenset({"model"}), entries=("model.validation.",), figures=("figure-3",)),
+    "4": PaperPart(noisy_runs((0,)), entries=("figure-4.",), figures=("figure-4",)),
+    "5": PaperPart(frozenset({"without-noise"}), figures=("figure-5",)),
+    "6": PaperPart(_FIG_6, figures=("figure-6",)),
 }
 _ARABIC: Final = {"1": "I", "2": "II"}
 

@@ -6,11 +6,12 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from glucoloop.papers.parker1999.comparison import ComparedEntry, compare
-from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, PointResults, Progress, study
+from glucoloop.papers.parker1999.comparison import compare
+from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, PointResults, Progress, of_paper, study
 from glucoloop.papers.parker1999.figures import draw
 from glucoloop.papers.parker1999.pages import html_report, json_report, markdown_report
 from glucoloop.papers.parker1999.parts import PaperPart
+from glucoloop.papers.parker1999.published import PrintedRow
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.refusal import Refusal
 from glucoloop.report.print_figure import KINDS, figure_bytes
@@ -26,7 +27,7 @@ def carry_out(
     quick: bool,
     progress: Progress,
     part: PaperPart | None = None,
-) -> tuple[dict[str, PointResults], list[ComparedEntry]]:
+) -> tuple[dict[str, PointResults], list[PrintedRow]]:
     """Run the experiments at each operating point and compare the results with the printed numbers.
 
     Without a `part` they are those of the whole paper; with one, only what it needs is run.
@@ -42,8 +43,9 @@ def carry_out(
         if name not in OPERATING_POINTS:
             raise Refusal(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
     dead_times = QUICK_DEAD_TIMES_MIN if quick else DEAD_TIMES_MIN
-    wanted = Experiments.of_paper() if part is None else part.experiments
-    wanted = wanted.limited_to(dead_times, tunings=not quick)
+    wanted = of_paper(dead_times, tunings=not quick)
+    if part is not None:
+        wanted &= part.experiments
     studies = {name: study(name, wanted, seeds=seeds, seed=seed, progress=progress) for name in operating_points}
     return studies, compare(studies) if part is None else compare(studies, part.entries)
 
@@ -51,7 +53,7 @@ def carry_out(
 def write(
     write_file: Callable[[str, bytes | str], None],
     studies: Mapping[str, PointResults],
-    rows: Sequence[ComparedEntry],
+    rows: Sequence[PrintedRow],
     seed: int,
     progress: Progress,
     part: PaperPart | None = None,

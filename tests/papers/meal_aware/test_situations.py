@@ -1,12 +1,11 @@
-"""Situations in which a controller's model is wrong."""
+"""Situations, the extent of a comparison, and the loops of those in which a controller's model is wrong."""
 
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.measures import AT_SAMPLES, numbers_at_samples
+from glucoloop.papers.meal_aware.measures import numbers_at_samples
 from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, designer, mismatched_people
-from glucoloop.papers.meal_aware.mismatches import GROUPS, MISMATCHES
-from glucoloop.papers.meal_aware.situations import SITUATIONS, read_asked
+from glucoloop.papers.meal_aware.situations import GROUPS, MISMATCHES, SITUATIONS, Extent
 from glucoloop.patients.model import patient_model
 
 ROWS = {row.name: row for row in MISMATCHES}
@@ -25,7 +24,6 @@ def test_measures_of_a_written_course():
     insulin = np.full((120, 2), 20.0)
     insulin[110:, 1] += 3.0
     found = numbers_at_samples(glucose, insulin, 81.0, 5.0)
-    assert set(found) == {measure.name for measure in AT_SAMPLES}
     assert found["undershoot_mg_dl"].tolist() == [22.0, 0.0]
     assert found["overshoot_mg_dl"].tolist() == [20.0, 2.0]
     assert found["time_below_60_pct"].tolist() == [pytest.approx(100.0 / 121.0), 0.0]
@@ -47,9 +45,7 @@ def test_corners_are_40_percent_off_and_at_rest():
 def test_a_run_does_not_depend_on_the_other_situations():
     names = ("people, no fault", "people, blocked line", "stomach: slow", "setpoint 95, 50 g, no noise")
     rows = [ROWS[name] for name in names]
-    told = []
-    together = MismatchedLoops(rows, [3, 3, 2, 1], 5).run(designer("imc"), progress=told.append)
-    assert sum(told) == 9
+    together = MismatchedLoops(rows, [3, 3, 2, 1], 5).run(designer("imc"))
     alone = MismatchedLoops(rows[1:2], [2], 5).run(designer("imc"))
     for name, values in alone["people, blocked line"].numbers.items():
         np.testing.assert_allclose(values, together["people, blocked line"].numbers[name][:2], atol=1e-9)
@@ -60,10 +56,27 @@ def test_a_run_does_not_depend_on_the_other_situations():
 
 
 def test_runs_follow_the_extent():
-    asked = read_asked({"seeds": 16, "people": 64})
-    assert ROWS["fasting, no noise"].runs_of(asked) == 1
-    assert ROWS["fasting, white"].runs_of(asked) == 16
-    assert ROWS["people, late 10 min, correlated"].runs_of(asked) == 64
-    whole = read_asked({})
-    assert ROWS["fasting, white"].runs_of(whole) == 30
-    assert ROWS["people, late 10 min, correlated"].runs_of(whole) == 1000
+    small = Extent(seed=7, seeds=16, people=64)
+    assert ROWS["fasting, no noise"].runs_of(small) == 1
+    assert ROWS["fasting, white"].runs_of(small) == 16
+    assert ROWS["people, late 10 min, correlated"].runs_of(small) == 64
+    assert ROWS["fasting, white"].runs_of(Extent()) == 30
+    assert ROWS["people, late 10 min, correlated"].runs_of(Extent()) == 1000
+    assert ROWS["fasting, no noise"].runs_told(small) == "one run"
+    assert ROWS["corners, late 10 min, correlated"].runs_told(small) == "64 people at corners of seed 7"
+    told = {situation.name: situation.runs_told(small) for situation in SITUATIONS}
+    assert (told["noise-free"], told["noise"], told["people"]) == (
+        "one run",
+        "seeds 7 to 22",
+        "people 0 to 63 of seed 7",
+    )
+
+
+def test_overlap_with_the_tuning_is_found():
+    assert Extent(seed=1).tuned_on == ()
+    assert Extent(seed=899_900, seeds=101).tuned_on == ("seeds 900000 to 900000 of the sensor",)
+    assert Extent(seed=899_900, seeds=100).tuned_on == ()
+    assert Extent(seed=900_199).tuned_on == ("seeds 900199 to 900199 of the sensor",)
+    assert Extent(seed=900_200).tuned_on == ()
+    assert Extent(seed=424_242).tuned_on == ("the people of seed 424242",)
+    assert Extent(seed=1000).tuned_on == ("the people and the noise of seed 1000",)
