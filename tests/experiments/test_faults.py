@@ -11,7 +11,7 @@ from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.registry.fault_text import fault_text, parse_fault
 from glucoloop.registry.faults import FAULTS, fault
 from glucoloop.sensors import IdealSensor
-from glucoloop.studies.stress.stress import STANDARD_FAULTS
+from glucoloop.studies.stress.cells import STANDARD_FAULTS
 
 
 @pytest.mark.parametrize("name", FAULTS)

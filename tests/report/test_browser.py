@@ -8,7 +8,6 @@ from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page, trial_page
 from glucoloop.report.surface_page import surface_page
-from glucoloop.studies.stress.page import stress_page
 from glucoloop.tuning.grid import tuning_grid
 
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
@@ -17,7 +16,7 @@ pytestmark = [pytest.mark.long, needs_browser]
 
 
 @pytest.fixture(scope="module")
-def pages(quiet, noisy, make_report, make_stress, surface_of, tmp_path_factory):
+def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_path_factory):
     """One page of each kind, as files."""
     tunings = tuning_grid([1, 2], [1, 2, 8])
     surface = surface_of(tunings, [30.0, 10.0, 20.0, 40.0, 5.0][: len(tunings)])

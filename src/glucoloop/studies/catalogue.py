@@ -1,0 +1,10 @@
+"""All studies that are declared, in the order of the help."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from glucoloop.studies.stress import STRESS
+from glucoloop.studies.study import Study
+
+STUDIES: Final[tuple[Study, ...]] = (STRESS,)

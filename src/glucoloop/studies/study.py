@@ -1,0 +1,189 @@
+"""Declaration of a study, from which its command, help, folder, resumption, files, JSON and exit code are made.
+
+To add a study
+--------------
+1. ``studies/NAME/__init__.py`` (or ``studies/NAME.py``) declares it: a record of its own settings, each an annotated
+   field (see `config.key`), and one of the three kinds below. It imports nothing heavy, since help is shown from it.
+   Add it to ``studies/catalogue.py``; the command is there.
+2. The module that it names does the work, in functions. A request is what `read` returns: complete, checked, with
+   ``keys()``, the flat keys from which the same request is read again.
+3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``.
+
+Every module has
+
+- ``read(keys, cases, names)``: the request, from flat keys; ValueError with the names that the user gave the keys.
+- ``tables(asked, found)``: tables for the terminal; ``report.columns.terminal_table`` makes one from columns.
+- ``sentences(asked, found)``: conclusions, the same in the terminal and on the page.
+- ``drawn(asked, found)``: pages and figures by the names of their files.
+
+and, by its kind:
+
+- `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``asked.trial`` is that trial;
+  ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
+- `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
+  ``search(asked)`` returns a `Search`, which makes the missing rows and sums them up.
+- `PlainStudy`: it is carried out in one go. ``found(asked, progress)`` does it; with ``out``, its files are written
+  whole or not at all. Where ``holds`` is False among what it found, the exit code is 1. Examples:
+  ``studies/verification``, which keeps nothing, and ``studies/tuning``.
+
+What was found is a `storage.found.Found`. A finished folder gives it back, so `tables` and `sentences` use nothing but
+its plain values and the request. A number of a cell is declared once, as a `report.columns.Column`; ``measured``
+computes all of them, and the tables of terminal and page follow. ``report/heat.py`` draws heat maps; `report.template`
+and the macros of ``report/templates/parts.html`` make pages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+if TYPE_CHECKING:
+    from glucoloop.storage.found import Found
+    from glucoloop.storage.rows import Rows
+    from glucoloop.storage.trials.folder import TrialFolder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What all kinds of studies declare."""
+
+    name: str
+    """Name of the command, and of its configuration file."""
+    what: str
+    """The study in messages: ``"a stress test"``."""
+    help: str
+    module: str
+    """Module that does the work, imported when it runs."""
+    settings: tuple[type, ...]
+    """Records of the study's own keys."""
+    shared: Literal["trial", "run", "nothing"]
+    """Keys that it shares with a trial or with a single run."""
+    taken: tuple[str, ...] | None = None
+    """Those of the shared keys that the study has; by default all."""
+    refused: tuple[str, ...] = ()
+    """Those of the shared keys that it does not have."""
+    usual: Mapping[str, Any] = field(default_factory=dict)
+    """Usual values of shared keys, where they are others than for a trial or a run."""
+    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Other texts of shared options, by field and key: ``{"help": {"people": "People of the check."}}``."""
+    files: tuple[str, ...] = ()
+    """Names of all its tables, pages and figures."""
+    summary: str = "summary.json"
+    """Name of the file with everything that was found, as JSON."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialStudy(Study):
+    """A study whose cells are cases of a trial: it keeps the folder of that trial, and sums it up in its own way."""
+
+    shared: Literal["trial", "run", "nothing"] = "trial"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchStudy(Study):
+    """A study that keeps a row for each of its steps, and goes on where it was."""
+
+    shared: Literal["trial", "run", "nothing"] = "trial"
+    needs_folder: bool = True
+    """Whether it is always kept in a folder."""
+    extent: type | None = None
+    """The record, among those of the settings, of the keys that may differ when it is resumed: how far it goes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlainStudy(Study):
+    """A study that is carried out in one go."""
+
+    shared: Literal["trial", "run", "nothing"] = "run"
+    unit: str = ""
+    """What is counted while it works, and among what was found: ``"loops"``; by default its steps are named."""
+    keeps_files: bool = True
+    """Whether it can write a folder, and read a configuration file."""
+
+
+class Asked(Protocol):
+    """A request that is complete and checked."""
+
+    def keys(self) -> dict[str, Any]:
+        """The flat keys from which the same request is read."""
+        ...
+
+
+class Module(Protocol):
+    """Module of a study of any kind."""
+
+    def read(
+        self, keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
+    ) -> Any:
+        """Read a request from flat keys and those of its cases; ValueError for what cannot be."""
+        ...
+
+    def tables(self, asked: Any, found: Found) -> Iterable[object]:
+        """Tables for the terminal."""
+        ...
+
+    def sentences(self, asked: Any, found: Found) -> Iterable[str]:
+        """Conclusions."""
+        ...
+
+
+class TrialModule(Module, Protocol):
+    """Module of a study whose cells are cases of a trial; its request has a ``trial``."""
+
+    def found(self, asked: Any, folder: TrialFolder) -> Found:
+        """Sum up the people of a folder whose shards are done."""
+        ...
+
+    def drawn(self, asked: Any, found: Found) -> Mapping[str, bytes]:
+        """Pages and figures, by the names of their files."""
+        ...
+
+
+class Search(Protocol):
+    """A search that was prepared."""
+
+    @property
+    def notes(self) -> Iterable[str]:
+        """Notes before the search begins."""
+        ...
+
+    def missing(self, rows: Sequence[Any]) -> Iterator[Any]:
+        """The rows that follow those that are there, in their order."""
+        ...
+
+    def found(self, rows: Sequence[Any]) -> Found:
+        """Sum up all rows."""
+        ...
+
+
+class SearchModule(Module, Protocol):
+    """Module of a study that keeps a row for each of its steps."""
+
+    def rows(self, asked: Any) -> Rows[Any]:
+        """Describe the rows."""
+        ...
+
+    def search(self, asked: Any) -> Search:
+        """Prepare the search, which may take long."""
+        ...
+
+    def drawn(self, asked: Any, found: Found) -> Mapping[str, bytes]:
+        """Pages and figures, by the names of their files."""
+        ...
+
+
+class PlainModule(Module, Protocol):
+    """Module of a study that is carried out in one go."""
+
+    def amount(self, asked: Any) -> int:
+        """Amount of work in units of the study; only for one that counts them."""
+        ...
+
+    def found(self, asked: Any, progress: Callable[[Any], None]) -> Found:
+        """Carry it out; `progress` is called with the number of units, or with a text for what was done."""
+        ...
+
+    def drawn(self, asked: Any, found: Found) -> Mapping[str, bytes]:
+        """Pages and figures, by the names of their files; only for a study that keeps files."""
+        ...
