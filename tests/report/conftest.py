@@ -17,7 +17,7 @@ from glucoloop.report.trial_report import (
     WorstPerson,
     ranges_pct,
 )
-from glucoloop.storage.found import Found
+from glucoloop.storage.findings import Findings
 from glucoloop.studies.stress.cells import NO_FAULT
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
@@ -281,7 +281,7 @@ def make_stress(make_stress_row):
             "rows": rows,
             "reasons": reasons,
         }
-        return Found(plain | fields)
+        return Findings(plain | fields)
 
     return make
 

@@ -9,7 +9,7 @@ import pytest
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.storage.trials.shard import people_table
-from glucoloop.studies.stress.cells import Cell, cell_table, read
+from glucoloop.studies.stress.cells import StressCell, cell_table, read
 from glucoloop.studies.stress.reasons import reason_of
 
 FAULTS = [
@@ -103,7 +103,7 @@ def people(below_60, minimum, feasible=(True, True, True), **metrics):
     )
 
 
-CELLS = (Cell("mpc", False, ""), Cell("mpc", False, FAULTS[0]))
+CELLS = (StressCell("mpc", False, ""), StressCell("mpc", False, FAULTS[0]))
 
 
 def rows_of(*shards):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -45,7 +46,7 @@ from glucoloop.studies.study import (
 )
 
 if TYPE_CHECKING:
-    from glucoloop.storage.found import Found
+    from glucoloop.storage.findings import Findings
     from glucoloop.storage.resumable import Work
     from glucoloop.storage.rows import RowsFolder
     from glucoloop.storage.trials.folder import TrialFolder
@@ -56,8 +57,7 @@ _OUTPUT: Final = tuple(option.key for option in OUTPUT)
 
 def command_of(study: Study) -> Callable[..., None]:
     """The command of a study, for Typer."""
-    options = study_options(study)
-    return with_options(options)(lambda given: _run(study, options, given))
+    return with_options(study_options(study))(lambda given: _run(study, given))
 
 
 def study_options(study: Study) -> tuple[Option, ...]:
@@ -81,35 +81,31 @@ def study_options(study: Study) -> tuple[Option, ...]:
     return (*shared, *own) if isinstance(study, TrialStudy) else (*own, *shared)
 
 
-def _run(study: Study, options: tuple[Option, ...], given: Given) -> None:
+def _run(study: Study, given: Given) -> None:
     """Check the request, carry it out or go on with it, and print the results."""
     keys, output, file = split_off_output({key: value for key, value in given.items() if value not in ((), [])})
     if isinstance(study, TrialStudy):
-        _run_trial(study, options, keys, output, file)
+        _run_trial(study, keys, output, file)
     elif isinstance(study, SearchStudy):
-        _run_search(study, options, keys, output, file)
+        _run_search(study, keys, output, file)
     elif isinstance(study, PlainStudy):
-        _run_plain(study, options, keys, output, file)
+        _run_plain(study, keys, output, file)
     else:
         raise TypeError(f"{type(study).__name__} is no kind of study")
 
 
-def _read(study: Study, options: tuple[Option, ...], keys: Given, file: Path | None) -> tuple[Any, Any]:
-    """The module of a study, and the request."""
+def asked_of(study: Study, keys: Given, of_file: Given) -> tuple[Any, Any]:
+    """The module of a study, and the request from the keys of the command line and those of a file."""
+    from glucoloop.config.cases import take_cases
+    from glucoloop.config.run import overlay
+    from glucoloop.config.trial import overlay_trial
 
-    def read(own: Given, of_file: Given) -> tuple[Module, Any]:
-        from glucoloop.config.cases import take_cases
-        from glucoloop.config.run import overlay
-        from glucoloop.config.trial import overlay_trial
-
-        module: Any = importlib.import_module(study.module)
-        cases = take_cases(own, of_file) if study.shared == "trial" else ()
-        called = names(options, own)
-        over = {"trial": overlay_trial, "run": overlay}.get(study.shared)
-        merged = {**of_file, **own} if over is None else over(of_file, own, called)
-        return module, module.read(merged, cases, called)
-
-    return read_request(keys, file, read)
+    module: Any = importlib.import_module(study.module)
+    cases = take_cases(keys, of_file) if study.shared == "trial" else ()
+    called = names(study_options(study), keys)
+    over = {"trial": overlay_trial, "run": overlay}.get(study.shared)
+    merged = {**of_file, **keys} if over is None else over(of_file, keys, called)
+    return module, module.read(merged, cases, called)
 
 
 def _work(study: Study, what: str, asked: Any, may_change: Mapping[str, Any]) -> Work:
@@ -125,19 +121,19 @@ def _work(study: Study, what: str, asked: Any, may_change: Mapping[str, Any]) ->
     )
 
 
-def _run_trial(study: TrialStudy, options: tuple[Option, ...], keys: Given, output: Output, file: Path | None) -> None:
+def _run_trial(study: TrialStudy, keys: Given, output: Output, file: Path | None) -> None:
     where, out = computing(keys), needed_folder(output, study.what, study.name)
     module: TrialModule
-    module, asked = _read(study, options, keys, file)
-    from glucoloop.storage.found import Found
+    module, asked = read_request(keys, file, functools.partial(asked_of, study))
+    from glucoloop.storage.findings import Findings
     from glucoloop.storage.trials.folder import trial_folder
 
     work, trial = _work(study, "trial", asked, {}), asked.trial
     note_on_boluses(trial.patient, (case.controller for case in trial.cases))
 
-    def finish(folder: TrialFolder) -> Found:
+    def finish(folder: TrialFolder) -> Findings:
         if folder.finished:
-            return Found.read(folder.path / study.summary)
+            return Findings.read(folder.path / study.summary)
         compute(folder, where)
         with stage("Summing up"):
             found = module.found(asked, folder)
@@ -151,20 +147,18 @@ def _run_trial(study: TrialStudy, options: tuple[Option, ...], keys: Given, outp
     _tell(module, asked, found, output, files, written=written)
 
 
-def _run_search(
-    study: SearchStudy, options: tuple[Option, ...], keys: Given, output: Output, file: Path | None
-) -> None:
+def _run_search(study: SearchStudy, keys: Given, output: Output, file: Path | None) -> None:
     out = needed_folder(output, study.what, study.name) if study.needs_folder else output.place
     module: SearchModule
-    module, asked = _read(study, options, keys, file)
-    from glucoloop.storage.found import Found
+    module, asked = read_request(keys, file, functools.partial(asked_of, study))
+    from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
 
     kept = module.rows(asked)
 
-    def finish(folder: RowsFolder[Any] | None) -> Found:
+    def finish(folder: RowsFolder[Any] | None) -> Findings:
         if folder is not None and folder.finished:
-            return Found.read(folder.path / study.summary)
+            return Findings.read(folder.path / study.summary)
         with stage("Preparing"):
             search = module.search(asked)
         note(search.notes)
@@ -188,11 +182,11 @@ def _run_search(
     _tell(module, asked, found, output, paths_of(work, out, kept.file))
 
 
-def _run_plain(study: PlainStudy, options: tuple[Option, ...], keys: Given, output: Output, file: Path | None) -> None:
+def _run_plain(study: PlainStudy, keys: Given, output: Output, file: Path | None) -> None:
     files: dict[str, str] = {}
     with output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
         module: PlainModule
-        module, asked = _read(study, options, keys, file)
+        module, asked = read_request(keys, file, functools.partial(asked_of, study))
         with _progress(study, module, asked) as progress:
             found = module.found(asked, progress)
         if folder is not None:
@@ -224,7 +218,7 @@ def _progress(study: PlainStudy, module: PlainModule, asked: Any) -> Iterator[Ca
 
 
 def _tell(
-    module: Module, asked: Any, found: Found, output: Output, files: Mapping[str, str], *, written: str | None = None
+    module: Module, asked: Any, found: Findings, output: Output, files: Mapping[str, str], *, written: str | None = None
 ) -> None:
     """Print what was found: as JSON, or as tables and sentences, and the place of the files."""
     notes = tuple(found.plain.get("notes", ()))

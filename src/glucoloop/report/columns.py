@@ -133,7 +133,7 @@ def terminal_table(
         The lines of each section, by the name of the section (an empty one is not shown) and of the line. The cells
         of one line stand side by side, as in ``"25|2"``.
     columns : sequence of Column
-        Of which those with a heading for the terminal are shown.
+        Columns, of which those with a heading for the terminal are shown.
     caption : str
     """
     from rich import box

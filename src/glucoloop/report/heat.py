@@ -138,9 +138,9 @@ def plot_heat_maps(
     ----------
     maps : sequence of HeatMap
     what : str
-        What the colours show, in the legend: ``"of the time below 60 mg/dl"``.
+        Quantity of the colours, in the legend: ``"of the run below 60 mg/dl"``.
     mark : str
-        What the mark of a cell, a triangle and a number, shows; empty for no such marks.
+        Meaning of the mark of a cell, a triangle and a number; empty for no such marks.
     shades : sequence of Shade
         Classes of the legend.
     title : str, optional

@@ -21,15 +21,15 @@ and, by its kind:
 - `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``asked.trial`` is that trial;
   ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
 - `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
-  ``search(asked)`` returns a `Search`, which makes the missing rows and sums them up.
+  ``search(asked)`` returns a `RowSearch`, which makes the missing rows and sums them up.
 - `PlainStudy`: it is carried out in one go. ``found(asked, progress)`` does it; with ``out``, its files are written
   whole or not at all. Where ``holds`` is False among what it found, the exit code is 1. Examples:
   ``studies/verification``, which keeps nothing, and ``studies/tuning``.
 
-What was found is a `storage.found.Found`. A finished folder gives it back, so `tables` and `sentences` use nothing but
-its plain values and the request. A number of a cell is declared once, as a `report.columns.Column`; ``measured``
-computes all of them, and the tables of terminal and page follow. ``report/heat.py`` draws heat maps; `report.template`
-and the macros of ``report/templates/parts.html`` make pages.
+What was found is a `storage.findings.Findings`. A finished folder gives it back, so `tables` and `sentences` use
+nothing but its plain values and the request. A number of a cell is declared once, as a `report.columns.Column`;
+``measured`` computes all of them, and the tables of terminal and page follow. ``report/heat.py`` draws heat maps;
+`report.template` and the macros of ``report/templates/parts.html`` make pages.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 if TYPE_CHECKING:
-    from glucoloop.storage.found import Found
+    from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import Rows
     from glucoloop.storage.trials.folder import TrialFolder
 
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What all kinds of studies declare."""
+    """Declaration that all kinds of studies share."""
 
     name: str
     """Name of the command, and of its configuration file."""
@@ -60,13 +60,13 @@ class Study:
     shared: Literal["trial", "run", "nothing"]
     """Keys that it shares with a trial or with a single run."""
     taken: tuple[str, ...] | None = None
-    """Those of the shared keys that the study has; by default all."""
+    """The shared keys that the study has; by default all."""
     refused: tuple[str, ...] = ()
-    """Those of the shared keys that it does not have."""
+    """Shared keys that it does not have."""
     usual: Mapping[str, Any] = field(default_factory=dict)
     """Usual values of shared keys, where they are others than for a trial or a run."""
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Other texts of shared options, by field and key: ``{"help": {"people": "People of the check."}}``."""
+    """Texts of shared options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
@@ -97,7 +97,7 @@ class PlainStudy(Study):
 
     shared: Literal["trial", "run", "nothing"] = "run"
     unit: str = ""
-    """What is counted while it works, and among what was found: ``"loops"``; by default its steps are named."""
+    """Name of the units that are counted while it works, also among its findings: ``"loops"``; none by default."""
     keeps_files: bool = True
     """Whether it can write a folder, and read a configuration file."""
 
@@ -119,11 +119,11 @@ class Module(Protocol):
         """Read a request from flat keys and those of its cases; ValueError for what cannot be."""
         ...
 
-    def tables(self, asked: Any, found: Found) -> Iterable[object]:
+    def tables(self, asked: Any, found: Findings) -> Iterable[object]:
         """Tables for the terminal."""
         ...
 
-    def sentences(self, asked: Any, found: Found) -> Iterable[str]:
+    def sentences(self, asked: Any, found: Findings) -> Iterable[str]:
         """Conclusions."""
         ...
 
@@ -131,16 +131,16 @@ class Module(Protocol):
 class TrialModule(Module, Protocol):
     """Module of a study whose cells are cases of a trial; its request has a ``trial``."""
 
-    def found(self, asked: Any, folder: TrialFolder) -> Found:
+    def found(self, asked: Any, folder: TrialFolder) -> Findings:
         """Sum up the people of a folder whose shards are done."""
         ...
 
-    def drawn(self, asked: Any, found: Found) -> Mapping[str, bytes]:
+    def drawn(self, asked: Any, found: Findings) -> Mapping[str, bytes]:
         """Pages and figures, by the names of their files."""
         ...
 
 
-class Search(Protocol):
+class RowSearch(Protocol):
     """A search that was prepared."""
 
     @property
@@ -152,7 +152,7 @@ class Search(Protocol):
         """The rows that follow those that are there, in their order."""
         ...
 
-    def found(self, rows: Sequence[Any]) -> Found:
+    def found(self, rows: Sequence[Any]) -> Findings:
         """Sum up all rows."""
         ...
 
@@ -161,14 +161,14 @@ class SearchModule(Module, Protocol):
     """Module of a study that keeps a row for each of its steps."""
 
     def rows(self, asked: Any) -> Rows[Any]:
-        """Describe the rows."""
+        """Describe the rows that are kept."""
         ...
 
-    def search(self, asked: Any) -> Search:
+    def search(self, asked: Any) -> RowSearch:
         """Prepare the search, which may take long."""
         ...
 
-    def drawn(self, asked: Any, found: Found) -> Mapping[str, bytes]:
+    def drawn(self, asked: Any, found: Findings) -> Mapping[str, bytes]:
         """Pages and figures, by the names of their files."""
         ...
 
@@ -180,10 +180,10 @@ class PlainModule(Module, Protocol):
         """Amount of work in units of the study; only for one that counts them."""
         ...
 
-    def found(self, asked: Any, progress: Callable[[Any], None]) -> Found:
+    def found(self, asked: Any, progress: Callable[[Any], None]) -> Findings:
         """Carry it out; `progress` is called with the number of units, or with a text for what was done."""
         ...
 
-    def drawn(self, asked: Any, found: Found) -> Mapping[str, bytes]:
+    def drawn(self, asked: Any, found: Findings) -> Mapping[str, bytes]:
         """Pages and figures, by the names of their files; only for a study that keeps files."""
         ...

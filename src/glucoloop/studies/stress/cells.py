@@ -54,7 +54,7 @@ continuous monitors may be (U.S. Food and Drug Administration, 21 CFR 862.1355).
 
 
 @dataclass(frozen=True)
-class Cell:
+class StressCell:
     """A controller, with or without a guard, under a fault or none."""
 
     controller: str
@@ -76,7 +76,7 @@ class StressTest:
     base: Trial
     """Trial with a case for each controller, without faults."""
     own: StressSettings
-    """With the full texts of the faults."""
+    """Settings of the test, with the full texts of the faults."""
     limits: Mapping[str, Value]
     """All limits of the guard."""
 
@@ -86,10 +86,10 @@ class StressTest:
         return self.own.faults or ()
 
     @property
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[StressCell]:
         """The cells, in the order of the cases."""
         return [
-            Cell(case.label, guarded, fault)
+            StressCell(case.label, guarded, fault)
             for case in self.base.cases
             for guarded in WITH_GUARD[self.own.guards]
             for fault in (NO_FAULT, *self.faults)
@@ -147,12 +147,12 @@ def read(
     return StressTest(base=base, own=dataclasses.replace(own, faults=faults), limits=limits)
 
 
-def cell_table(cells: Sequence[Cell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
+def cell_table(cells: Sequence[StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
     """The numbers of each cell, over the people whose glucose stayed finite there and without the fault.
 
     Parameters
     ----------
-    cells : sequence of Cell
+    cells : sequence of StressCell
     people : polars.DataFrame
         The people of each cell, from `people_table`.
     samples : int

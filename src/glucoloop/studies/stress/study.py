@@ -17,10 +17,10 @@ from glucoloop.report.fault_words import short_names
 from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
-from glucoloop.storage.found import Found
+from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import people_table
-from glucoloop.studies.stress.cells import COLUMNS, MOST_MORE_PCT, NO_FAULT, Cell, StressTest, cell_table, read
+from glucoloop.studies.stress.cells import COLUMNS, MOST_MORE_PCT, NO_FAULT, StressCell, StressTest, cell_table, read
 from glucoloop.studies.stress.reasons import reason_of
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
 
 
-def found(asked: StressTest, folder: TrialFolder) -> Found:
+def found(asked: StressTest, folder: TrialFolder) -> Findings:
     """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
     cells, people = asked.cells, people_table(folder.people())
     table = cell_table(cells, people, folder.trial.samples)
@@ -59,19 +59,19 @@ def found(asked: StressTest, folder: TrialFolder) -> Found:
         "reasons": reasons,
         "repeat": "glucoloop stress --config stress.toml --out again",
     }
-    return Found(plain, {"stress.csv": table, "stress.parquet": table})
+    return Findings(plain, {"stress.csv": table, "stress.parquet": table})
 
 
 @dataclass(frozen=True)
 class Grid:
     """The cells of a stress test in their places."""
 
-    rows: dict[Cell, Row]
+    rows: dict[StressCell, Row]
 
     @classmethod
-    def of(cls, found: Found) -> Grid:
+    def of(cls, found: Findings) -> Grid:
         """The cells of a test."""
-        return cls({Cell(row["controller"], row["guarded"], row["fault"]): row for row in found.rows})
+        return cls({StressCell(row["controller"], row["guarded"], row["fault"]): row for row in found.rows})
 
     @property
     def controllers(self) -> list[str]:
@@ -91,7 +91,7 @@ class Grid:
 
     def pair(self, controller: str, fault: str) -> list[Row]:
         """A controller under a fault, without and with the guard, as far as they were tried."""
-        return [self.rows[Cell(controller, guarded, fault)] for guarded in self.guards]
+        return [self.rows[StressCell(controller, guarded, fault)] for guarded in self.guards]
 
     def under_faults(self, guarded: bool) -> list[Row]:
         """All cells with a fault, those that increase the time below 60 mg/dl most first."""
@@ -99,7 +99,7 @@ class Grid:
         return sorted(rows, key=lambda row: -(row["worst_more_pct"] or 0.0))
 
 
-def tables(asked: StressTest, found: Found) -> Iterator[FittingTable]:
+def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
     """A section for each controller and a line for each fault, without and with the guard side by side."""
     grid = Grid.of(found)
     sections = {
@@ -118,7 +118,7 @@ def tables(asked: StressTest, found: Found) -> Iterator[FittingTable]:
     )
 
 
-def sentences(asked: StressTest, found: Found) -> Iterator[str]:
+def sentences(asked: StressTest, found: Findings) -> Iterator[str]:
     """Conclusions, and the reasons why people were worse off with the guard."""
     yield from conclusions(found)
     names = Grid.of(found).names
@@ -129,7 +129,7 @@ def sentences(asked: StressTest, found: Found) -> Iterator[str]:
         )
 
 
-def conclusions(found: Found) -> Iterator[str]:
+def conclusions(found: Findings) -> Iterator[str]:
     """Conclusions in sentences; every number is computed."""
     grid = Grid.of(found)
     yield from _left_out(found)
@@ -141,7 +141,7 @@ def conclusions(found: Found) -> Iterator[str]:
         yield from _beyond_the_model(grid)
 
 
-def _left_out(found: Found) -> Iterator[str]:
+def _left_out(found: Findings) -> Iterator[str]:
     """Sentences on people who are in no cell, or not in all."""
     people, able = found.plain["people"], found.plain["able"]
     if people > able:
@@ -256,7 +256,7 @@ def worse_people_text(row: Row) -> str:
     return f"{told} and {len(people) - _MOST_NAMED} more" if len(people) > _MOST_NAMED else told
 
 
-def maps(found: Found) -> list[HeatMap]:
+def maps(found: Findings) -> list[HeatMap]:
     """Longest time of a person below 60 mg/dl, without the guard and with it: faults in rows, controllers across."""
     grid = Grid.of(found)
     faults = {name: fault for fault, name in grid.names.items()}
@@ -264,7 +264,7 @@ def maps(found: Found) -> list[HeatMap]:
 
     def map_of(guarded: bool) -> HeatMap:
         def cell(name: str, controller: str) -> HeatCell:
-            row = grid.rows[Cell(controller, guarded, faults[name])]
+            row = grid.rows[StressCell(controller, guarded, faults[name])]
             lines = [f"{controller}, {name}, {GUARDS[guarded]}"]
             for group, columns in headings(COLUMNS):
                 lines.append(f"{group}: {', '.join(f'{of.head} {of.value_text(row)}' for of in columns)}")
@@ -276,7 +276,7 @@ def maps(found: Found) -> list[HeatMap]:
     return [map_of(guarded) for guarded in grid.guards]
 
 
-def plot_stress(found: Found, *, title: str | None = None, width: Width = "double") -> Figure:
+def plot_stress(found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw the maps of a stress test; see `plot_heat_maps`."""
     return plot_heat_maps(
         maps(found),
@@ -287,7 +287,7 @@ def plot_stress(found: Found, *, title: str | None = None, width: Width = "doubl
     )
 
 
-def page(asked: StressTest, found: Found) -> str:
+def page(asked: StressTest, found: Findings) -> str:
     """The page of a stress test: one file that needs neither network nor script."""
     grid, of = Grid.of(found), maps(found)
     files = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
@@ -323,6 +323,6 @@ def page(asked: StressTest, found: Found) -> str:
     )
 
 
-def drawn(asked: StressTest, found: Found) -> dict[str, bytes]:
+def drawn(asked: StressTest, found: Findings) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
     return {"stress.html": page(asked, found).encode(), **figure_files("figure", plot_stress(found))}

@@ -1,4 +1,4 @@
-"""What a study found: plain values and tables, written whole and read back whole.
+"""Findings of a study: plain values and tables, written whole and read back whole.
 
 Whatever is told or drawn later follows from the plain values, so that nothing is computed or worded again.
 """
@@ -21,8 +21,8 @@ _VERSION: Final = "version"
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a study found."""
+class Findings:
+    """Findings of a study."""
 
     plain: Mapping[str, Any]
     """Everything as plain values: JSON prints it, and a finished folder gives it back. A number that is not finite is
@@ -53,8 +53,8 @@ class Found:
         return {**tables, summary: self.text().encode()}
 
     @classmethod
-    def read(cls, place: Path) -> Found:
-        """What was found before, from the JSON file that holds it."""
+    def read(cls, place: Path) -> Findings:
+        """Read earlier findings from the JSON file that holds them."""
         plain = json.loads(kept_text(place, "the results of a study"))
         del plain[_VERSION]
         return cls(plain)
