@@ -22,11 +22,11 @@ from glucoloop.studies.detection.options import DetectionKeys
 from glucoloop.studies.robust.options import HowFar, RobustKeys
 from glucoloop.studies.stress import StressSettings
 from glucoloop.studies.tuning.options import GridKeys, RangeKeys
-from glucoloop.studies.verification.options import CampaignKeys
+from glucoloop.studies.verification import VerifySettings
 
 RECORDS = (
     *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ClaimsKeys, ReproduceKeys),
-    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridKeys, RangeKeys, CampaignKeys),
+    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridKeys, RangeKeys, VerifySettings),
 )
 BOUNDED = [
     (record, of, side, bound)

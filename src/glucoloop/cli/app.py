@@ -29,7 +29,6 @@ from glucoloop.cli import (
     run,
     trial,
     tune,
-    verify,
 )
 from glucoloop.cli.declared import command_of
 from glucoloop.cli.interrupts import heeded
@@ -60,7 +59,6 @@ _STUDIES: Final = {
     "tune": tune,
     "robust": robust,
     "detect": detect,
-    "verify": verify,
     "adversary": adversary,
 }
 _AFTER: Final = {"export": export, "hil": hil, "lab": lab, "query": query, "reproduce": reproduce, "claims": claims}

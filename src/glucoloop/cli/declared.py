@@ -29,7 +29,6 @@ from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, split_off_output
 from glucoloop.cli.screen import note, stage, stages
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
-from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial import compute, computing
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS, usual_texts
 from glucoloop.config.key import declared
@@ -77,8 +76,8 @@ def study_options(study: Study) -> tuple[Option, ...]:
             "overwrite": "Begin again in the folder.",
         }
     words = {**study.words, "help": {**kept, **study.words.get("help", {})}}
-    shared = tuple(reworded(reworded(shared, default=usual_texts(study.usual)), **words))
-    return (*shared, *own) if isinstance(study, TrialStudy) else (*own, *shared)
+    shared = tuple(reworded(shared, default=usual_texts(study.usual)))
+    return tuple(reworded((*shared, *own) if isinstance(study, TrialStudy) else (*own, *shared), **words))
 
 
 def _run(study: Study, given: Given) -> None:
@@ -129,7 +128,7 @@ def _run_trial(study: TrialStudy, keys: Given, output: Output, file: Path | None
     from glucoloop.storage.trials.folder import trial_folder
 
     work, trial = _work(study, "trial", asked, {}), asked.trial
-    note_on_boluses(trial.patient, (case.controller for case in trial.cases))
+    note(module.notes(asked))
 
     def finish(folder: TrialFolder) -> Findings:
         if folder.finished:
@@ -154,6 +153,7 @@ def _run_search(study: SearchStudy, keys: Given, output: Output, file: Path | No
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
 
+    note(module.notes(asked))
     kept = module.rows(asked)
 
     def finish(folder: RowsFolder[Any] | None) -> Findings:
@@ -161,7 +161,6 @@ def _run_search(study: SearchStudy, keys: Given, output: Output, file: Path | No
             return Findings.read(folder.path / study.summary)
         with stage("Preparing"):
             search = module.search(asked)
-        note(search.notes)
         rows = [] if folder is None else folder.rows
         with counted(kept.wanted, len(rows), kept.what) as more:
             for row in search.missing(rows[:]):
@@ -187,6 +186,7 @@ def _run_plain(study: PlainStudy, keys: Given, output: Output, file: Path | None
     with output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
         module: PlainModule
         module, asked = read_request(keys, file, functools.partial(asked_of, study))
+        note(module.notes(asked))
         with _progress(study, module, asked) as progress:
             found = module.found(asked, progress)
         if folder is not None:

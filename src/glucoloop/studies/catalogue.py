@@ -6,5 +6,6 @@ from typing import Final
 
 from glucoloop.studies.stress import STRESS
 from glucoloop.studies.study import Study
+from glucoloop.studies.verification import VERIFY
 
-STUDIES: Final[tuple[Study, ...]] = (STRESS,)
+STUDIES: Final[tuple[Study, ...]] = (STRESS, VERIFY)

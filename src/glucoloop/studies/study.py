@@ -12,6 +12,7 @@ To add a study
 Every module has
 
 - ``read(keys, cases, names)``: the request, from flat keys; ValueError with the names that the user gave the keys.
+- ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
 - ``tables(asked, found)``: tables for the terminal; ``report.columns.terminal_table`` makes one from columns.
 - ``sentences(asked, found)``: conclusions, the same in the terminal and on the page.
 - ``drawn(asked, found)``: pages and figures by the names of their files.
@@ -66,7 +67,7 @@ class Study:
     usual: Mapping[str, Any] = field(default_factory=dict)
     """Usual values of shared keys, where they are others than for a trial or a run."""
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Texts of shared options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
+    """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
@@ -119,12 +120,16 @@ class Module(Protocol):
         """Read a request from flat keys and those of its cases; ValueError for what cannot be."""
         ...
 
+    def notes(self, asked: Any) -> Iterable[str]:
+        """Sentences on a request that is possible and hardly meant, before the work begins."""
+        ...
+
     def tables(self, asked: Any, found: Findings) -> Iterable[object]:
         """Tables for the terminal."""
         ...
 
     def sentences(self, asked: Any, found: Findings) -> Iterable[str]:
-        """Conclusions."""
+        """Conclusions from what was found."""
         ...
 
 
@@ -142,11 +147,6 @@ class TrialModule(Module, Protocol):
 
 class RowSearch(Protocol):
     """A search that was prepared."""
-
-    @property
-    def notes(self) -> Iterable[str]:
-        """Notes before the search begins."""
-        ...
 
     def missing(self, rows: Sequence[Any]) -> Iterator[Any]:
         """The rows that follow those that are there, in their order."""

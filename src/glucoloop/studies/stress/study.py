@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cohorts.engine import prepare
+from glucoloop.config.doubts import boluses_into_a_vein
 from glucoloop.printable import how_many
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import Repeat
@@ -28,10 +29,15 @@ if TYPE_CHECKING:
 
     from glucoloop.report._style import Width
 
-__all__ = ["drawn", "found", "read", "sentences", "tables"]
+__all__ = ["drawn", "found", "notes", "read", "sentences", "tables"]
 GUARDS: Final = {False: "without the guard", True: "with the guard"}
 _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
+
+
+def notes(asked: StressTest) -> tuple[str, ...]:
+    """Sentence on boluses into a vein."""
+    return boluses_into_a_vein(asked.base.patient, (case.controller for case in asked.base.cases))
 
 
 def found(asked: StressTest, folder: TrialFolder) -> Findings:

@@ -23,15 +23,14 @@ from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.registry.guard import complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.studies.verification import MOST_LOOPS, USUAL_LOOPS
 from glucoloop.studies.verification.invariants import PROMISES
 from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops
-from glucoloop.studies.verification.options import CampaignKeys
 from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people, population_of
 from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
 from glucoloop.threefry import checked_counter
 
-MOST_LOOPS: Final = 1_000_000_000
 HORIZON_MIN: Final = 1440.0
 SLOW_HORIZON_MIN: Final = 300.0
 """Length of a loop of a slow controller."""
@@ -45,17 +44,33 @@ _TOLD: Final = 10
 """Number of broken loops that are listed for each promise and arm."""
 
 
-@dataclass(frozen=True)
-class Campaign(CampaignKeys):
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
     """Definition of a campaign.
 
     Without a person it has as many people as necessary.
+
+    Parameters
+    ----------
+    loops : int
+        Smallest number of loops.
+    seed : int
+    controllers : tuple of str
+    patient : str
+    person : int, optional
+        Number of the only person, whose loops are closed.
 
     Raises
     ------
     ValueError
         For a number of loops out of bounds, a seed or person that does not exist, or an unknown controller.
     """
+
+    loops: int = USUAL_LOOPS
+    seed: int = 1
+    controllers: tuple[str, ...] = tuple(CONTROLLERS)
+    patient: str = USUAL_PATIENT.name
+    person: int | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:
