@@ -106,7 +106,7 @@ class Squares(types.ModuleType):
         return Findings({**told, "holds": self.holds}, {"squares.csv": table})
 
     def tables(self, asked, found):
-        yield terminal_table("Number", {"": {str(n): [row] for n, row in enumerate(found.rows)}}, COLUMNS)
+        yield terminal_table("Number", [("", [(str(n), [row]) for n, row in enumerate(found.rows)])], COLUMNS)
 
     def sentences(self, asked, found):
         yield f"The sum is {found.plain['sum']} and the mean {found.plain['mean']}."

@@ -63,7 +63,7 @@ def test_a_table_of_columns_has_a_heading_for_each_number(make_page, reader):
         Column(name="hidden"),
         Column(name="low", head="low", group="Glucose", strong=lambda row: row["low"] is not None),
     )
-    bodies = {"mpc": [("without", {"people": 3, "low": 2.5}), ("with", {"people": 3, "low": None})]}
+    bodies = [("mpc", [("without", {"people": 3, "low": 2.5}), ("with", {"people": 3, "low": None})])]
     page = make_page('{{ parts.numbers(("Name", "Guard"), bodies, columns) }}', bodies=bodies, columns=columns)
     read = reader(page)
     assert read.text["th"] == ["Name", "Guard", "Who", "Glucose", "people", "low", "mpc"]

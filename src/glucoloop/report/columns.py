@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 """Values of a cell by the names of the columns."""
+Line = tuple[str, Sequence[Row]]
+"""Name of a line of a table, and the cells that stand side by side in it."""
 _ANY_WIDTH: Final = 10_000
 
 
@@ -118,7 +120,7 @@ def headings(columns: Iterable[Column]) -> list[tuple[str, list[Column]]]:
 
 def terminal_table(
     head: str,
-    sections: Mapping[str, Mapping[str, Sequence[Row]]],
+    sections: Sequence[tuple[str, Sequence[Line]]],
     columns: Sequence[Column],
     *,
     caption: str = "",
@@ -129,9 +131,9 @@ def terminal_table(
     ----------
     head : str
         Heading of the names of the lines.
-    sections : mapping
-        The lines of each section, by the name of the section (an empty one is not shown) and of the line. The cells
-        of one line stand side by side, as in ``"25|2"``.
+    sections : sequence of (str, lines)
+        Name of each section, where an empty one is not shown, and its lines. The numbers of the cells of one line
+        stand side by side, as in ``"25|2"``.
     columns : sequence of Column
         Columns, of which those with a heading for the terminal are shown.
     caption : str
@@ -145,11 +147,11 @@ def terminal_table(
     table = Table(
         box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, caption=caption_text, caption_justify="left"
     )
-    titled = any(sections)
-    names = [name for lines in sections.values() for name in lines]
+    titled = any(section for section, _ in sections)
+    names = [name for _, lines in sections for name, _ in lines]
     word = max((len(word) for name in names for word in name.split()), default=0)
     table.add_column(head, vertical="bottom", overflow="fold", min_width=word + titled)
-    lines = [rows for lines in sections.values() for rows in lines.values()]
+    lines = [rows for _, lines in sections for _, rows in lines]
     texts = {column.name: _side_by_side(column, lines) for column in shown}
     shown = [column for column in shown if any(texts[column.name])]
     for column in shown:
@@ -161,13 +163,13 @@ def terminal_table(
             min_width=max(len(line) for text in texts[column.name] for line in text.split("\n")),
         )
     place = 0
-    for section, of_section in sections.items():
+    for section, of_section in sections:
         if place:
             table.add_section()
         if section:
             # Text, since square brackets in a label would be taken for markup
             table.add_row(Text(section, "bold"))
-        for name, rows in of_section.items():
+        for name, rows in of_section:
             cells = (Text(texts[c.name][place], "bold" if c.strong(rows[-1]) else "") for c in shown)
             table.add_row(Text(f"{' ' if section else ''}{name}"), *cells)
             place += 1

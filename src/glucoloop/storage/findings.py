@@ -31,6 +31,9 @@ class Findings:
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
     """Tables by the name of their file, which ends in ``.csv`` or ``.parquet``; they are not read back."""
 
+    extra: Any = None
+    """Further results from which figures and pages are drawn; they are not kept."""
+
     def __post_init__(self) -> None:
         # as it will be read back
         object.__setattr__(self, "plain", json.loads(json_text(self.plain)))

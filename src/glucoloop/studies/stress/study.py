@@ -108,10 +108,10 @@ class Grid:
 def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
     """A section for each controller and a line for each fault, without and with the guard side by side."""
     grid = Grid.of(found)
-    sections = {
-        controller: {name: grid.pair(controller, fault) for fault, name in grid.names.items()}
+    sections = [
+        (controller, [(name, grid.pair(controller, fault)) for fault, name in grid.names.items()])
         for controller in grid.controllers
-    }
+    ]
     pairs = "|".join(GUARDS[guarded] for guarded in grid.guards)
     yield terminal_table(
         "Fault",
@@ -310,10 +310,10 @@ def page(asked: StressTest, found: Findings) -> str:
         "worse_text": worse_text,
         "worse_people_text": worse_people_text,
         "bodies": {
-            controller: {
-                name: [("with" if row["guarded"] else "without", row) for row in grid.pair(controller, fault)]
+            controller: [
+                (name, [("with" if row["guarded"] else "without", row) for row in grid.pair(controller, fault)])
                 for fault, name in grid.names.items()
-            }
+            ]
             for controller in grid.controllers
         },
         "columns": COLUMNS,

@@ -11,7 +11,7 @@ from glucoloop.config.checked import checked
 from glucoloop.config.doubts import boluses_into_a_vein
 from glucoloop.printable import how_many
 from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
+from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.verification import VerifySettings, campaign, nonsense
 from glucoloop.studies.verification.campaign import Campaign, met
@@ -109,13 +109,13 @@ def tables(asked: Asked, found: Findings) -> Iterator[FittingTable]:
     arms, violations = found.plain["arms"], found.plain["violations"]
     if isinstance(asked, NonsenseCheck):
         columns = [Column(name=arm["controller"], short=arm["controller"], text=whole) for arm in arms]
-        rows = {promise: [{arm["controller"]: arm["broken"][promise] for arm in arms}] for promise in violations}
-        yield terminal_table("Promise", {"": rows}, columns)
+        rows = [(promise, [{arm["controller"]: arm["broken"][promise] for arm in arms}]) for promise in violations]
+        yield terminal_table("Promise", [("", rows)], columns)
         return
     column = Column(name="loops", short="Loops that broke it", text=whole)
-    yield terminal_table("Promise", {"": {promise: [{"loops": n}] for promise, n in violations.items()}}, [column])
+    yield terminal_table("Promise", [("", [(promise, [{"loops": n}]) for promise, n in violations.items()])], [column])
     of_guard = {of["controller"]: of for of in found.plain["guarding"]}
-    lines = {}
+    lines: list[Line] = []
     for arm in arms:
         row = {**arm, "all_broken": sum(arm["broken"].values()) + len(arm["not_repeated"])}
         of = of_guard.get(arm["controller"])
@@ -123,8 +123,8 @@ def tables(asked: Asked, found: Findings) -> Iterator[FittingTable]:
             row["below_60_pct"] = of["guarded_pct" if arm["guarded"] else "bare_pct"]
             if arm["guarded"]:
                 row |= {name: of[name] for name in ("better", "worse", "worst_pct", "worst_person")}
-        lines[_called(arm)] = [row]
-    yield terminal_table("Controller", {"": lines}, _ARM_COLUMNS)
+        lines.append((_called(arm), [row]))
+    yield terminal_table("Controller", [("", lines)], _ARM_COLUMNS)
 
 
 def sentences(asked: Asked, found: Findings) -> Iterator[str]:
