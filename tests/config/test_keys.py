@@ -21,12 +21,12 @@ from glucoloop.studies.adversary.options import AdversaryKeys
 from glucoloop.studies.detection.options import DetectionKeys
 from glucoloop.studies.robust.options import HowFar, RobustKeys
 from glucoloop.studies.stress import StressSettings
-from glucoloop.studies.tuning.options import GridKeys, RangeKeys
+from glucoloop.studies.tuning import GridSettings, RangeSettings
 from glucoloop.studies.verification import VerifySettings
 
 RECORDS = (
     *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ClaimsKeys, ReproduceKeys),
-    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridKeys, RangeKeys, VerifySettings),
+    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridSettings, RangeSettings, VerifySettings),
 )
 BOUNDED = [
     (record, of, side, bound)

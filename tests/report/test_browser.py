@@ -7,7 +7,7 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page, trial_page
-from glucoloop.report.surface_page import surface_page
+from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
@@ -33,7 +33,7 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_p
         "trial": trial_page(make_report("calm", "wild")),
         "stress": stress_page(make_stress(["imc", "mpc"], [FAULT], {("mpc", True, FAULT): (9.0, [1])})),
         "surface": surface_page(
-            surface, surface.rank_of(surface.tunings[0]), title="Tunings", facts=facts, repeat=repeat
+            Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
     }
     folder = tmp_path_factory.mktemp("pages")

@@ -28,7 +28,6 @@ from glucoloop.cli import (
     robust,
     run,
     trial,
-    tune,
 )
 from glucoloop.cli.declared import command_of
 from glucoloop.cli.interrupts import heeded
@@ -56,7 +55,6 @@ app = typer.Typer(
 _BEFORE: Final = {"run": run, "patients": patients, "identify": identify, "compare": compare, "trial": trial}
 _STUDIES: Final = {
     "bound": bound,
-    "tune": tune,
     "robust": robust,
     "detect": detect,
     "adversary": adversary,

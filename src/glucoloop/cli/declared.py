@@ -193,11 +193,11 @@ def _run_plain(study: PlainStudy, keys: Given, output: Output, file: Path | None
             from glucoloop.config.toml import toml_text
 
             configuration = f"{study.name}.toml"
+            text = toml_text(asked.keys(), f"{study.name} --config {configuration}")
             with stage("Drawing"):
-                made = {**found.files(study.summary), **module.drawn(asked, found)}
+                made = {configuration: text.encode(), **found.files(study.summary), **module.drawn(asked, found)}
             for name, data in made.items():
                 folder.write(name, data)
-            folder.write(configuration, toml_text(asked.keys(), f"{study.name} --config {configuration}"))
             files = folder.paths()
     _tell(module, asked, found, output, files, written=None if study.keeps_files else "")
     if found.plain.get("interrupted"):

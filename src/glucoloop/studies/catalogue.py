@@ -6,6 +6,7 @@ from typing import Final
 
 from glucoloop.studies.stress import STRESS
 from glucoloop.studies.study import Study
+from glucoloop.studies.tuning import TUNE
 from glucoloop.studies.verification import VERIFY
 
-STUDIES: Final[tuple[Study, ...]] = (STRESS, VERIFY)
+STUDIES: Final[tuple[Study, ...]] = (TUNE, STRESS, VERIFY)
