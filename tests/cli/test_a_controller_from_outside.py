@@ -1,7 +1,6 @@
 """A controller that another package brings is at home in every command."""
 
 import dataclasses
-import importlib
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +15,7 @@ from glucoloop.registry.controllers import ControllerEntry, controller_entry, co
 from glucoloop.registry.plugins import added
 from glucoloop.registry.settings import About, settings_record
 from glucoloop.studies.detection.keys import detection_keys
+from requests_read import request_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
 NAME = "your_own_controller:ENTRY"
@@ -77,8 +77,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
 
 def keys_of(command, given, file=None):
     """The configuration of a command, from its options and its file."""
-    read = importlib.import_module(f"glucoloop.cli.{command}")._read
-    asked = read(with_lists(dict(given)), file_keys(None if file is None else Path(file)))
+    asked = request_of(command, with_lists(dict(given)), file_keys(None if file is None else Path(file)))
     if command in ("trial", "detect"):
         return {"trial": trial_keys, "detect": detection_keys}[command](asked)
     return asked.keys()

@@ -1,16 +1,13 @@
 """Options beside a configuration file: those given on the command line win, in every command that takes both."""
 
-import importlib
-
 import pytest
 
 from glucoloop.cli.app import app
-from glucoloop.cli.declared import asked_of
 from glucoloop.config.bound import bound_keys
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
-from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.detection.keys import detection_keys
+from requests_read import request_of
 
 
 def own_keys(read):
@@ -40,12 +37,7 @@ CASES = {"case": [{"label": "a", "controller": "mpc", "move_weight": 1.0}, {"lab
 def read(command, given, of_file):
     """The configuration of a command, from its options and the keys of its file."""
     given, of_file = dict(given), {key: list(of) if isinstance(of, list) else of for key, of in of_file.items()}
-    declared = {study.name: study for study in STUDIES}
-    if command in declared:
-        _, asked = asked_of(declared[command], given, of_file)
-    else:
-        asked = importlib.import_module(f"glucoloop.cli.{command}")._read(given, of_file)
-    return KEYS_OF[command](asked)
+    return KEYS_OF[command](request_of(command, given, of_file))
 
 
 def cases_of(found):

@@ -2,19 +2,19 @@
 
 To add a study
 --------------
-1. ``studies/NAME/__init__.py`` (or ``studies/NAME.py``) declares it: a record of its own settings, each an annotated
-   field (see `config.key`), and one of the three kinds below. It imports nothing heavy, since help is shown from it.
-   Add it to ``studies/catalogue.py``; the command is there.
-2. The module that it names does the work, in functions. A request is what `read` returns: complete, checked, with
-   ``keys()``, the flat keys from which the same request is read again.
-3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``.
+1. ``studies/NAME/__init__.py`` declares it: a record of its own settings, each an annotated field (see `config.key`),
+   and one of the three kinds below. It imports nothing heavy, since help is shown from it. Add the study to
+   ``studies/catalogue.py``, and take its old command out of ``cli/app.py``: the command is there.
+2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. A request (``asked``) is what
+   `read` returns: complete and checked, with ``keys()``, the flat keys from which the same request is read again.
+3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has
 
 - ``read(keys, cases, names)``: the request, from flat keys; ValueError with the names that the user gave the keys.
 - ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
 - ``tables(asked, found)``: tables for the terminal; ``report.columns.terminal_table`` makes one from columns.
-- ``sentences(asked, found)``: conclusions, the same in the terminal and on the page.
+- ``sentences(asked, found)``: conclusions, for the terminal and the page.
 - ``drawn(asked, found)``: pages and figures by the names of their files.
 
 and, by its kind:
@@ -22,15 +22,19 @@ and, by its kind:
 - `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``asked.trial`` is that trial;
   ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
 - `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
-  ``search(asked)`` returns a `RowSearch`, which makes the missing rows and sums them up.
-- `PlainStudy`: it is carried out in one go. ``found(asked, progress)`` does it; with ``out``, its files are written
-  whole or not at all. Where ``holds`` is False among what it found, the exit code is 1. Examples:
-  ``studies/verification``, which keeps nothing, and ``studies/tuning``.
+  ``search(asked)`` prepares a `RowSearch`, which makes the missing rows and sums them up. Example:
+  ``tests/cli/test_declared.py``.
+- `PlainStudy`: it is carried out in one go by ``found(asked, progress)``. A folder is written whole or not at all, with
+  what was found, what was drawn and the configuration. Where ``holds`` is False among the findings, the exit code is
+  1; where ``interrupted`` is true, 130. Examples: ``studies/tuning``, and ``studies/verification``, which counts its
+  loops and keeps nothing.
 
-What was found is a `storage.findings.Findings`. A finished folder gives it back, so `tables` and `sentences` use
-nothing but its plain values and the request. A number of a cell is declared once, as a `report.columns.Column`;
-``measured`` computes all of them, and the tables of terminal and page follow. ``report/heat.py`` draws heat maps;
-`report.template` and the macros of ``report/templates/parts.html`` make pages.
+What was found is a `storage.findings.Findings`: plain values, which are the summary and the JSON, and tables by the
+names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished
+folder gives the plain values back, so `tables` and `sentences` of a study that resumes use nothing else; figures may
+also use ``extra``, which is not kept. A number of a cell is declared once, as a `report.columns.Column`: ``measured``
+computes it from people, and files, JSON, terminal and page follow. ``report/heat.py`` draws heat maps, and
+``report/templates/parts.html`` has macros for tables of columns, maps, faults, facts and how to repeat a study.
 """
 
 from __future__ import annotations
