@@ -21,6 +21,7 @@ import glucoloop
 from glucoloop import units
 from glucoloop.cli.app import app
 from glucoloop.lab import pack
+from glucoloop.papers.parker1999.deviations import DEVIATIONS
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
 from glucoloop.registry.controllers import CONTROLLERS
@@ -192,6 +193,10 @@ def readings() -> str:
     )
 
 
+def deviations() -> str:
+    return "\n".join(f"- {of.reason}" for of in DEVIATIONS) + "\n"
+
+
 def printed() -> str:
     rows = []
     for entry in published():
@@ -353,6 +358,7 @@ def write_all(docs: Path) -> None:
         made / "metrics.md": metrics(),
         made / "readings.md": readings(),
         made / "printed.md": printed(),
+        made / "deviations.md": deviations(),
         made / "conversions.md": conversions(),
         made / "layers.md": layers(docs.parent),
         made / "commands.md": commands(),

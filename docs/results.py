@@ -23,13 +23,15 @@ def number(value):
     return value if isinstance(value, str) else f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
-def cell(found):
+def cell(found, is_input):
     """Median, percentiles, and whether it agrees; a tilde where only the spread of the seeds makes it agree."""
     if found is None:
         return "not run"
     middle = "551+" if found["unsettled"] else number(found["median"])
     spread = "" if found["p10"] is None else f" ({number(found['p10'])} to {number(found['p90'])})"
     text = f"{middle}{spread}"
+    if is_input and found["agrees"]:
+        return f"{text} (input)"
     if found["agrees_by_spread"]:
         return f"{text} ~"
     return text if found["agrees"] else f"*{text}*"
@@ -46,9 +48,17 @@ def page(report):
         point: sum(entry["reproduced"][point]["agrees_by_spread"] for entry in entries if point in entry["reproduced"])
         for point in points
     }
+    results = {
+        point: [
+            entry["reproduced"][point]["agrees"]
+            for entry in entries
+            if point in entry["reproduced"] and point not in entry["input_at"]
+        ]
+        for point in points
+    }
     told = "; ".join(
         f"{sum(agrees)} of {len(agrees)} printed entries agree at `{p}`, {by_spread[p]} of them by the spread of the "
-        "seeds alone"
+        f"seeds alone, and {sum(results[p])} of {len(results[p])} without the entries that are inputs"
         for p, agrees in counts.items()
     )
     seeds = report["seeds"][points[0]]
@@ -65,7 +75,7 @@ def page(report):
                 continue
             bound = "at most " if entry["kind"] == "at-most" else ""
             printed = f"{bound}{number(entry['printed'])} {entry['unit']}".strip()
-            found = [cell(entry["reproduced"].get(point)) for point in points]
+            found = [cell(entry["reproduced"].get(point), point in entry["input_at"]) for point in points]
             lines.append("| " + " | ".join([entry["what"], printed, *found]) + " |")
         lines.append("")
     return "\n".join(lines)

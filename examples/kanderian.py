@@ -48,6 +48,7 @@ class Kanderian:
     basal_insulin_mU_min: object
     setpoint_mg_dl: object
 
+    insulin_route = "subcutaneous"  # from which the usual pump, identification and tunings follow
     sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
     meal_model = HovorkaGut(time_to_maximum_min=47.0, bioavailability=1.0)  # as after breakfast
 

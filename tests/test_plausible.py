@@ -29,7 +29,7 @@ def test_a_value_outside_the_range_is_asked_about_and_named(name, value):
         return
     told = doubt(value, quantity, "--it", CONFIRM_OPTION)
     assert told is not None
-    assert told.startswith(f"--it is {value:g} {quantity.unit}")
+    assert told.startswith(f"--it is {value:g} {quantity.unit}".rstrip())
     assert "--allow-unusual" in told
 
 

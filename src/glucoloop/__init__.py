@@ -1,8 +1,8 @@
 """glucoloop: an open laboratory for automatic insulin dosing. Research software, not a medical device.
 
 The names below are the everyday interface; they are imported when first used, so that `import glucoloop` and
-``glucoloop --help`` answer at once. Everything else lives in the layers: `glucoloop.patients`, `glucoloop.control` and
-so on.
+``glucoloop --help`` answer at once. Everything else lives in the layers, which are imported in the same way:
+`glucoloop.patients`, `glucoloop.control` and so on.
 
 Importing glucoloop switches JAX to float64 for the whole process, for controllers are designed in it; nothing else of
 JAX changes. See `glucoloop.arithmetic`.
@@ -10,7 +10,7 @@ JAX changes. See `glucoloop.arithmetic`.
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from glucoloop.arithmetic import use_float64
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from glucoloop.metrics import summarise
     from glucoloop.patients import at_basal, at_setpoint, patient, population, virtual_people
     from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
+    from glucoloop.refusal import Refusal
     from glucoloop.report import plot
     from glucoloop.sensors import dead_time, white_noise
     from glucoloop.simulation import (
@@ -67,6 +68,7 @@ _HOME = {
     "MealHabits": "estimation.unknown_meal",
     "MealTuning": "control",
     "PIDTuning": "control",
+    "Refusal": "refusal",
     "Scenario": "meals",
     "StateTuning": "control",
     "Stepper": "simulation",
@@ -112,6 +114,7 @@ __all__ = [
     "MealHabits",
     "MealTuning",
     "PIDTuning",
+    "Refusal",
     "Scenario",
     "StateTuning",
     "Stepper",
@@ -149,9 +152,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'glucoloop' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"glucoloop.{_HOME[name]}"), name)
+    if name in _HOME:
+        return getattr(importlib.import_module(f"glucoloop.{_HOME[name]}"), name)
+    if not name.startswith("_") and importlib.util.find_spec(f"glucoloop.{name}") is not None:
+        return importlib.import_module(f"glucoloop.{name}")
+    raise AttributeError(f"module 'glucoloop' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
+from glucoloop.refusal import Refusal
+
 EXTRAS: Final = {
     "cmaes": "search",
     "dask": "dask",
@@ -16,7 +18,7 @@ EXTRAS: Final = {
 """Extra of ``pyproject.toml`` that installs a package."""
 
 
-class MissingExtraError(ValueError):
+class MissingExtraError(Refusal):
     """An optional package is not installed; the message names its extra."""
 
 

@@ -23,13 +23,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop.refusal import Refusal
+
 T = TypeVar("T", bound=Callable[..., Any])
 
 _UNITS: Final = {"_mg_dl": "mg/dl", "_mU_min": "mU/min", "_mU": "mU", "_min": "min", "_g": "g", "_pct": "percent"}
 _KEY_BOUNDS: Final = (-(2**63), 2**63 - 1)
 
 
-class ArgumentTypeError(TypeError, ValueError):
+class ArgumentTypeError(TypeError, Refusal):
     """An argument of the wrong type; a ValueError too, for whoever guards against arguments that are not possible."""
 
 
@@ -125,7 +127,7 @@ def random_key(key: object) -> jax.Array:
         raise ArgumentTypeError(f"key is {_described(key)}; give a whole number, or a key of jax.random.key")
     number = int(cast(Any, key))
     if not _KEY_BOUNDS[0] <= number <= _KEY_BOUNDS[1]:
-        raise ValueError(f"a key of {number} is too large; give a whole number of at most 63 bits")
+        raise Refusal(f"a key of {number} is too large; give a whole number of at most 63 bits")
     return jax.random.key(number)
 
 
@@ -194,7 +196,7 @@ class _Argument:
             try:
                 return float(value)
             except OverflowError:
-                raise ValueError(f"{self.name} of {reprlib.repr(value)} is too large for a float") from None
+                raise Refusal(f"{self.name} of {reprlib.repr(value)} is too large for a float") from None
         raise ArgumentTypeError(f"{self.name} is {_described(value)}; give a number{self._unit()}{self._in_text()}")
 
     def _numbers(self) -> Any:

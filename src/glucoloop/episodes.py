@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
+from glucoloop.refusal import Refusal
 
 LARGEST_KEY: Final = 65535
 
@@ -127,7 +128,7 @@ def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episod
         For a number out of its range.
     """
     if isinstance(probability, bool) or not 0.0 <= probability <= 1.0:
-        raise ValueError(f"a probability of {probability} per sample is not possible; give a value from 0 to 1")
+        raise Refusal(f"a probability of {probability} per sample is not possible; give a value from 0 to 1")
     return Episodes(
         earliest=math.inf,
         latest=math.inf,
@@ -150,7 +151,7 @@ def never(*, key: int = 0) -> Episodes:
 
 def _whole(what: str, value: float, *, least: int) -> float:
     if isinstance(value, bool) or not math.isfinite(value) or value != math.floor(value) or value < least:
-        raise ValueError(f"{what} {value} is not possible; give a whole number of {least} or more")
+        raise Refusal(f"{what} {value} is not possible; give a whole number of {least} or more")
     return float(value)
 
 
@@ -158,15 +159,13 @@ def _length(samples: float) -> float:
     if samples == math.inf:
         return math.inf
     if isinstance(samples, bool) or not math.isfinite(samples) or samples != math.floor(samples) or samples < 1:
-        raise ValueError(
-            f"an episode of {samples} samples is not possible; give a whole number of 1 or more, or infinity"
-        )
+        raise Refusal(f"an episode of {samples} samples is not possible; give a whole number of 1 or more, or infinity")
     return float(samples)
 
 
 def _checked_key(key: int) -> int:
     if isinstance(key, bool) or not isinstance(key, int | np.integer) or not 0 <= key <= LARGEST_KEY:
-        raise ValueError(f"a key of {key!r} is not possible; give a whole number from 0 to {LARGEST_KEY}")
+        raise Refusal(f"a key of {key!r} is not possible; give a whole number from 0 to {LARGEST_KEY}")
     return key
 
 

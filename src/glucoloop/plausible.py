@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.units import MG_DL_PER_MMOL_L, MG_PER_G, MIN_PER_H, MU_PER_U, PMOL_PER_U
 
 CONFIRM_OPTION: Final = "add --allow-unusual"
@@ -53,7 +54,7 @@ class Quantity:
 
     def __post_init__(self) -> None:
         if not self.least < self.most:
-            raise ValueError(
+            raise Refusal(
                 f"the plausible range of {self.name} from {self.least:g} to {self.most:g} {self.unit} is empty; "
                 "give a lower bound below the upper one"
             )
@@ -104,6 +105,8 @@ GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, (_MMOL,))
 GLUCOSE_BOUND: Final = Quantity("a bound on glucose", "mg/dl", 20.0, 1000.0, (_MMOL,), zero=True)
 INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, (_U_H, _MU_H), zero=True)
 LARGEST_RATE: Final = Quantity("the greatest rate of a pump", "mU/min", 8.0, 300.0, (_U_H, _MU_H, _PMOL_MIN))
+LARGEST_RATE_UNDER_THE_SKIN: Final = dataclasses.replace(LARGEST_RATE, most=600.0)
+"""The same under the skin, where pumps give up to 35 U/h."""
 LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, (_MU_H, _PMOL_MIN))
 RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, (_U_H, _MU_H))
 RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, (_U_H, _MU_H))
@@ -112,6 +115,8 @@ SAMPLE_TIME: Final = Quantity("a sample time", "min", 0.25, 30.0, (_SECONDS, _HO
 DEAD_TIME: Final = Quantity("a dead time", "min", 0.5, 60.0, (_SECONDS, _HOURS), zero=True)
 DURATION: Final = Quantity("the length of a run", "min", 30.0, 366.0 * 1440.0, (_HOURS,))
 NOISE_VARIANCE: Final = Quantity("the variance of noise on readings", "(mg/dl)²", 0.0, 900.0)
+PID_GAIN: Final = Quantity("the gain of a PID controller", "mU/min per mg/dl", 0.001, 100.0, zero=True)
+ANY_SETTING: Final = Quantity("the number of a setting", "", -1e6, 1e6)
 NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, (_MMOL,))
 
 
@@ -140,7 +145,7 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
     """
     if quantity.plausible(value):
         return None
-    told = f"{value:g} {quantity.unit}"
+    told = f"{value:g} {quantity.unit}".rstrip()
     because = f", but {quantity.reason}" if quantity.reason else ""
     for _, converted in quantity.meant(value):
         return (
@@ -149,10 +154,8 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
         )
     if quantity.reason:
         return f"{called} is {told}{because}. Give another value, or {confirm} if {told} is meant"
-    return (
-        f"{called} is {told}; {quantity.name} is usually from {quantity.least:g} to {quantity.most:g} {quantity.unit}. "
-        f"Give such a value, or {confirm} if {told} is meant"
-    )
+    usual = f"from {quantity.least:g} to {quantity.most:g} {quantity.unit}".rstrip()
+    return f"{called} is {told}; {quantity.name} is usually {usual}. Give such a value, or {confirm} if {told} is meant"
 
 
 def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> None:
@@ -165,7 +168,7 @@ def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_AR
     """
     asked = doubt(value, quantity, called, confirm)
     if asked is not None:
-        raise ValueError(asked)
+        raise Refusal(asked)
 
 
 def _rounded(value: float) -> str:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
+from collections.abc import Sequence
 from typing import Final
 
+NOT_AVAILABLE: Final = "n/a"
+"""Text in the place of a number that is not known."""
+NOT_VALID: Final = "not valid"
+"""Text in the place of a glucose below 0: the valid range of the patient's model ended above it."""
 _UNPRINTABLE: Final = ("Cc", "Cs", "Zl", "Zp")
 """Unicode categories of controls, lone surrogates, and ends of lines and paragraphs."""
 
@@ -24,3 +30,28 @@ def printable(text: str) -> str:
 def how_many(count: int, one: str, many: str | None = None) -> str:
     """A number with its noun or verb: "1 person", "20 people"; `many` is by default `one` with an s."""
     return f"{count} {one if count == 1 else many or f'{one}s'}"
+
+
+def the_first(names: Sequence[str], most: int = 5) -> str:
+    """The first few names in one text, and the number of the others."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
+
+
+def glucose_text(glucose: float, digits: int = 1) -> str:
+    """Text of a concentration of glucose, without its unit; one below 0 is not valid, and no number."""
+    if not math.isfinite(glucose):
+        return NOT_AVAILABLE
+    return NOT_VALID if glucose < 0.0 else f"{glucose:z.{digits}f}"
+
+
+def percent(share: float) -> str:
+    """Shortest text of a percentage that does not round a few to none."""
+    if not math.isfinite(share):
+        return NOT_AVAILABLE
+    if 0.0 < share < 0.01:
+        return "< 0.01 %"
+    if 99.99 < share < 100.0:
+        return "> 99.99 %"
+    digits = 2 if 0.0 < share < 1.0 or 99.0 < share < 100.0 else 1
+    return f"{share:.{digits}f} %" if share not in (0.0, 100.0) else f"{share:.0f} %"

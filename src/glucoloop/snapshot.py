@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop.refusal import Refusal
+
 T = TypeVar("T")
 
 _MAGIC: Final = b"glucoloop snapshot "
@@ -52,27 +54,25 @@ def unpack(data: bytes, like: T, of: str = "") -> T:
         For bytes that are no snapshot, were cut short or changed, or are of another version, owner or kind.
     """
     if not isinstance(data, bytes) or not data.startswith(_MAGIC):
-        raise ValueError("these bytes are no snapshot of glucoloop; give what was saved")
+        raise Refusal("these bytes are no snapshot of glucoloop; give what was saved")
     version, _, rest = data.removeprefix(_MAGIC).partition(b"\n")
     if version != str(_VERSION).encode():
         told = version[:20].decode(errors="replace")
-        raise ValueError(
-            f"the snapshot is of version {told!r}, but this program reads version {_VERSION}; save it anew"
-        )
+        raise Refusal(f"the snapshot is of version {told!r}, but this program reads version {_VERSION}; save it anew")
     body, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if hashlib.sha256(body).digest() != digest:
-        raise ValueError("the snapshot is damaged: its digest is not that of its content; take an earlier one")
+        raise Refusal("the snapshot is damaged: its digest is not that of its content; take an earlier one")
     line, _, _ = rest.partition(b"\n")
     header = json.loads(line)
     if header["of"] != of:
-        raise ValueError(
+        raise Refusal(
             "the snapshot was taken elsewhere: its patient, sensor, pump, controller or one of their settings differs; "
             "restore it where it was saved"
         )
     leaves, structure = jax.tree.flatten(like)
     kinds = [(_plain(leaf).dtype.str, _plain(leaf).ndim) for leaf in leaves]
     if kinds != [(dtype, len(shape)) for dtype, shape in header["arrays"]]:
-        raise ValueError("the snapshot holds a state of another kind; restore it where it was saved")
+        raise Refusal("the snapshot holds a state of another kind; restore it where it was saved")
     start, arrays = len(_MAGIC) + len(version) + len(line) + 2, []
     for (dtype, shape), leaf in zip(header["arrays"], leaves, strict=True):
         count = int(np.prod(shape, dtype=int))

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.limits import LARGEST_COUNTER
+from glucoloop.refusal import Refusal
 
 Words = npt.NDArray[np.uint32]
 
@@ -87,7 +88,7 @@ def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt
 def checked_counter(what: str, value: int) -> int:
     """The value, if it is a whole number from 0 to 2**32 - 1."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value <= LARGEST_COUNTER:
-        raise ValueError(f"{what} is {value!r}; give a whole number from 0 to {LARGEST_COUNTER}")
+        raise Refusal(f"{what} is {value!r}; give a whole number from 0 to {LARGEST_COUNTER}")
     return int(value)
 
 
@@ -95,10 +96,10 @@ def checked_people(person: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """Numbers of persons ``(n,)``, if all are whole numbers from 0 to 2**32 - 1."""
     people = np.asarray(person)
     if people.ndim != 1:
-        raise ValueError(f"persons of shape {people.shape} are not possible; give their numbers in one row")
+        raise Refusal(f"persons of shape {people.shape} are not possible; give their numbers in one row")
     if people.size and people.dtype.kind not in "iu":
-        raise ValueError(f"persons are {people.dtype} numbers; give whole numbers from 0 to {LARGEST_COUNTER}")
+        raise Refusal(f"persons are {people.dtype} numbers; give whole numbers from 0 to {LARGEST_COUNTER}")
     if people.size and not (people.min() >= 0 and people.max() <= LARGEST_COUNTER):
         worst = people.min() if people.min() < 0 else people.max()
-        raise ValueError(f"person {worst} does not exist; give whole numbers from 0 to {LARGEST_COUNTER}")
+        raise Refusal(f"person {worst} does not exist; give whole numbers from 0 to {LARGEST_COUNTER}")
     return people.astype(np.int64)

@@ -12,7 +12,7 @@ from glucoloop.cli.request import file_keys, with_lists
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
-from glucoloop.registry.plugins import added
+from glucoloop.registry.plugins import _added
 from glucoloop.registry.settings import About, settings_record
 from glucoloop.studies.detection.keys import detection_keys
 from requests_read import request_of
@@ -206,4 +206,47 @@ def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, o
 def _edit(module):
     module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
     sys.modules.pop(module.stem)
-    added.cache_clear()
+    _added.cache_clear()
+
+
+PLAIN = """
+import jax
+from dataclasses import dataclass
+from glucoloop.control import Decision
+from glucoloop.registry.controllers import ControllerEntry
+
+
+@dataclass(frozen=True)
+class Settings:
+    pass
+
+
+@jax.tree_util.register_static
+@dataclass(frozen=True)
+class Plain:
+    sample_time_min: float = 5.0
+
+    def init(self, observation):
+        return observation.delivered_mU_min
+
+    def step(self, state, observation):
+        rate = 30.0 if observation.glucose_mg_dl > 90.0 else 10.0
+        return state, Decision(insulin_mU_min=rate + 0.0 * state, status=0)
+
+
+def design(case, settings):
+    return Plain()
+
+
+ENTRY = ControllerEntry(
+    name="plain", summary="an if on a reading", design="plain_if:design", record=Settings, uses_model=False
+)
+"""
+
+
+def test_an_if_on_a_reading_is_told_what_to_write(outside, refused):
+    (outside / "plain_if.py").write_text(PLAIN)
+    told = refused("run", "--controller", "plain_if:ENTRY", *SHORT)
+    assert "Plain asks for the value of a number" in told
+    assert "of plain_if.py" in told
+    assert "jnp.where" in told

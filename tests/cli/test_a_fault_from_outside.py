@@ -55,7 +55,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
     first = glucoloop("run", *given, "--out", "a", "--json")
     assert first.code == 0, first.err
     assert first.json["config"]["faults"] == [f"{NAME}, start_min=20, step_mg_dl=10"]
-    assert glucoloop("run", "--config", "a/run.toml", "--json").json["config"] == first.json["config"]
+    assert glucoloop("run", "--config", "a/run.toml", "--allow-code", "--json").json["config"] == first.json["config"]
 
 
 def test_an_entry_without_a_place_is_refused():

@@ -109,7 +109,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
     first = glucoloop("run", *given, "--out", "a", "--json")
     assert first.code == 0, first.err
     assert first.json["config"]["pump"] == f"{NAME}, lag_min=20"
-    again = glucoloop("run", "--config", "a/run.toml", "--json").json
+    again = glucoloop("run", "--config", "a/run.toml", "--allow-code", "--json").json
     assert again["config"] == first.json["config"]
     assert again["metrics"] == first.json["metrics"]
 

@@ -1,16 +1,20 @@
 """A sensor that another package brings is at home in every command, and those of this one are read by the same text."""
 
+import html
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.registry.sensors import SENSORS, SensorEntry
+from glucoloop.report.facts import engine_facts, engine_notes
 from glucoloop.sensors.protocol import site_of
 
 NAME = "your_own_sensor:ENTRY"
@@ -77,7 +81,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
     first = glucoloop("run", *given, "--out", "a", "--json")
     assert first.code == 0, first.err
     assert first.json["config"]["sensor"] == f"{NAME}, lag_min=8, step_mg_dl=20"
-    again = glucoloop("run", "--config", "a/run.toml", "--json").json
+    again = glucoloop("run", "--config", "a/run.toml", "--allow-code", "--json").json
     assert again["config"] == first.json["config"]
     assert again["metrics"] == first.json["metrics"]
 
@@ -99,3 +103,27 @@ def test_sensors_of_this_package_are_those_of_the_options(text, by_keys):
 def test_an_entry_without_a_place_is_refused():
     with pytest.raises(ValueError, match="'here' of the sensor x is no place; write it like module:function"):
         SensorEntry(name="x", summary="", make="here")
+
+
+def test_a_trial_with_it_runs_in_native_code(outside):
+    trial = read_trial({"sensor": NAME, "controllers": ["pid"], "people": 2, "days": 1})
+    prepared = prepare(trial)
+    assert prepared.engines == {"pid": {"engine": "native"}}
+    assert engine_facts(prepared.engines) == {"Engine": "native code"}
+    assert list(engine_notes(prepared.engines)) == []
+    assert np.isfinite(run_people(prepared, "pid", [0, 1], threads=1).metrics["mean_mg_dl"]).all()
+
+
+@pytest.mark.long
+def test_a_trial_says_which_engine_ran_and_whose_code_native_code_cannot_take(outside, glucoloop):
+    module = (outside / "your_own_sensor.py").read_text()
+    text = module.replace("jnp.round(behind / self.step_mg_dl)", "jnp.sort(behind[None] / self.step_mg_dl)[0]")
+    (outside / "sorting_sensor.py").write_text(text.replace("your_own_sensor:", "sorting_sensor:"))
+    asked = ("trial", "--sensor", "sorting_sensor:ENTRY", "--controller", "pid", "--people", 2, "--days", 1)
+    answer = glucoloop(*asked, "--out", "sorted")
+    why = "the operation 'sort' in the sensor"
+    assert f"pid: native code cannot take this loop, which has {why}" in answer.out.replace("\n", " ")
+    assert why in answer.err.replace("\n", " ")
+    told = glucoloop(*asked, "--out", "sorted", "--json").json["controllers"]["pid"]
+    assert (told["engine"], told["not_native"]) == ("xla", why)
+    assert why in html.unescape((outside / "sorted" / "report.html").read_text())

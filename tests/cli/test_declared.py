@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import sys
+import tomllib
 import types
 from dataclasses import dataclass
 from typing import Annotated
@@ -41,6 +42,7 @@ class Asked:
 
     own: Own
     far: Extent
+    given: dict | None = None
 
     def keys(self):
         return {**plain(self.own), **plain(self.far)}
@@ -69,7 +71,7 @@ class Squares(types.ModuleType):
         def of(record):
             return {key: value for key, value in keys.items() if key in {f.name for f in dataclasses.fields(record)}}
 
-        return Asked(checked(Own, of(Own), names), checked(Extent, of(Extent), names))
+        return Asked(checked(Own, of(Own), names), checked(Extent, of(Extent), names), dict(keys))
 
     def notes(self, asked):
         return ("A square of a large factor is large.",) if asked.own.factor > 5 else ()
@@ -185,6 +187,14 @@ def test_a_plain_study_writes_its_folder_whole_or_not_at_all(glucoloop, made, tm
     assert glucoloop("squares", "--out", "a").code == 0
     assert {file.name for file in (tmp_path / "a").iterdir()} == {"SHA256SUMS", *FILES, "summary.json", "squares.toml"}
     assert glucoloop("squares", "--config", "a/squares.toml", "--json").json["sum"] == 10
+    (tmp_path / "a/squares.toml").write_text("steps = 2\n[used]\nsteps = 2\nfactor = 5\n")
+    other = glucoloop("squares", "--config", "a/squares.toml", "--out", "c")
+    assert "a/squares.toml leaves out was filled in otherwise when it was written: factor was 5 and is 2." in other.err
+    written = tomllib.loads((tmp_path / "c/squares.toml").read_text())
+    assert {key: value for key, value in written.items() if key != "glucoloop"} == {
+        "steps": 2,
+        "used": {"factor": 2, "steps": 2},
+    }
     module.stop_after = 1
     assert glucoloop("squares", "--out", "b").code == 130
     assert not (tmp_path / "b").exists()
@@ -204,7 +214,9 @@ def test_a_mistake_names_the_option(refused, made):
 def test_options_are_those_of_the_settings_and_of_what_is_shared():
     alone = {option.key for option in study_options(dataclasses.replace(PLAIN, keeps_files=False))}
     assert alone == {"factor", "steps", "json"}
-    assert {option.key for option in study_options(SEARCH)} == {"factor", "steps", "config", "out", "overwrite", "json"}
+    assert {option.key for option in study_options(SEARCH)} == {
+        *("factor", "steps", "config", "allow_code", "out", "overwrite", "json")
+    }
     trial = dataclasses.replace(
         SEARCH, shared="trial", taken=("people", "seed"), usual={"people": 7}, words={"help": {"seed": "A seed."}}
     )

@@ -90,7 +90,7 @@ def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
 
 def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
     (tmp_path / "mine.toml").write_text('days = 7\nestimators = ["kalman"]\nmeals_per_h = 0.1\ncontroller = "basal"\n')
-    more = ("--meals-per-h", 0.2, "--people", 3, "--estimator", "moving-horizon")
+    more = ("--meals-per-h", 0.2, "--people", 3, "--days", 1, "--estimator", "moving-horizon")
     assert glucoloop("detect", "--config", "mine.toml", *more).code == 0
     (detection,) = asked
     assert (detection.days, detection.trial.people, detection.estimators) == (1, 3, ("moving-horizon",))

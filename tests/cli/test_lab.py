@@ -27,7 +27,16 @@ def test_a_place_that_cannot_be_written_is_refused(refused, tmp_path):
     assert f"there is no folder {tmp_path / 'absent'}" in refused("lab", "--out", tmp_path / "absent" / "lab.html")
 
 
-@pytest.mark.parametrize(("reason", "mend"), [(errno.ENOSPC, "free some space or choose"), (errno.EROFS, "choose")])
+@pytest.mark.parametrize(
+    ("reason", "mend"),
+    [
+        (errno.ENOSPC, "free some space or choose"),
+        (errno.EACCES, "change its permissions or choose"),
+        (errno.EROFS, "mount the disk for writing or choose"),
+        (errno.EIO, "check the disk or choose"),
+        (errno.EBADF, "choose"),
+    ],
+)
 def test_a_page_that_cannot_be_written_has_a_mend(refused, tmp_path, monkeypatch, reason, mend):
     def refuse(*_):
         raise OSError(reason, os.strerror(reason))

@@ -12,6 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from glucoloop.cli import main
+from glucoloop.cli.mistakes import BUG
+from glucoloop.config import run as run_config
 
 MISTAKES = {
     "run --controller mcp": ["unknown controller 'mcp'", "did you mean 'mpc'?"],
@@ -21,8 +23,30 @@ MISTAKES = {
     "run --meal 1e9g@50": ["1e+09 g", "at most 1000 g"],
     "run --meal 0@50": ["0 g", "more than 0"],
     "run --meal 50@-3": ["-3 min", "0 min or later"],
-    "run --meal 50@700": ["700 min", "600 min"],
-    "run --meal 50@50 --no-meal": ["--meal and --no-meal"],
+    "run --meal 50g@700": ["700 min", "600 min"],
+    "run --meal 50g@50 --no-meal": ["--meal and --no-meal"],
+    "run --meal 50@50": ["'50@50'", "write 50g@50min", "--allow-unusual"],
+    "run --meal ٥٠g@50": ["is not a meal"],
+    "bound --meal 50@50": ["write 50g@50min"],
+    "trial --out a --meal 50@50": ["write 50g@50min"],
+    "run --setpoint 1_00": ["'1_00'", "in digits from 0 to 9"],
+    "run --setpoint ١٠٠": ["'١٠٠'", "in digits from 0 to 9"],
+    "run --seed 1_0": ["'1_0'", "a whole number, in digits"],
+    "run --controller pid --setting gain=1_0": ["gain is '1_0'; give a number"],
+    "run --fault missing,start_min=1_0": ["start_min is '1_0'; give a number"],
+    "trial --out a --traces ١٠": ["give none, all, or the number"],
+    "tune --move-horizon ١:٢ --prediction-horizon 2": ["write it like 1:4"],
+    "robust --out a --move-weight 1_0:20": ["write it like .1:2"],
+    "run --move-weight 1e9": ["1e+09", "usually from -1e+06 to 1e+06", "--allow-unusual"],
+    "run --move-weight 1e300": ["move weight of 1e+300", "of a size up to 1e+30"],
+    "run --controller pid --gain 1e9": ["1e+09 mU/min per mg/dl", "usually from 0.001 to 100", "--allow-unusual"],
+    "run --controller mpc-se --other-process-noise 1e150": ["1e+150", "of a size up to"],
+    "compare --case a:pid,gain=1e9 --case b:pid": ["case 'a'", "gain is 1e+09", "--allow-unusual"],
+    "bound --known-after 1e300": ["at most 527040"],
+    "run --duration 10x": ["'10x'", "minutes, or a time with its unit like 1.5h"],
+    "run --duration 1000d": ["at most 527040"],
+    "run --duration 10h --sample-time 7min": ["600 min", "7 min"],
+    "run --fault missing,start_min=11h": ["660 min", "600 min"],
     "run --noise abc": ["--noise is 'abc'", "a number"],
     "run --noise nan": ["--noise is nan", "finite"],
     "run --noise -1": ["--noise is -1", "at least 0"],
@@ -101,6 +125,9 @@ CONFIGURATIONS = {
     b"sample_time_min = 7": "give sample_time_min = 7.5 or duration_min = 602",
     b"zzqqx = 3": "known ones is like it; --help of the command has each as an option",
     b"insulin_upper = 3": "those like it are: min_insulin_mU_min, max_insulin_mU_min",
+    b"duration_min = '10x'": "duration_min is '10x'",
+    b"duration_min = '0d'": "duration_min is 0; give",
+    b"duration_min = '1h'\nfaults = ['missing, start_min=2h']": "begins at 120 min, but the run ends at 60 min",
     b"noise_variance = nan": "noise_variance is nan; give a finite number",
     b"seed = 1.0": "seed is 1; give a whole number",
     b"meals = '50@50'": "meals is '50@50'; give a list",
@@ -326,6 +353,8 @@ REFUSED_BY_THE_MACHINE = {
     "scheduler": (lost_scheduler, "the connection to the Dask scheduler was lost (in <TCP (closed)>"),
     "cancelled": (raising(CancelledError()), "the connection to the Dask scheduler was lost (CancelledError)"),
     "full disk": (raising(OSError(errno.ENOSPC, "No space left on device")), "written; free some space or choose"),
+    "no permission": (raising(OSError(errno.EACCES, "Permission denied")), "written; change its permissions or"),
+    "read only": (raising(OSError(errno.EROFS, "Read-only file system")), "written; mount the disk for writing or"),
     "links": (loop_of_links, "out: Too many levels of symbolic links, nothing was written; choose another place"),
 }
 
@@ -340,15 +369,22 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
 
 @pytest.mark.parametrize(
     ("error", "code", "told"),
-    [(OSError(errno.EIO, "Input/output error"), 2, "Input/output error"), (KeyboardInterrupt(), 130, "interrupted")],
+    [
+        (
+            OSError(errno.EIO, "Input/output error"),
+            2,
+            "Input/output error, the results are in out; check the disk or choose another place",
+        ),
+        (KeyboardInterrupt(), 130, "interrupted, the results are in out"),
+    ],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
-    outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict))
+    outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict, given=None))
     monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: outcome)
     monkeypatch.setattr("glucoloop.cli.run.write_outcome", lambda folder, *_: folder.write("a.txt", "a"))
     monkeypatch.setattr("glucoloop.cli.run.tell", raising(error))
     answer = glucoloop("run", "--out", "out")
-    assert (answer.code, answer.err) == (code, f"glucoloop: {told}, the results are in out.\n")
+    assert (answer.code, answer.err) == (code, f"glucoloop: {told}.\n")
     assert (tmp_path / "out/a.txt").read_text() == "a"
 
 
@@ -413,6 +449,15 @@ def test_bug_keeps_its_traceback(monkeypatch):
         main(["run"])
 
 
+def test_bug_within_the_package_is_no_mistake_of_the_user(monkeypatch):
+    made: dict = {}
+    exec(compile("def bug(*_, **__):\n    return float('abc')\n", run_config.__file__, "exec"), made)
+    monkeypatch.setattr("glucoloop.config.run.read_run", made["bug"])
+    with pytest.raises(ValueError, match="could not convert") as raised:
+        main(["run"])
+    assert raised.value.__notes__ == [BUG]
+
+
 def test_unwritable_place_is_told(refused, tmp_path):
     if os.geteuid() == 0:
         # For root no folder is closed; what is not a folder is.
@@ -422,3 +467,33 @@ def test_unwritable_place_is_told(refused, tmp_path):
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o500)
     assert "cannot be written" in refused("run", "--out", Path("closed") / "out")
+
+
+LACKING = {
+    "adversary --out out": ("cmaes", "the search for the worst errors needs cmaes"),
+    "adversary": ("cmaes", "the search for the worst errors needs cmaes"),
+    "robust --out out": ("optuna", "a sampler other than random needs optuna"),
+    "trial --dask local --out out": ("distributed", "a cluster needs distributed"),
+}
+
+
+@pytest.mark.parametrize("line", LACKING)
+def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, monkeypatch, line):
+    package, told = LACKING[line]
+    for engine in (
+        "studies.adversary.work.search_on",
+        "studies.robust.search.SearchEngine",
+        "cohorts.engine.prepare",
+    ):
+        monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))
+    monkeypatch.setitem(sys.modules, package, None)
+    assert told in refused(*line.split(" "))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("chip", "told"), [("host", "no C compiler"), ("cortex-m4f", "take --chip host")])
+def test_missing_tool_of_a_chip_is_told_before_anything_is_computed(refused, monkeypatch, chip, told):
+    monkeypatch.setattr("glucoloop.studies.hil.model_for", lambda *_: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.firmware.hil.build.compiler", lambda: None)
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    assert told in refused("hil", "--chip", chip)

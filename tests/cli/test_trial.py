@@ -38,12 +38,24 @@ def sums(folder):
     return (folder / "SHA256SUMS").read_text()
 
 
+@pytest.mark.usefixtures("_plain")
+def test_how_many_were_ever_low_stands_beside_the_time(glucoloop, tmp_path):
+    told = glucoloop("trial", *SMALL, "--max-insulin", 66, "--out", "a", "--population", "lognormal")
+    summary = json.loads((tmp_path / "a/summary.json").read_text())["controllers"]["basal"]
+    for limit in (70, 54):
+        people = summary["ever_below"][f"{limit}_mg_dl"]["people"]
+        line = next(line for line in told.out.splitlines() if line.startswith(f" People ever below {limit} mg/dl"))
+        assert line.split()[5:7] == ["number", str(people)]
+        assert f" Time below {limit} mg/dl " in told.out
+        assert f"time_below_{limit}_pct" in summary["metrics"]
+
+
 @pytest.mark.long
 def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("trial", *TWO, "--traces", 4, "--out", "a")
     assert first.code == 0
     assert {entry.name for entry in (tmp_path / "a").iterdir()} == FILES | {"shards"}
-    for part in ("Undershoot", "basal", "pid", "People ever below 60 mg/dl", "Wrote bands.parquet", "3 shards to a."):
+    for part in ("Undershoot", "basal", "pid", "Time above 250 mg/dl", "Wrote bands.parquet", "3 shards to a."):
         assert part in first.out
     people = pl.read_parquet(tmp_path / "a/shards/*/people.parquet")
     assert people.group_by("controller").agg(pl.col("person").n_unique()).sort("controller").rows() == [
@@ -150,6 +162,19 @@ def test_people_without_a_basal_rate_are_counted_and_named(glucoloop, tmp_path):
     assert people.filter(~pl.col("able"))["person"].to_list() == infeasible
 
 
+def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeypatch):
+    def stop(trial):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glucoloop.cohorts.engine.prepare", stop)
+    answer = glucoloop("trial", "--people", 2000, "--days", 2, "--controller", "mpc", "--controller", "meal-mpc",
+                       "--out", "a")  # fmt: skip
+    assert answer.err.startswith(
+        "Designing and compiling for 2000 people under mpc, meal-mpc; a decision of meal-mpc takes long.\n"
+    )
+    assert "0 of 16 shards are kept" in answer.err
+
+
 @pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, tmp_path, monkeypatch):
@@ -166,11 +191,13 @@ def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, t
     monkeypatch.setattr(engine, "run_people", interrupted)
     answer = glucoloop("trial", *TWO, "--out", "a")
     assert answer.code == 130
-    assert answer.err == "glucoloop: interrupted; 1 of 3 shards are kept, the same command goes on.\n"
+    assert answer.err.endswith("\nglucoloop: interrupted; 1 of 3 shards are kept, the same command goes on.\n")
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     answer = glucoloop("trial", *TWO, "--out", "a")
-    assert answer.err.startswith("1 of 3 shards of a are there already; going on.\n25 people in ")
+    assert answer.err.startswith(
+        "1 of 3 shards of a are there already; going on.\nDesigning and compiling for 40 people"
+    )
     glucoloop("trial", *TWO, "--out", "b")
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
 

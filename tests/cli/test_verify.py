@@ -13,6 +13,7 @@ KEPT = Arm(
     controller="pid",
     guarded=False,
     engine="native",
+    not_native=None,
     loops=50,
     samples=14400,
     broken=dict.fromkeys(PROMISES, 0),
@@ -138,7 +139,7 @@ def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatc
     asked = ("verify", "--nonsense", 4800, "--seed", 3, "--controller", "pid")
     answer = glucoloop(*asked)
     assert answer.code == (1 if broken else 0)
-    assert "4800 samples of guarded controllers that were told nonsense, " in answer.out
+    assert "4800 samples of guarded controllers with nonsense as readings, " in answer.out
     assert answer.out.endswith(f"Broken: {CAPS}.\n" if broken else "Every promise was kept.\n")
     again = "glucoloop verify --nonsense 1 --seed 3 --controller pid --person 9"
     assert (f"pid, guarded, loop 9: {CAPS}; {again}" in answer.out) == bool(broken)

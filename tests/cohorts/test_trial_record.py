@@ -36,6 +36,11 @@ def test_usual_size_of_shards(people, days, traced, size):
     assert usual_shard_people(people, 1440.0 * days, traced=traced) == size
 
 
+@pytest.mark.parametrize(("people", "days", "size"), [(2000, 2, 128), (1000, 1, 256), (10**9, 366, 64), (40, 0.1, 256)])
+def test_slow_controllers_have_small_shards(people, days, size):
+    assert usual_shard_people(people, 1440.0 * days, slow=True) == size
+
+
 def test_fingerprint_is_of_everything_that_matters():
     trial = make()
     assert fingerprint(trial) == fingerprint(make())

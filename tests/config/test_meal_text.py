@@ -33,8 +33,9 @@ def test_ways_to_write_a_meal(text):
     assert parse_meal(text) == Meal(50.0, 50.0)
 
 
-def test_hours():
+def test_hours_and_days():
     assert parse_meal("50g@1.5h") == Meal(50.0, 90.0)
+    assert parse_meal("50g@1.5d") == Meal(50.0, 2160.0)
 
 
 @pytest.mark.parametrize("text", ["50g@50min/15min", "50@50/15", "50g@50m/.25h", " 50 g @ 50 min / 15 m "])

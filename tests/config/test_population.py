@@ -45,7 +45,7 @@ PRESETS = populations_of("parker-1999")
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_come_back_from_their_keys(name):
     assert named_population(name) == PRESETS[name]
-    read, _ = read_toml(toml_text(population_keys(PRESETS[name]), ""), "p.toml")
+    read, *_ = read_toml(toml_text(population_keys(PRESETS[name]), ""), "p.toml")
     assert read_population(read) == PRESETS[name]
 
 
@@ -65,7 +65,7 @@ def test_presets_come_back_from_their_keys(name):
 def test_any_population_comes_back_from_its_file(variations, summary):
     variations = [v if v.parameter != "F_LC" else Variation(**{**vars(v), "upper": 0.5}) for v in variations]
     made = Population("made", tuple(variations), summary)
-    read, _ = read_toml(toml_text(population_keys(made), ""), "p.toml")
+    read, *_ = read_toml(toml_text(population_keys(made), ""), "p.toml")
     assert read_population(read) == made
 
 

@@ -39,7 +39,7 @@ model = st.one_of(st.just({}), st.just({"model": "model.json"}), st.fixed_dictio
 @given(keys, model)
 def test_run_comes_back_from_its_file(keys, model):
     run = read_run({**keys, **model})
-    read, version = read_toml(toml_text(run.keys(), "run --config run.toml"), "run.toml")
+    read, version, _ = read_toml(toml_text(run.keys(), "run --config run.toml"), "run.toml")
     assert version is not None
     assert read_run(read) == run
 
@@ -57,7 +57,7 @@ def test_comparison_comes_back_from_its_file(keys):
 )
 def test_identification_comes_back_from_its_file(keys):
     config = read_identification(keys)
-    read, _ = read_toml(toml_text(identification_keys(config), ""), "identify.toml")
+    read, *_ = read_toml(toml_text(identification_keys(config), ""), "identify.toml")
     again = read_identification(read)
     assert identification_keys(again) == identification_keys(config)
 

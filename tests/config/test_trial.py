@@ -93,7 +93,7 @@ def test_population_of_a_file(tmp_path):
 def test_upper_layer_takes_what_it_excludes_away():
     assert overlay_trial({"days": 3, "seed": 1}, {"duration_min": 600.0}) == {"seed": 1, "duration_min": 600.0}
     assert overlay_trial({"duration_min": 600.0}, {"days": 3}) == {"days": 3}
-    assert overlay_trial({"shard_people": 64}, {"people": 10**6}) == {"people": 10**6}
+    assert overlay_trial({"shard_people": 64}, {"people": 10**6}) == {"shard_people": 64, "people": 10**6}
 
 
 REFUSED = [

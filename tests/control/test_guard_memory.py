@@ -11,9 +11,12 @@ import pytest
 from glucoloop._pytree import pytree, static
 from glucoloop.control import (
     Decision,
+    StateTuning,
     Status,
+    design_mpc_se,
     guarded,
 )
+from glucoloop.models.state_space import LinearModel
 from guarding import BASAL, EVERY, MPC, OPEN, Wants, follow, observe, step
 
 
@@ -49,6 +52,47 @@ def test_a_memory_that_is_no_longer_finite_is_restarted_for_that_person_alone():
     assert float(state.inner["shared"]) == 1.0
     state, decision = step(guard, state, observe(np.array([101.0, 141.0, 102.0])))
     assert decision.status.tolist() == [Status.OK] * 3
+
+
+ESTIMATING = design_mpc_se(
+    LinearModel(
+        Phi=jnp.array([[0.9]]),
+        Gamma=jnp.array([-0.3]),
+        C=jnp.array([1.0]),
+        state=jnp.array([81.0]),
+        insulin_mU_min=jnp.array(BASAL),
+        glucose_mg_dl=jnp.array(81.0),
+        sample_time_min=EVERY,
+    ),
+    [1.0],
+    StateTuning(move_horizon=2, prediction_horizon=7),
+)
+
+
+@pytest.mark.parametrize("absurd", [-1e20, 1e20, -5e3, 1e4, math.nan])
+def test_an_estimate_that_no_person_can_have_begins_anew_and_the_status_says_so(absurd):
+    guard = guarded(ESTIMATING)
+    state = follow(guard, [81.0, 90.0, 100.0, 110.0, 118.0])[2][-1]
+    lost = dataclasses.replace(
+        state, inner=dataclasses.replace(state.inner, estimate=jnp.full_like(state.inner.estimate, absurd))
+    )
+    lost, decision = step(guard, lost, observe(124.0, BASAL))
+    assert int(decision.status) == Status.RESTARTED
+    assert float(decision.insulin_mU_min) == BASAL
+    assert abs(float(lost.inner.estimate[0])) < 100.0
+    _, decision = step(guard, lost, observe(126.0, decision.insulin_mU_min))
+    assert int(decision.status) != Status.RESTARTED
+    assert float(decision.insulin_mU_min) > BASAL
+
+
+def test_a_memory_that_is_finite_and_absurd_is_restarted():
+    guard = guarded(MPC)
+    state = follow(guard, [81.0, 90.0, 100.0, 110.0, 118.0])[2][-1]
+    free = state.inner.free_response.at[-1].set(-1e5)
+    lost = dataclasses.replace(state, inner=dataclasses.replace(state.inner, free_response=free))
+    lost, decision = step(guard, lost, observe(124.0, BASAL))
+    assert int(decision.status) == Status.RESTARTED
+    assert float(jnp.max(jnp.abs(lost.inner.free_response))) < 1e3
 
 
 NONSENSE = [math.nan, math.inf, -math.inf, 1e300, -1e300, -7.0, 0.5]

@@ -45,6 +45,16 @@ def test_a_reading_that_is_too_fast_is_believed_once_glucose_has_had_time():
     assert [bool(state.inner.valid) for state in states] == [True] * 5 + [False]
 
 
+def test_under_the_skin_the_rise_after_a_meal_is_believed_and_a_spike_is_not():
+    meal = [108.0, 112.0, 130.0, 165.0, 210.0, 255.0, 295.0]  # up to 9 mg/dl/min
+    for route, believed in (("subcutaneous", True), ("intravenous", False)):
+        guard = guarded(Wants(rate=BASAL), GuardSettings.for_route(route))
+        states = follow(guard, meal)[2]
+        assert all(bool(state.inner.valid) for state in states[1:]) is believed
+        states = follow(guard, [81.0, 82.0, 145.0, 84.0])[2]
+        assert [bool(state.inner.valid) for state in states] == [True, True, False, True]
+
+
 @pytest.mark.parametrize(
     ("readings", "believed"),
     [

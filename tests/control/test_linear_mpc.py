@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +41,7 @@ def plan_by_hand(tuning, response):
     [
         MPCTuning(2, 8, 1.0, 0.0),
         TUNING,
-        MPCTuning(1, 1, 1.0, 0.0),
+        MPCTuning(1, 3, 1.0, 0.0),
         MPCTuning(4, 20, 1.0, 0.3),
         MPCTuning(3, 60, 2.0, 5.0),
     ],
@@ -301,13 +302,17 @@ def test_a_model_in_which_insulin_raises_glucose_is_refused():
 
 
 @pytest.mark.parametrize("samples", [7, 8, 20])
-def test_a_dead_time_as_long_as_the_horizon_is_refused(samples):
-    with pytest.raises(ValueError, match=r"over 8 samples does not determine 2 moves; lengthen the prediction horizon"):
-        design_linear_mpc(MODEL.delayed(samples), MPCTuning(2, 8, 1.0, 0.0))
-
-
-def test_a_move_weight_makes_such_a_design_possible():
-    np.testing.assert_allclose(design_linear_mpc(MODEL.delayed(8), MPCTuning(2, 8, 1.0, 1.0)).gain, 0.0)
+@pytest.mark.parametrize("move_weight", [0.0, 3.0])
+def test_a_dead_time_as_long_as_the_horizon_is_refused(samples, move_weight):
+    told = (
+        r"a prediction horizon of 8 samples sees \S+ % of the gain of insulin; .*give a prediction horizon of (\d+) or"
+    )
+    with pytest.raises(ValueError, match=told) as refused:
+        design_linear_mpc(MODEL.delayed(samples), MPCTuning(2, 8, 1.0, move_weight))
+    enough = int(re.search(told, str(refused.value))[1])
+    design_linear_mpc(MODEL.delayed(samples), MPCTuning(2, enough, 1.0, move_weight))
+    with pytest.raises(ValueError, match=f"horizon of {enough - 1} samples sees"):
+        design_linear_mpc(MODEL.delayed(samples), MPCTuning(2, enough - 1, 1.0, move_weight))
 
 
 def test_a_model_that_is_not_finite_is_refused():
@@ -317,5 +322,5 @@ def test_a_model_that_is_not_finite_is_refused():
 
 
 def test_a_model_without_any_response_is_refused():
-    with pytest.raises(ValueError, match="does not determine 1 moves"):
+    with pytest.raises(ValueError, match="a gain of 0 mg/dl per mU/min is not possible"):
         design_linear_mpc(StepResponseModel.from_impulse_response(np.zeros(5), 5.0), MPCTuning(1, 4))

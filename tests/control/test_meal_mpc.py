@@ -153,7 +153,8 @@ def test_the_plan_minimises_the_objective_of_the_docstring(model):
     told = controller.expected.without(estimate, 0.6)
     variance = 1.45 + float(estimate.noise_mg_dl) ** 2
     digested = jax.tree.map(lambda held: (1.0 - 0.5 * variance / (variance + 1.0)) * held, told.stomach)
-    explained = dataclasses.replace(told, stomach=digested, disturbance_mg_min=jnp.minimum(told.disturbance_mg_min, 0))
+    unexplained = jnp.minimum(told.disturbance_mg_min, state.lasting_mg_min)
+    explained = dataclasses.replace(told, stomach=digested, disturbance_mg_min=unexplained)
     P, goes_on = float(told.eating), 1.0 - float(controller.ends)
     assert 0.05 < P < 0.95
     assert decision.status == Status.OK
@@ -172,6 +173,14 @@ def test_the_plan_minimises_the_objective_of_the_docstring(model):
     found = minimize(objective, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5})
     assert abs(delivered - before - found.x[0]) < 0.05
     assert abs(delivered - before) > 1.0
+
+
+@pytest.mark.long
+def test_a_basal_rate_that_is_too_small_leaves_no_offset(quiet):
+    told = quiet.for_person(0.7 * PATIENT.basal_insulin_mU_min)
+    trace = simulate(PATIENT, told, scenario=Scenario([], 1440.0))
+    late = np.asarray(trace.glucose_mg_dl)[-144:] - float(trace.setpoint_mg_dl)
+    assert np.abs(late.mean()) < 0.2
 
 
 @pytest.mark.long

@@ -411,7 +411,7 @@ def test_statuses():
             "every mode on the unit circle must be driven by Q",
         ),
         ({"offset_free": "input-disturbance", "disturbance_variance": -1.0}, "Q must be positive semi-definite"),
-        ({"model": dataclasses.replace(MODEL, C=jnp.zeros(3))}, "does not determine 2 moves"),
+        ({"model": dataclasses.replace(MODEL, C=jnp.zeros(3))}, "mg/dl per mU/min is not possible"),
         ({"model": dataclasses.replace(MODEL, C=-MODEL.C)}, "mg/dl per mU/min is not possible; insulin lowers glucose"),
         (
             {"model": dataclasses.replace(MODEL, Phi=jnp.asarray(PHI) * 1.3, C=jnp.array([1.0, 0.0, 0.0]))},

@@ -1,4 +1,4 @@
-"""PID: the velocity form is the position form until the pump is at its limit, and then it does not wind up."""
+"""PID: the textbook form until something limits the rate; then it does not wind up, and forgets no rise."""
 
 import jax
 import numpy as np
@@ -53,16 +53,44 @@ def test_at_the_limit_it_does_not_wind_up():
     assert np.all(doses[50:150] == 0.0)
     wound = position_form(TUNING, readings, np.full(152, 100.0), 25.0)
     assert wound[-1] < -100.0  # hours away from giving insulin again
-    rise = 0.8 * (40.0 + 0.8 * 40.0)  # proportional and derivative; there is no error left to integrate
-    assert rise > 16.7
-    np.testing.assert_allclose(doses[150:], [16.7, 16.7 + 0.8 * (10.0 + 10.0 * 5.0 / 90.0 + 0.8 * (10.0 - 40.0))])
+    # Nearly nothing is wanted at the limit, so the rise of 40 mg/dl counts whole, as fast as the pump can.
+    np.testing.assert_allclose(doses[150:], [16.7, 33.4])
 
 
-def test_what_the_pump_delivered_is_where_the_next_move_starts():
-    controller = design_pid(PIDTuning(0.8, 90.0), WIDE)
-    state, _ = step(controller, controller.init(observe(110.0, 25.0)), observe(110.0, 25.0))
-    _, decision = step(controller, state, observe(110.0, 20.0))
-    assert float(decision.insulin_mU_min) == pytest.approx(20.0 + 0.8 * 10.0 * 5.0 / 90.0)
+def delivered_at_most(controller, readings, most, start):
+    """Wanted and delivered rates where something after the controller gives at most a rate."""
+    state, delivered, doses = controller.init(observe(readings[0], start)), start, []
+    for y, limit in zip(readings, most, strict=True):
+        state, decision = step(controller, state, observe(y, delivered))
+        delivered = min(float(decision.insulin_mU_min), limit)
+        doses.append(delivered)
+    return np.array(doses)
+
+
+def test_a_rise_that_a_guard_cut_is_not_forgotten_when_glucose_stays_high():
+    """Every other dose is cut; the velocity form lost each rise and kept each fall."""
+    readings = 200.0 + 10.0 * (np.arange(200) % 2)
+    cut = np.where(np.arange(200) % 2 == 1, 7.0, 1e6)
+    doses = delivered_at_most(design_pid(PIDTuning(0.1, 400.0)), readings, cut, 7.0)
+    assert np.all(np.diff(doses[0::2]) >= 0.0)
+    assert doses[-2] > 7.0 + 0.9 * 100 * 110.0 * 0.1 * 5.0 / 400.0  # the integral of the samples after uncut ones
+
+
+def test_a_cut_that_lasts_winds_nothing_up():
+    readings = np.r_[np.full(200, 200.0), np.full(60, 95.0)]
+    doses = delivered_at_most(design_pid(PIDTuning(0.1, 400.0)), readings, np.full(260, 8.0), 7.0)
+    np.testing.assert_allclose(doses[10:200], 8.0)
+    assert np.all(doses[200:] < 1.0)  # the proportional part is gone at once, and with it most of the rate
+
+
+def test_a_pump_that_rounds_holds_no_integral_up():
+    controller, state, delivered = design_pid(PIDTuning(0.1, 400.0)), None, 7.0
+    for _ in range(60):
+        seen = observe(110.0, delivered)
+        state = controller.init(seen) if state is None else state
+        state, decision = step(controller, state, seen)
+        delivered = 0.5 * np.floor(float(decision.insulin_mU_min) / 0.5)
+    assert delivered == 0.5 * np.floor((7.0 + 60 * 0.1 * 5.0 / 400.0 * 10.0) / 0.5 + 1e-9)
 
 
 # ---------------------------------------------------------------------------------------------- missing readings

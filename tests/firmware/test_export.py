@@ -76,6 +76,8 @@ def test_what_was_not_run_is_not_claimed(folder):
     assert "Frama-C" in not_run
     assert "Frama-C" not in held
     assert "C on this computer" in held
+    instructions, outcomes = (folder / "README.md").read_text(), {True: "held", None: "not run"}
+    assert all(f"- {outcomes[check['holds']]}: {check['check']}" in instructions for check in checks)
 
 
 @pytest.mark.parametrize(

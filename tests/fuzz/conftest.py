@@ -2,15 +2,13 @@
 
 import contextlib
 import io
-import linecache
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.cli.mistakes import sentence
+from glucoloop.refusal import Refusal
 
 _STOPS = (
     "glucoloop.studies.bounded.optimal_doses",
@@ -31,16 +29,12 @@ def refusal(function: Callable[..., object], *arguments: object) -> str | None:
     """The sentence with which a reader refuses, or None; whatever else it raises is its failure."""
     try:
         function(*arguments)
-    except ValueError as error:
-        told = sentence(error)
-        assert told is not None, "another library refused it"
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        raising = linecache.getline(last.filename, last.lineno or 0).strip()
-        # A conversion that fails inside the package looks like its own refusal but for this.
-        assert raising.startswith("raise "), f"{raising} in {last.filename} refused it: {told}"
-        assert told.strip()
-        return told
-    return None
+    except Refusal as error:
+        told = str(error)
+    else:
+        return None
+    assert told.strip()
+    return told
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import pytest
 from glucoloop.control import Status
 from glucoloop.metrics import summarise
 from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.registry.metrics import RESULTS
 from made_trace import trace_of
 
 
@@ -23,6 +24,11 @@ def _runs(outside, turns):
         if row == turns:
             events, going, row = events + (not going), not going, 0
     return events
+
+
+def _longest(there):
+    """Largest number of neighbours that are true."""
+    return max(map(len, "".join("x" if one else " " for one in there).split()), default=0)
 
 
 def _by_arrays(trace, limits=PARKER_1999_LIMITS, lowest=60.0):
@@ -64,9 +70,11 @@ def _by_arrays(trace, limits=PARKER_1999_LIMITS, lowest=60.0):
     def samples_with(*statuses):
         return np.isin(status, statuses).sum(axis=0)
 
+    step = t[-1] / len(insulin)
+    off = insulin + (0.0 if trace.bolus_mU is None else np.asarray(trace.bolus_mU)) <= 0.0
     (within_2, settled_2), (within_5, settled_5) = settling(2.0), settling(5.0)
     missing = ~(np.asarray(trace.reading_valid) & np.isfinite(trace.reading_mg_dl))
-    return {
+    found = {
         "undershoot_mg_dl": setpoint - least,
         "minimum_mg_dl": least,
         "minimum_t_min": of(t[np.where(finite, fine, 0.0).argmin(axis=0)]),
@@ -94,6 +102,8 @@ def _by_arrays(trace, limits=PARKER_1999_LIMITS, lowest=60.0):
         "lbgi": of((10.0 * np.minimum(f, 0.0) ** 2).mean(axis=0)),
         "hbgi": of((10.0 * np.maximum(f, 0.0) ** 2).mean(axis=0)),
         "insulin_total_mU": given.sum(axis=0) * (t[-1] / len(insulin)) + bolus,
+        "insulin_off_min": np.where(delivered, off.sum(axis=0) * step, np.nan),
+        "longest_insulin_off_min": np.where(delivered, np.apply_along_axis(_longest, 0, off) * step, np.nan),
         "insulin_total_variation_mU_min": changes.sum(axis=0),
         "largest_change_mU_min": changes.max(axis=0),
         "rate_satisfied": rate,
@@ -109,6 +119,7 @@ def _by_arrays(trace, limits=PARKER_1999_LIMITS, lowest=60.0):
         "samples_suspended": samples_with(Status.SUSPENDED),
         "samples_dose_limited": samples_with(Status.DOSE_LIMITED),
     }
+    return {result.name: found.pop(result.name) for result in RESULTS if result.name in found} | found
 
 
 @pytest.fixture(scope="session")

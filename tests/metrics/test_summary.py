@@ -104,6 +104,7 @@ def test_a_run_that_left_the_numbers_has_no_numbers(make_trace, bad):
     glucose[400:] = bad
     found = summarise(make_trace(glucose)).as_dict()
     rest_on_insulin = {"insulin_total_mU", "insulin_total_variation_mU_min", "largest_change_mU_min"}
+    rest_on_insulin |= {"insulin_off_min", "longest_insulin_off_min"}
     for name, value in found.items():
         if isinstance(value, float):
             assert name in rest_on_insulin, name

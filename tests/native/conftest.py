@@ -18,14 +18,14 @@ def shape(x):
 class Native:
     """A function of arrays, compiled; it is called with arrays in which people trail."""
 
-    def __init__(self, function, *examples, precision="float64"):
+    def __init__(self, function, *examples, precision="float64", products="fused", as_written=False):
         def step(person, carry, own, shared, rng):
             del person, shared, rng
             return carry, function(*own)
 
         own = [shape(x) for x in examples]
-        lowered = lower(step, (), (), own, (), precision=precision)
-        self.kernel, self.results = compile_kernel(lowered), lowered.shapes.outputs
+        lowered = lower(step, (), (), own, (), precision=precision, as_written=as_written)
+        self.kernel, self.results = compile_kernel(lowered, products=products), lowered.shapes.outputs
 
     def __call__(self, *arrays):
         kernel, n = self.kernel, np.shape(arrays[0])[-1]

@@ -1,5 +1,6 @@
 """Elementary functions against those of NumPy in a higher precision, in units in the last place."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +10,18 @@ from hypothesis import strategies as st
 PRECISIONS = ["float64", "float32"]
 NAMES = ("exp", "expm1", "log", "tanh", "power")
 MOST_ULPS = {"exp": 2.0, "expm1": 4.0, "tanh": 6.0, "log": 6.0}
+ANGLES = ("sin", "cos", "tan")
+FURTHEST = {"float64": 2.2e14, "float32": 4.1e5}
+MOST_ULPS |= {
+    "sin": 2.0,
+    "cos": 2.0,
+    "tan": 4.0,
+    "sinh": 4.0,
+    "cosh": 2.0,
+    "cbrt": 1.0,
+    "arctan2": 3.0,
+    "logistic": 3.0,
+}
 LARGEST = {"float64": 708.0, "float32": 87.0}
 
 
@@ -55,6 +68,62 @@ def test_functions_are_exact_to_a_few_units_in_the_last_place(functions, precisi
     positive = np.concatenate([10.0 ** rng.uniform(-30, 30, n), 1.0 + rng.uniform(-0.4, 0.6, n), 1.0 + tiny * 1e-3])
     positive = positive.astype(precision)
     assert ulps(functions(precision, positive)["log"], np.log(wider(positive))).max() < MOST_ULPS["log"]
+
+
+def angles_and_roots(x, y):
+    return {
+        **{name: getattr(jnp, name)(x) for name in (*ANGLES, "sinh", "cosh", "cbrt")},
+        "arctan2": jnp.arctan2(y, x),
+        "logistic": jax.nn.sigmoid(x),
+    }
+
+
+@pytest.mark.parametrize("products", ["fused", "strict"])
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_angles_and_roots_are_exact_to_a_few_units_in_the_last_place(native, precision, products):
+    rng = np.random.default_rng(2)
+    n, largest, furthest = 20_000, LARGEST[precision], FURTHEST[precision]
+    sign, decades = rng.choice([-1.0, 1.0], n), np.log10(float(np.finfo(precision).max)) - 1.0
+    turns = rng.integers(0, int(0.6 * furthest), n).astype(np.longdouble) * (np.arctan(np.longdouble(1.0)) * 2.0)
+    numbers = {
+        "tan": [sign * 10.0 ** rng.uniform(-30, np.log10(furthest), n), turns, rng.uniform(-7.0, 7.0, n)],
+        "cosh": [rng.uniform(-largest, largest, n), sign * 10.0 ** rng.uniform(-30, 0, n)],
+        "cbrt": [sign * 10.0 ** rng.uniform(-decades, decades, n), rng.uniform(-9.0, 9.0, n)],
+    }
+    numbers = {name: np.concatenate(parts).astype(precision) for name, parts in numbers.items()}
+    numbers["tan"] = numbers["tan"][np.abs(numbers["tan"]) < furthest]
+    of = {**dict.fromkeys(ANGLES, "tan"), **dict.fromkeys(("sinh", "cosh", "logistic"), "cosh")}
+    compiled = native(angles_and_roots, np.zeros(1), np.zeros(1), precision=precision, products=products)
+    with np.errstate(all="ignore"):
+        for name in ("sin", "cos", "tan", "sinh", "cosh", "cbrt", "logistic", "arctan2"):
+            x = numbers[of.get(name, "cbrt")]
+            y = x[::-1] * np.where(np.abs(x) < 10.0, x[::-1], 1.0).astype(precision)
+            wide = wider(x)
+            if name == "arctan2":
+                truth = np.arctan2(wider(y), wide)
+            else:
+                truth = 1.0 / (1.0 + np.exp(-wide)) if name == "logistic" else getattr(np, name)(wide)
+            found = compiled(x, y)[name]
+            ordinary = np.abs(truth) >= np.finfo(precision).tiny  # the last digits of smaller ones are lost
+            assert ulps(found, truth)[ordinary].max() < MOST_ULPS[name], name
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_angles_and_roots_of_extremes(native, precision):
+    kinds = np.array([0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan], precision)
+    x, y = (of.ravel() for of in np.meshgrid(kinds, kinds))
+    found = native(angles_and_roots, x, y, precision=precision)(x, y)
+    with np.errstate(all="ignore"):
+        for name in (*ANGLES, "cbrt", "arctan2"):
+            truth = np.arctan2(y, x) if name == "arctan2" else getattr(np, name)(x)
+            np.testing.assert_allclose(found[name], truth, rtol=3.0 * np.finfo(precision).eps)
+            some = ~np.isnan(truth)
+            np.testing.assert_array_equal(np.signbit(found[name])[some], np.signbit(truth)[some])
+    far = np.full(1, 10.0 * FURTHEST[precision], precision)
+    assert np.isnan(native(angles_and_roots, far, far, precision=precision)(far, far)["sin"])
+    limits = np.finfo(precision)
+    small = np.array([limits.smallest_subnormal, limits.tiny / 8, limits.max], precision)
+    np.testing.assert_allclose(native(jnp.cbrt, small, precision=precision)(small), np.cbrt(small), rtol=limits.eps)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

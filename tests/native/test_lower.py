@@ -26,6 +26,11 @@ def step(person, carry, own, shared, rng):
     x = jnp.tanh(matrix @ x) / (1.0 + rate * rate) + jnp.maximum(pushed * jnp.exp(-rate / 3.0), -jnp.sqrt(rate))
     low = ~jnp.isfinite(jnp.log(x[0])) & (jnp.sign(x[1]) != 1.0) | (jnp.floor(x[2]) <= -1.0)
     risk = jnp.log(1.5 + jnp.abs(x)) ** 1.084 - jnp.expm1(-rate)
+    turned = jnp.sin(x) + jnp.cos(3.0 * own) * jnp.cbrt(own) + jnp.arctan2(own, x) - 1e-3 * jnp.sinh(own)
+    coarse = jnp.round(7.0 * own[0]) + jax.lax.round(own[1]) + jnp.mod(own[2], 0.3) - jnp.ceil(own[0])
+    place = (jnp.floor(own[1] * 2.0).astype(int) % 5) // 2
+    x = x + jax.lax.cond(low, lambda: turned, lambda: coarse + jnp.asarray([0.5, 1.5, 4.0])[place] * turned)
+    x = x + jnp.interp(own[0], jnp.asarray([-2.0, -0.5, 0.5, 2.0]), jnp.asarray([0.0, 1.0, -1.0, 3.0]))
     return (x, low ^ alarm, count + low), {"x": x, "risk": risk, "count": count, "least": jnp.minimum(rate, x.min())}
 
 

@@ -290,12 +290,11 @@ def test_triangular_solve(left, lower, transposed, unit):
 def test_solver_of_linear_equations():
     A, b = jnp.array([[2.0, 1.0], [1.0, 3.0]]), jnp.array([3.0, 5.0])
     of = equations(jnp.linalg.solve, A, b)["custom_linear_solve"]
-    solve, first, right = primitives.solver(of)
+    solve, taken = primitives.solver(of)
     shapes = [atom.aval.shape for atom in of.invars]
-    constants = len(solve.jaxpr.invars) - (len(shapes) - right)
-    assert [v.aval.shape for v in solve.jaxpr.invars] == [*shapes[first : first + constants], *shapes[right:]]
+    assert [v.aval.shape for v in solve.jaxpr.invars] == [shapes[i] for i in taken]
     factors, _, order = jax.lax.linalg.lu(A)
-    (found,) = evaluated(solve, factors, order, b.reshape(shapes[right]))
+    (found,) = evaluated(solve, factors, order, b.reshape(shapes[taken[-1]]))
     np.testing.assert_allclose(np.ravel(found), np.linalg.solve(A, b))
 
 
@@ -309,3 +308,27 @@ def test_gather_along_one_axis():
     assert primitives.gathered_axis(of) == 1
     assert primitives.gathered_offsets(of) == (0,)
     assert primitives.gathered_axis(equations(lambda x, i: x[i, i], X, jnp.array([1, 2]))["gather"]) is None
+
+
+def test_places_outside_an_array():
+    def taken(**how):
+        return equations(lambda x, i: jnp.take(x, i, **how), X[0], jnp.array([1, 9]))["gather"]
+
+    assert primitives.gathered_outside(taken(mode="clip")) is None
+    assert primitives.gathered_outside(taken(mode="fill", fill_value=-1.0)) == -1.0
+    assert np.isnan(primitives.gathered_outside(taken()))
+
+
+def test_ways_of_rounding():
+    ways = jax.lax.RoundingMethod
+    for way, name in ((ways.TO_NEAREST_EVEN, "round_even"), (ways.AWAY_FROM_ZERO, "round_away")):
+        assert primitives.rounding(equations(lambda x, way=way: jax.lax.round(x, way), 0.5)["round"]) == name
+
+
+def test_the_part_that_an_equation_stands_in():
+    def parts(x):
+        with jax.named_scope("sensor"), jax.named_scope("inside"):
+            return jnp.sin(x)
+
+    assert primitives.part(equations(parts, 0.5)["sin"]) == "sensor"
+    assert primitives.part(equations(jnp.sin, 0.5)["sin"]) is None

@@ -291,7 +291,7 @@ def stress_page():
     """A function that makes the page of a stress test."""
     from glucoloop.studies.stress.study import page
 
-    return lambda found: page(SimpleNamespace(keys=dict), found)
+    return lambda found: page(SimpleNamespace(keys=dict, given=None), found)
 
 
 @pytest.fixture(scope="session")

@@ -6,11 +6,25 @@ import pytest
 
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
+from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced
+from glucoloop.papers.parker1999.experiments import PointResults
+from glucoloop.papers.parker1999.options import POINTS
+from glucoloop.papers.parker1999.pages import html_report
+from glucoloop.papers.parker1999.published import published
 from glucoloop.report import Repeat, interactive_page, trial_page
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
+
+_NO_RUNS = PointResults("setpoint-81", None, 60, None, {}, {}, {}, {})
+
+
+def _as_wide_as_the_full_one():
+    """All printed entries, each with a result that does not agree, at every operating point."""
+    found = Reproduced(120.25, low=99.75, high=130.25)
+    return [ComparedEntry(entry=entry, reproduced=dict.fromkeys(POINTS, found)) for entry in published()]
+
 
 pytestmark = [pytest.mark.long, needs_browser]
 
@@ -35,6 +49,7 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_p
         "surface": surface_page(
             Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
+        "reproduction": html_report(_as_wide_as_the_full_one(), dict.fromkeys(POINTS, _NO_RUNS), 1, {}),
     }
     folder = tmp_path_factory.mktemp("pages")
     for name, text in texts.items():
@@ -49,7 +64,7 @@ def seen(pages):
 
 
 def test_nobody_is_kept_out_and_nothing_is_loaded(seen):
-    assert len(seen) == 16
+    assert len(seen) == 20
     for place, of in seen.items():
         assert (place, of["violations"], of["loads"], of["errors"]) == (place, [], [], [])
         assert of["wide"] <= of["width"], place

@@ -32,7 +32,7 @@ def test_the_page_is_well_formed_and_says_what_it_is(page, reader):
     read = reader(page)
     assert page.startswith("<!doctype html>")
     assert read.text["title"] == read.text["h1"] == ["Two runs"]
-    assert read.text["h2"] == ["What happened", "Metrics", "Numbers of the picture"]
+    assert read.text["h2"] == ["Summary", "What happened", "Metrics", "Numbers of the picture"]
     assert read.text["footer"] == ["Research software, not a medical device."]
     assert ("charset", "utf-8") in read.attributes
     assert ("name", "viewport") in read.attributes
@@ -126,7 +126,8 @@ def test_what_happened_is_marked_and_told(make_trace):
     assert "Meals: 50 g at 50 min." in told
     assert "Fault: occlusion, open fraction 0, not noticed, from 200 min, for 60 min." in told
     assert "Glucose below 70 mg/dl from 301 to 330 min." in told
-    assert "below 54" not in told.partition("Metrics")[0]
+    assert "Glucose below 54" not in told
+    assert "Glucose above" not in told
     assert "Guard: insulin suspended from 300 to 330 min." in told
     assert "Boluses delivered: 4.2 U at 50 min." in told
     assert '<rect class="fault" x="2000"' in page
@@ -219,3 +220,29 @@ def test_metrics_of_other_runs_are_refused(quiet, noisy, labels):
 def test_metrics_of_one_run_do_not_stand_for_several(quiet):
     with pytest.raises(ValueError, match="under the same labels"):
         interactive_page({"glucose": quiet}, summarise(quiet))
+
+
+def test_what_a_clinician_would_say_stands_before_the_picture(make_trace):
+    glucose = np.full(601, 300.0)
+    glucose[:120] = 100.0
+    trace = make_trace(glucose, np.zeros(120))
+    told = shown(interactive_page(trace, summarise(trace)))
+    summary = told.partition("Summary")[2].partition("What happened")[0]
+    assert summary.index("Glucose was from 70 to 180 mg/dl for 20.0 %") < summary.index("above 250 mg/dl for 80.0 %")
+    assert "none at all for 10 h" in summary
+    assert "Glucose above 250 mg/dl from 120 to 600 min." in told
+
+
+def test_a_glucose_below_0_is_no_number(make_trace, drawn):
+    glucose = np.linspace(100.0, -20.0, 601)
+    trace = make_trace(glucose)
+    page = interactive_page(trace, summarise(trace))
+    (figure,) = drawn(page)
+    curve = next(curve for curve in figure if curve.name == "glucose")
+    assert np.nanmin(curve.values) >= 0.0
+    assert not re.search(r"[-−]\d[\d.]*( mg/dl|</td>)", page.partition("<script>")[0])
+    least = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Least glucose")
+    assert least.values == least.mmol_l == ("not valid",)
+    undershoot = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Undershoot")
+    assert undershoot.values == ("not valid",)
+    assert "least not valid at" in page

@@ -42,8 +42,8 @@ def test_numbers_without_and_with_the_guard_stand_side_by_side(result):
     assert line(below, "stuck") == ["25|2", "2.8|0.8", "22|6.3", "11|3.1", "53|69", "45|13", "12|12", "6.7", "<0.1"]
     assert line(below, "late") == ["0|0", "0|0", "0|0", "0|0", "75|75", "0|0", "12|12", "6.7", "<0.1"]
     words = " ".join(text.split())
-    assert "Pairs are without the guard|with the guard." in words
-    assert "people who spend more than 1 % of the run longer below 60 mg/dl" in words
+    assert "In each pair a|b, a is without the guard and b with it." in words
+    assert "people whose time below 60 mg/dl was longer by over 1 % of the run than without the fault" in words
 
 
 def test_every_controller_has_every_fault(result):
@@ -59,7 +59,7 @@ def test_with_one_kind_only_there_are_no_pairs(make_stress, guards):
     text = printed(stress_table(make_stress(["imc"], [STUCK], guards=guards)))
     assert "|" not in text
     assert ("susp." in text) == guards[0]
-    assert f"All is {'with' if guards[0] else 'without'} the guard." in text
+    assert f"All numbers are {'with' if guards[0] else 'without'} the guard." in text
 
 
 def test_the_standard_faults_on_a_thousand_people_fit_110_columns(make_stress):

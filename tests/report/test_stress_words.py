@@ -5,11 +5,11 @@ import itertools
 import pytest
 
 from glucoloop.registry.fault_text import parse_fault
-from glucoloop.report.columns import percent, whole
+from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
 from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.report.heat import UNKNOWN, shade_of
-from glucoloop.studies.stress.cells import STANDARD_FAULTS
+from glucoloop.studies.stress.cells import COLUMNS, STANDARD_FAULTS
 from glucoloop.studies.stress.study import conclusions, sentences, worse_people_text
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
@@ -86,15 +86,30 @@ def test_what_is_set_is_said_with_its_unit():
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.0, "0"), (1e-9, "<0.1"), (0.05, "0.1"), (5.04, "5.0"), (99.97, "99.9"), (100.0, "100")],
+    ("value", "text", "terse"),
+    [
+        (0.0, "0", "0"),
+        (1e-9, "< 0.01", "<0.1"),
+        (0.05, "0.05", "0.1"),
+        (5.04, "5.0", "5.0"),
+        (99.97, "99.97", "99"),
+        (100.0, "100", "100"),
+    ],
 )
-def test_little_is_never_told_as_none(value, text):
-    assert percent(value) == text
+def test_little_is_never_told_as_none(value, text, terse):
+    assert (percent(value), terse_percent(value)) == (text, terse)
 
 
-def test_a_concentration_that_rounds_to_nothing_has_no_sign():
+def test_a_number_that_rounds_to_nothing_has_no_sign():
     assert (whole(-0.2), whole(-3.6)) == ("0", "-4")
+
+
+def test_a_concentration_below_0_is_no_number(make_stress):
+    assert (whole_glucose(-0.2), whole_glucose(75.4)) == ("not valid", "75")
+    lowest = next(column for column in COLUMNS if column.name == "lowest_mg_dl")
+    (row,) = make_stress(["mpc"], [], guards=(False,), change=lambda row: {"lowest_mg_dl": None}).rows
+    assert lowest.value_text(row) == lowest.short_value_text(row) == "not valid"
+    assert lowest.value_text(row | {"people": 0}) == "n/a"
 
 
 def test_a_shade_reaches_up_to_its_bound():
@@ -133,19 +148,19 @@ def test_what_passes_and_what_fails_is_counted(make_stress):
     )
     passing, failing, harm, quiet, beyond = conclusions(result)
     assert passing == (
-        "With the guard, 3 of 4 combinations of a controller and a fault pass: nobody spends more than 1 % of the run "
-        "longer below 60 mg/dl than without the fault. Without the guard, 1 of 4 pass."
+        "With the guard, 3 of 4 combinations of a controller and a fault passed: with the fault, nobody's time below "
+        "60 mg/dl was longer by more than 1 % of the run than without it. Without the guard, 1 of 4 passed."
     )
     assert failing == (
-        "Combinations that fail with the guard: mpc under stuck (1 of 40 people worse off, at most by 4.0 % of the "
+        "Combinations that failed with the guard: mpc under stuck (1 of 40 people worse off, by at most 4.0 % of the "
         "run)."
     )
-    assert harm == "In no cell, with a fault or without one, does the guard make the mean time below 60 mg/dl longer."
+    assert harm == "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
     assert "imc: 0 % and 151 → 153; mpc: 0 % and 151 → 153." in quiet
     # 1 + 6.66 + 0.004 + 0.25
-    assert quiet.endswith("Of the samples, the guard then acts at 7.9 % with imc; 7.9 % with mpc.")
+    assert quiet.endswith("The guard then acted at this percentage of the samples: 7.9 % with imc; 7.9 % with mpc.")
     assert beyond.startswith(
-        "In 3 of 12 cells glucose was lower than the patient's model is valid for, for at most 2 of 40"
+        "In 3 of 12 combinations glucose fell below the valid range of the patient's model, for at most 2 of 40"
     )
 
 
@@ -153,15 +168,18 @@ def test_reasons_follow_the_conclusions(make_stress):
     result = make_stress(["mpc"], [STUCK], {("mpc", True, STUCK): (4.04, [17])})
     *first, reason = sentences(None, result)
     assert first == list(conclusions(result))
-    assert reason == "mpc under stuck, with the guard: person 17, 4.0 % more. He ate <nothing> & fell."
+    assert reason == (
+        "mpc under stuck, with the guard: person 17, below 60 mg/dl for 4.0 % of the run longer. "
+        "He ate <nothing> & fell."
+    )
 
 
 def test_harm_that_the_guard_does_is_said(make_stress):
     result = make_stress(["imc"], [STUCK], {("imc", False, STUCK): (2.0, []), ("imc", True, STUCK): (10.0, [3])})
     # the mean is an eighth of the worst
     assert (
-        "In 1 of 2 cells, those without a fault included, the mean time below 60 mg/dl is longer with the guard than "
-        "without it: at most by 1.0 % of the run, in imc under stuck."
+        "In 1 of 2 combinations, those without a fault included, the mean time below 60 mg/dl was longer with the "
+        "guard than without it: by at most 1.0 % of the run, in imc under stuck."
     ) in conclusions(result)
 
 
@@ -169,7 +187,7 @@ def test_only_the_worst_of_many_that_fail_are_listed(make_stress):
     faults = [f"drift, mg_dl_h={rate}" for rate in range(1, 9)]
     bad = {("imc", True, fault): (float(index + 2), [1]) for index, fault in enumerate(faults)}
     _, failing, *_ = conclusions(make_stress(["imc"], faults, bad))
-    assert failing.startswith("Combinations that fail with the guard: imc under drift 8 mg/dl/h (")
+    assert failing.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl/h (")
     assert failing.count("imc under") == 5
     assert failing.endswith("; and 3 more.")
 
@@ -177,9 +195,9 @@ def test_only_the_worst_of_many_that_fail_are_listed(make_stress):
 def test_a_test_without_a_guard_speaks_of_none(make_stress):
     told = list(conclusions(make_stress(["imc"], [STUCK], {("imc", False, STUCK): (9.0, [1])}, guards=(False,))))
     assert told[0].startswith("Without the guard, 0 of 1 combinations")
-    assert told[1].startswith("Combinations that fail without the guard")
+    assert told[1].startswith("Combinations that failed without the guard")
     assert len(told) == 3
-    assert "acts" not in told[2]
+    assert "acted" not in told[2]
 
 
 def nobody(row):
@@ -190,13 +208,11 @@ def nobody(row):
 def test_cells_in_which_nobody_took_part_do_not_count_as_passing(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: nobody(row) if row["fault"] == DRIFT else {})
     told = list(conclusions(result))
-    assert told[0].startswith(
-        "In 2 of 6 cells glucose did not stay finite, there or without the fault, for at most 40 of 40"
-    )
+    assert told[0].startswith("In 2 of 6 combinations the glucose of some people, 40 of 40 people at most")
     assert told[1] == (
-        "With the guard, 1 of 1 combinations of a controller and a fault pass: nobody spends more than 1 % of the run "
-        "longer below 60 mg/dl than without the fault. Without the guard, 1 of 1 pass. Of 1 more nothing is known, "
-        "since nobody could take part."
+        "With the guard, 1 of 1 combinations of a controller and a fault passed: with the fault, nobody's time below "
+        "60 mg/dl was longer by more than 1 % of the run than without it. Without the guard, 1 of 1 passed. In 1 "
+        "further combination nobody could take part."
     )
 
 
@@ -211,8 +227,8 @@ def test_who_took_no_part_is_told(make_stress, stress_page):
 def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
     result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: {"people": 38} if row["fault"] == DRIFT else {})
     assert next(conclusions(result)) == (
-        "In 2 of 6 cells glucose did not stay finite, there or without the fault, for at most 2 of 40 people "
-        f"(imc | {DRIFT}); nothing is known of them there."
+        "In 2 of 6 combinations the glucose of some people, 2 of 40 people at most "
+        f"(imc | {DRIFT}), did not stay a finite number, with or without the fault; they are in no number there."
     )
 
 

@@ -29,14 +29,14 @@ def test_each_metric_has_its_name_value_and_unit(quiet):
     assert line(text, "Settling, 2 %") == ["Settling,", "2", "%", "band", "182", "min"]
     assert line(text, "Insulin delivered") == ["Insulin", "delivered", f"{5 * (2400 + 300) / 1000:.2f}", "U"]
     assert line(text, "Reading missing") == ["Reading", "missing", "0"]
-    assert line(text, "All") == ["All", "yes"]
+    assert line(text, "All") == ["All", "three", "yes"]
 
 
 def test_what_has_not_settled_is_more_than_a_number(noisy):
     text = printed(metrics_table(summarise(noisy)))
     assert line(text, "Settling, 2 %")[-2] == "551+"
     assert line(text, "Settling, 5 %")[-2] == "551+"
-    assert line(text, "All") == ["All", "no"]  # the change to the pump's limit is too fast
+    assert line(text, "All") == ["All", "three", "no"]  # the change to the pump's limit is too fast
 
 
 def test_what_is_not_a_number_is_not_available(make_trace):

@@ -63,7 +63,7 @@ def test_edges_that_do_not_bound_the_bins_are_refused(make_report, make_case):
 
 def test_an_unknown_metric_is_refused(make_report, make_case):
     counts = {"undershot": next(iter(make_case(10.0).metric_counts.values()))}
-    with pytest.raises(ValueError, match="unknown metric 'undershot'; use one of undershoot_mg_dl"):
+    with pytest.raises(ValueError, match="unknown metric 'undershot'; use one of time_70_180_pct"):
         with_case(make_report, metric_counts=counts)
 
 

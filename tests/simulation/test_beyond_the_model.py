@@ -101,3 +101,22 @@ def test_native_code_counts_what_a_trace_shows(people, of_person):
     assert np.all(expected > 5.0)
     # The integrators differ by less than glucose falls in a minute.
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1.01 * 100.0 / (5 * SAMPLES + 1))
+
+
+def test_glucose_beyond_the_model_is_told_with_the_glucose(people, of_person):
+    run = simulate_people(people, Broken(answer=60.0), scenario=SCENARIO)
+    limit = np.broadcast_to(np.asarray(lowest_valid_glucose_mg_dl(people.patient)), PEOPLE)
+    np.testing.assert_array_equal(run.glucose_valid, run.glucose_mg_dl >= limit)
+    assert run.glucose_valid[0].all()
+    assert not run.glucose_valid[-1].any()
+    trace = of_person(0, 60.0)
+    np.testing.assert_array_equal(trace.glucose_valid, run.glucose_valid[:-1, 0])
+    np.testing.assert_array_equal(trace.fine_glucose_valid, trace.fine_glucose_mg_dl >= limit[0])
+
+
+def test_nothing_below_zero_or_no_number_is_valid_glucose(of_person):
+    trace = of_person(0, 0.0)
+    with_default = trace.__class__(
+        **{**vars(trace), "lowest_valid_mg_dl": 0.0, "glucose_mg_dl": jnp.array([-1.0, 0.0, jnp.nan, 5.0])}
+    )
+    assert with_default.glucose_valid.tolist() == [False, True, False, True]

@@ -400,10 +400,16 @@ def test_native_code_that_is_not_possible_is_refused_and_else_not_taken(nominal,
 
             return state, Decision(insulin_mU_min=jnp.sort(jnp.stack([state, state]))[0], status=jnp.asarray(0))
 
-    with pytest.raises(ValueError, match="native code cannot take this loop, which has the operation 'sort'; use xla"):
+    with pytest.raises(
+        ValueError, match="native code cannot take this loop, which has the operation 'sort' in the controller; use xla"
+    ):
         day_cohort(nominal, varied, Sorting(), engine="native")
-    with pytest.raises(ValueError, match="'sort', and no other engine has portable arithmetic; use fused arithmetic"):
+    with pytest.raises(
+        ValueError, match="'sort' in the controller, and no other engine has portable arithmetic; use fused arithmetic"
+    ):
         day_cohort(nominal, varied, Sorting(), products="strict")
     with pytest.raises(ValueError, match="the engine xla has no portable arithmetic; use native code"):
         day_cohort(nominal, varied, Sorting(), engine="xla", products="strict")
-    assert day_cohort(nominal, varied, Sorting()).engine == "xla"
+    mapped = day_cohort(nominal, varied, Sorting())
+    assert (mapped.engine, mapped.not_native) == ("xla", "the operation 'sort' in the controller")
+    assert day_cohort(nominal, varied, Sorting(), engine="xla").not_native is None

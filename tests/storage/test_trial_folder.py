@@ -347,17 +347,39 @@ def test_full_disk_is_told_in_a_sentence(tmp_path, make_trial, pretend, monkeypa
     )
 
 
-@pytest.mark.parametrize(("reason", "mend"), [(errno.ENOSPC, "free some space and run the same"), (errno.EROFS, "")])
-def test_a_folder_that_cannot_be_made_has_a_mend(tmp_path, make_trial, pretend, monkeypatch, reason, mend):
+MENDS = {
+    errno.ENOSPC: "free some space",
+    errno.EDQUOT: "free some space",
+    errno.EACCES: "change its permissions",
+    errno.EROFS: "mount the disk for writing",
+    errno.EIO: "check the disk",
+}
+
+
+@pytest.mark.parametrize("reason", [*MENDS, errno.EBADF])
+def test_an_error_of_the_disk_has_its_own_mend(tmp_path, make_trial, pretend, monkeypatch, reason):
+    def refuse(*_):
+        raise OSError(reason, os.strerror(reason))
+
+    monkeypatch.setattr("glucoloop.storage.disk.put_folder", refuse)
+    own = f"{MENDS[reason]} and " if reason in MENDS else ""
+    with pytest.raises(ValueError, match="cannot be written to") as told:
+        run(tmp_path / "out", make_trial(), pretend)
+    assert str(told.value).endswith(
+        f"{os.strerror(reason)}; 0 of 5 shards are done and kept, {own}run the same command again"
+    )
+
+
+@pytest.mark.parametrize("reason", [*MENDS, errno.EBADF])
+def test_a_folder_that_cannot_be_made_has_a_mend(tmp_path, make_trial, pretend, monkeypatch, reason):
     def refuse(*_):
         raise OSError(reason, os.strerror(reason))
 
     monkeypatch.setattr("glucoloop.storage.disk.make_folders", refuse)
     with pytest.raises(ValueError, match="cannot be written") as told:
         run(tmp_path / "out", make_trial(), pretend)
-    assert f"{os.strerror(reason)}; {mend}" in str(told.value)
-    assert str(told.value).endswith("choose another with --out")
-    assert ("free some space" in str(told.value)) == bool(mend)
+    own = f"{MENDS[reason]} and run the same command again, or " if reason in MENDS else ""
+    assert str(told.value).endswith(f"{os.strerror(reason)}; {own}choose another with --out")
 
 
 def test_disk_that_is_too_small_for_a_shard(tmp_path, make_trial, pretend):

@@ -113,6 +113,25 @@ def test_refusals(finished, sql, told):
     assert sorted(finished.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    "value",
+    [
+        "now()",
+        "[now()]",
+        "{'a': now()}",
+        "last_modified from read_text('SHARD')",
+        "case when n > 20000 then now() end from range(25000) of(n)",
+    ],
+)
+def test_time_with_a_time_zone_is_told_in_a_sentence(finished, monkeypatch, value):
+    monkeypatch.setitem(sys.modules, "pytz", None)
+    value = value.replace("SHARD", str(finished / "shards/00000/SHA256SUMS").replace("'", "''"))
+    told = r"^the answer holds a time with a time zone, for which pytz is missing; cast it to varchar$"
+    with pytest.raises(ValueError, match=told):
+        ask(finished, f"select {value}")
+    assert len(ask(finished, "select now()::varchar")[1]) == 1
+
+
 def test_tables_are_described_and_summarised(finished):
     columns, rows = ask(finished, "describe people")
     assert columns[:2] == ["column_name", "column_type"]

@@ -127,6 +127,11 @@ def test_a_row_compares_each_person_with_himself_without_the_fault():
     assert [row["people_below_validity"] for row in rows] == [1, 0]
 
 
+def test_the_lowest_glucose_is_no_number_below_0():
+    (_, under) = rows_of((people([0.0], [70.0], [True]), people([9.0], [-3.0], [True])))
+    assert (under["people"], under["lowest_mg_dl"], under["lowest_person"]) == (1, None, 0)
+
+
 def test_people_who_cannot_take_part_are_left_out():
     nobody = people([np.nan], [np.nan], [False], mean_mg_dl=[np.nan])
     rows = rows_of((people([0.0], [70.0], [True]), people([5.0], [50.0], [True])), (nobody, nobody))

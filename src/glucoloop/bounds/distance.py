@@ -12,6 +12,7 @@ from glucoloop.bounds.optimal_doses import OptimalDoses, optimal_doses
 from glucoloop.meals import Scenario
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps.limits import DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,9 @@ def distance_to_bound(glucose_mg_dl: ArrayLike, bound: OptimalDoses) -> Distance
     """
     glucose = np.asarray(glucose_mg_dl, float)
     if bound.objective != "deviation":
-        raise ValueError(f"the bound is of the objective {bound.objective!r}; work it out for 'deviation'")
+        raise Refusal(f"the bound is of the objective {bound.objective!r}; work it out for 'deviation'")
     if glucose.shape != bound.glucose_mg_dl.shape:
-        raise ValueError(
+        raise Refusal(
             f"the run has glucose of shape {glucose.shape}, the bound {bound.glucose_mg_dl.shape}; "
             "give one person's run of the same situation"
         )

@@ -36,6 +36,7 @@ from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 Values = npt.NDArray[np.float64]
 
@@ -122,12 +123,12 @@ def hedged_doses(
     check_samples(scenario.horizon_min, sample_time_min)
     check_hedging(scenario, noise_variance, errors)
     if not 0.0 <= dead_time_min < math.inf:
-        raise ValueError(f"a dead time of {dead_time_min:g} min is not possible; give a finite value, 0 or more")
+        raise Refusal(f"a dead time of {dead_time_min:g} min is not possible; give a finite value, 0 or more")
     meal = scenario.meals[0]
     larger = Meal(LARGER * meal.carbs_g, meal.t_min)
     worlds = course_of(patient, scenario, sample_time_min, [[meal], [], [larger]])
     if not worlds.at_rest:
-        raise ValueError(
+        raise Refusal(
             "the patient does not rest at the setpoint, so that insulin changes before the meal is known; "
             "leave out the other setpoint or initial glucose"
         )
@@ -157,17 +158,17 @@ def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[fl
         For a scenario without just one meal, no noise, or an error out of bounds.
     """
     if len(scenario.meals) != 1:
-        raise ValueError(
+        raise Refusal(
             f"the bound under sensor noise is for one meal, and the scenario has {len(scenario.meals)}; give one"
         )
     if not 0.0 < noise_variance < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"readings with a noise variance of {noise_variance:g} tell a meal at once, or never; "
             "give a finite value above 0"
         )
     for error in errors:
         if not 0.0 < error < 0.5:
-            raise ValueError(f"an error of {error:g} is not possible; give more than 0, below 0.5")
+            raise Refusal(f"an error of {error:g} is not possible; give more than 0, below 0.5")
 
 
 def told_apart(difference_mg_dl: Values, noise_variance: float, error: float) -> int:

@@ -31,6 +31,7 @@ from glucoloop.metrics.protocol import of_glucose
 from glucoloop.metrics.settling import Settling
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 Values = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -184,9 +185,9 @@ def check_objective(objective: str, undershoot_weight: float) -> None:
         For an unknown name, or a weight that is not positive.
     """
     if objective not in OBJECTIVES:
-        raise ValueError(f"unknown objective {objective!r}; the known ones are: {', '.join(OBJECTIVES)}")
+        raise Refusal(f"unknown objective {objective!r}; the known ones are: {', '.join(OBJECTIVES)}")
     if not 0.0 < undershoot_weight < math.inf:
-        raise ValueError(f"a weight of {undershoot_weight:g} is not possible; give a finite value above 0")
+        raise Refusal(f"a weight of {undershoot_weight:g} is not possible; give a finite value above 0")
 
 
 def check_known_after(known_after_min: float) -> None:
@@ -198,7 +199,7 @@ def check_known_after(known_after_min: float) -> None:
         For a value that is not a number, or infinite.
     """
     if math.isnan(known_after_min) or known_after_min == math.inf:
-        raise ValueError(
+        raise Refusal(
             f"meals that are known after {known_after_min:g} min are not possible; give a finite number of minutes"
         )
 
@@ -212,7 +213,7 @@ def check_samples(horizon_min: float, sample_time_min: float) -> None:
         For more than `MOST_SAMPLES` samples.
     """
     if horizon_min / sample_time_min > MOST_SAMPLES:
-        raise ValueError(
+        raise Refusal(
             f"a plan of {horizon_min / sample_time_min:.0f} doses is too long; at samples of {sample_time_min:g} min "
             f"give a horizon of at most {MOST_SAMPLES * sample_time_min:g} min"
         )

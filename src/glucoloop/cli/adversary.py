@@ -19,12 +19,13 @@ if TYPE_CHECKING:
     from glucoloop.studies.adversary.work import Scores
 
 HELP: Final = (
-    "Search for the worst plausible sensor errors: those that bring a controller's glucose lowest.\n\n"
+    "Search for the worst plausible sensor errors: those with which a controller lets glucose fall lowest.\n\n"
     "Each reading may be wrong by a part of the true glucose, and a few times the reading is stuck. An evolution "
-    "strategy (CMA-ES) tries some ten thousand sequences of errors on one person and keeps those with the most time "
-    "below 54 mg/dl. Beside it stand random errors of the same size, on a population. Without options it is IMC, "
-    "MPC and MPC/SE, guarded, and 50 g at 50 min; nlqdmc-se and meal-mpc take hours and are searched when named. A "
-    "folder given by --out grows generation by generation; after Ctrl-C the same command goes on.\n\n"
+    "strategy (CMA-ES) tries about ten thousand sequences of errors on one person and keeps those with the most time "
+    "below 54 mg/dl. For comparison, random errors of the same size are simulated on a population. By default IMC, "
+    "MPC and MPC/SE are searched, with the guard and 50 g at 50 min; nlqdmc-se and meal-mpc take hours and are "
+    "searched only if they are named. The folder of --out is written after each generation; after Ctrl-C, the same "
+    "command continues where it stopped.\n\n"
     "  glucoloop adversary --out worst\n\n"
     "  glucoloop adversary --controller mpc --error 10 --guards both\n\n"
     "  glucoloop adversary --controller mpc --person 17 --error 20 --generations 1000 --out person-17\n\n"

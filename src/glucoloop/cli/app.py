@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Final, NoReturn
 
 import typer
@@ -31,10 +32,12 @@ from glucoloop.cli import (
 )
 from glucoloop.cli.declared import command_of
 from glucoloop.cli.interrupts import heeded
-from glucoloop.cli.mistakes import interrupted, mistake, sentence
+from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
+from glucoloop.cli.options import ALLOW_CODE
 from glucoloop.cli.results import forgotten
 from glucoloop.cli.screen import note
 from glucoloop.cli.whole_names import WholeNames
+from glucoloop.registry.plugins import only_code
 from glucoloop.storage.trials.stoppable import left_behind
 from glucoloop.studies.catalogue import STUDIES
 
@@ -86,10 +89,17 @@ def _program(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; bugs raise."""
+    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; a bug raises (1)."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    with forgotten():
+    with forgotten(), only_code(_typed(arguments)):
         _main(arguments)
+
+
+def _typed(arguments: Sequence[str]) -> Callable[[str], bool]:
+    """Whether a name of code stands on the command line, or all are allowed there."""
+    if ALLOW_CODE.flag in arguments:
+        return lambda name: True
+    return lambda name: any(re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.:])", text) for text in arguments)
 
 
 def _main(arguments: list[str]) -> NoReturn:
@@ -110,6 +120,7 @@ def _main(arguments: list[str]) -> NoReturn:
     except Exception as error:
         told = sentence(error)
         if told is None:
+            error.add_note(BUG)
             raise
         mistake(told)
     # Typer turns an interrupt into this code when it is not to leave by itself.

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from glucoloop.storage.rows import RowsFolder
 
 HELP: Final = (
-    "Say of each claim about the meal-aware controller whether it holds, with the number, its bound and the seeds.\n\n"
-    "It and the paper's four controllers meet the same situations with the same noise: without and with noise, dead "
-    "times of 10 and 15 min, an announced meal, people whose metabolism varies, and situations in which the model, or "
-    "what a controller is told, is wrong. --out keeps a page, figures, and all numbers; after Ctrl-C the same command "
-    "goes on.\n\n"
+    "Check each claim about the meal-aware controller, and show the number, its bound and the seeds.\n\n"
+    "This controller and the paper's four are simulated in the same situations with the same noise: without and with "
+    "noise, dead times of 10 and 15 min, an announced meal, people whose metabolism varies, and situations in which "
+    "the model, or what a controller is told, is wrong. --out keeps a page, figures and all numbers; after Ctrl-C, the "
+    "same command continues where it stopped.\n\n"
     f"Situations, for --only: {', '.join(CHOICES)}.\n\n"
     "  glucoloop claims --out claims\n\n"
     "  glucoloop claims --only stomachs --only fasting\n\n"
@@ -32,7 +32,7 @@ HELP: Final = (
 )
 _OPTIONS: Final = (
     *options_of(ClaimsKeys),
-    Option("quick", "--quick", bool, "A glimpse: few seeds and few people.", EXTENT_PANEL),
+    Option("quick", "--quick", bool, "A quick look: few seeds and few people.", EXTENT_PANEL),
     *OUTPUT,
 )
 

@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, Option, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
+from glucoloop.cli.request import Output, file_keys, keys_used, read_again, split_off_output, with_lists
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import tell_results
 from glucoloop.cli.telling import mmol_lines
+from glucoloop.refusal import Refusal
 from glucoloop.storage.strict_json import with_version
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     keys, of_file = with_lists(keys), file_keys(file)
     bounded = _bounded(keys, of_file)
-    asked = _read(keys, of_file)
+    asked = read_again(_read, keys_used, keys, of_file)
     outcomes: dict[str, Outcome] = {}
     bound: OptimalDoses | None = None
     files: dict[str, str] = {}
@@ -74,7 +75,7 @@ def command(given: Given) -> None:
             with stage(f"Closing the loop of {label}"):
                 try:
                     outcomes[label] = close_the_loop(run)
-                except ValueError as error:
+                except Refusal as error:
                     error.args = (f"case {label!r}: {error}",)
                     raise
         if bounded:
@@ -93,7 +94,7 @@ def _bounded(keys: Given, of_file: Given) -> bool:
     """Whether the bound is requested, for which a run has no key."""
     in_file = of_file.pop(_BOUND.key, False)
     if not isinstance(in_file, bool):
-        raise ValueError(f"bound is {in_file!r}; give true or false")
+        raise Refusal(f"bound is {in_file!r}; give true or false")
     return bool(keys.pop(_BOUND.key, in_file))
 
 
@@ -115,7 +116,7 @@ def _write(
     output: Output,
 ) -> None:
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
-    from glucoloop.config.toml import toml_text
+    from glucoloop.config.toml import with_settled
     from glucoloop.report import Repeat
     from glucoloop.report.facts import comparison_facts
     from glucoloop.storage import tables
@@ -127,21 +128,26 @@ def _write(
     minutes = tables.stacked({label: tables.minute_table(outcome.trace) for label, outcome in outcomes.items()})
     folder.write("glucose_1min.parquet", tables.parquet(minutes))
     folder.write("metrics.json", json_text(with_version(_report(outcomes, bound))) + "\n")
-    keys = {_BOUND.key: True, **asked.keys()} if bound is not None else asked.keys()
+    more = {} if bound is None else {_BOUND.key: True}
+    keys, given = {**more, **asked.keys()}, None if asked.given is None else {**more, **asked.given}
     for number, (table, (label, outcome)) in enumerate(zip(keys["case"], outcomes.items(), strict=True), start=1):
         if outcome.model is not None:
             name = f"model-{number}-{re.sub(r'[^a-z0-9]+', '-', label.lower()).strip('-') or 'case'}.json"
             folder.write(name, outcome.model.text())
             if outcome.run.case.model is not None:
                 table["model"] = name
-    again = Repeat("compare --config compare.toml", keys, RUN_FILES)
-    folder.write("compare.toml", toml_text(again.keys, again.command))
+                if given is not None:
+                    given["case"][number - 1]["model"] = name
+    for table, outcome in zip(keys["case"], outcomes.values(), strict=True):
+        table.update(with_settled({}, outcome.settled))
+    again = Repeat("compare --config compare.toml", keys, RUN_FILES, given=given)
+    folder.write("compare.toml", again.text)
     write_pictures(
         folder,
         outcomes,
         title=f"Comparison at {asked.situation.place}",
         mmol=output.mmol,
-        facts=comparison_facts(asked),
+        facts=comparison_facts(asked, {label: of.settled for label, of in outcomes.items()}),
         repeat=again,
     )
 
@@ -195,7 +201,8 @@ def _tell(outcomes: Mapping[str, Outcome], bound: OptimalDoses | None, output: O
 
     distances = None if bound is None else _distances(outcomes, bound)
     table = comparison_table({label: outcome.metrics for label, outcome in outcomes.items()}, distances)
-    lines = (*notes, *(mmol_lines(outcomes) if output.mmol else ()))
+    told = (f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.summary.sentences())
+    lines = (*told, *notes, *(mmol_lines(outcomes) if output.mmol else ()))
     tell_results(output, _report(outcomes, bound), files, [table], lines, notes=notes)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop.cli.screen import note
+from glucoloop.refusal import Refusal
 
 VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
 OFF: Final = "off"
@@ -22,7 +23,7 @@ def keep_compiled() -> None:
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
     config = importlib.import_module("jax").config  # untyped: JAX's own stubs leave `update` so
-    # A bug keeps its whole traceback; `mistakes` tells bugs apart by where an error was raised.
+    # A bug keeps its whole traceback.
     config.update("jax_traceback_filtering", "off")
     folder = cache_folder()
     if folder is None or not _usable(folder):
@@ -53,7 +54,7 @@ def _usable(folder: Path) -> bool:
         check_programs(folder)
     except OSError:
         return False
-    except ValueError as error:
+    except Refusal as error:
         note([f"Compiled programs are not kept: {error}."])
         return False
     atexit.register(seal_programs, folder)

@@ -107,6 +107,11 @@ def asked_of(study: Study, keys: Given, of_file: Given) -> tuple[Any, Any]:
     return module, module.read(merged, cases, called)
 
 
+def _used(read: tuple[Any, Any]) -> Mapping[str, Any]:
+    used: dict[str, Any] = read[1].keys()
+    return used
+
+
 def _work(study: Study, what: str, asked: Any, may_change: Mapping[str, Any]) -> Work:
     from glucoloop.storage.resumable import Work
 
@@ -114,6 +119,7 @@ def _work(study: Study, what: str, asked: Any, may_change: Mapping[str, Any]) ->
         command=study.name,
         what=what,
         keys=asked.keys(),
+        given=asked.given,
         final=(*study.files, study.summary),
         summary=study.summary,
         may_change=frozenset(may_change),
@@ -123,7 +129,7 @@ def _work(study: Study, what: str, asked: Any, may_change: Mapping[str, Any]) ->
 def _run_trial(study: TrialStudy, keys: Given, output: Output, file: Path | None) -> None:
     where, out = computing(keys), needed_folder(output, study.what, study.name)
     module: TrialModule
-    module, asked = read_request(keys, file, functools.partial(asked_of, study))
+    module, asked = read_request(keys, file, functools.partial(asked_of, study), _used)
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.trials.folder import trial_folder
 
@@ -149,7 +155,7 @@ def _run_trial(study: TrialStudy, keys: Given, output: Output, file: Path | None
 def _run_search(study: SearchStudy, keys: Given, output: Output, file: Path | None) -> None:
     out = needed_folder(output, study.what, study.name) if study.needs_folder else output.place
     module: SearchModule
-    module, asked = read_request(keys, file, functools.partial(asked_of, study))
+    module, asked = read_request(keys, file, functools.partial(asked_of, study), _used)
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
 
@@ -185,7 +191,7 @@ def _run_plain(study: PlainStudy, keys: Given, output: Output, file: Path | None
     files: dict[str, str] = {}
     with output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
         module: PlainModule
-        module, asked = read_request(keys, file, functools.partial(asked_of, study))
+        module, asked = read_request(keys, file, functools.partial(asked_of, study), _used)
         note(module.notes(asked))
         with _progress(study, module, asked) as progress:
             found = module.found(asked, progress)
@@ -193,7 +199,7 @@ def _run_plain(study: PlainStudy, keys: Given, output: Output, file: Path | None
             from glucoloop.config.toml import toml_text
 
             configuration = f"{study.name}.toml"
-            text = toml_text(asked.keys(), f"{study.name} --config {configuration}")
+            text = toml_text(asked.keys(), f"{study.name} --config {configuration}", asked.given)
             with stage("Drawing"):
                 made = {configuration: text.encode(), **found.files(study.summary), **module.drawn(asked, found)}
             for name, data in made.items():

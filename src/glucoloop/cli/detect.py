@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from glucoloop.studies.detection.detection import Detection
 
 HELP: Final = (
-    "Try the estimators of meals that nobody announced: how soon a meal is detected, how well its size is told, and "
-    "how often there is a false alarm.\n\n"
-    "Each day begins at rest and has meals and noise of its own, and as many days again are without a meal. Without "
-    "options it is 100 days of one person, two meals a day of 11 to 99 g, noise of variance 1.45, and doses by "
-    f"{ESTIMATING.name}, which rests on the estimator. Another controller, like basal, doses without it.\n\n"
+    "Test the estimators of meals that nobody announced: how soon a meal is detected, how exactly its size is "
+    "estimated, and how often there is a false alarm.\n\n"
+    "Each day begins at rest and has its own meals and noise; the same number of days is without a meal. By default "
+    "100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, and doses by "
+    f"{ESTIMATING.name}, which uses the estimator. Other controllers, such as basal, do not use it.\n\n"
     "  glucoloop detect --out detect\n\n"
     "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
     "  glucoloop detect --population parker2000 --people 100 --meals-per-h 0.1 --out people\n\n"
@@ -75,7 +75,7 @@ def command(given: Given) -> None:
         keys.pop("estimators", None)
     files: dict[str, str] = {}
     with output.folder() as folder:
-        asked = read_request(keys, file, _read)
+        asked = read_request(keys, file, _read, _used)
         from glucoloop.studies.detection.evaluate import evaluate
         from glucoloop.studies.detection.results import files_of, notes, report
         from glucoloop.studies.detection.table import detection_table
@@ -91,11 +91,15 @@ def command(given: Given) -> None:
     tell_results(output, report(asked, result), files, [detection_table(result)], told, notes=told)
 
 
+def _used(asked: Detection) -> Given:
+    from glucoloop.studies.detection.keys import detection_keys
+
+    return detection_keys(asked)
+
+
 def _read(keys: Given, of_file: Given) -> Detection:
     from glucoloop.config.run import overlay
     from glucoloop.studies.detection.keys import read_detection
 
     called = names(_OPTIONS, keys)
-    if "people" in keys and "days" not in keys:
-        of_file.pop("days", None)  # how many of each follows from how many there are
     return read_detection(overlay(of_file, keys, called), called)

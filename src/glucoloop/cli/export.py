@@ -6,12 +6,24 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, OUTPUT, SITUATION, Given, Option, names, options_of, with_options, without
-from glucoloop.cli.request import file_keys, split_off_output, with_lists
+from glucoloop.cli.options import (
+    ALLOW_CODE,
+    CASE,
+    OUTPUT,
+    SITUATION,
+    Given,
+    Option,
+    names,
+    options_of,
+    with_options,
+    without,
+)
+from glucoloop.cli.request import file_keys, keys_used, read_again, split_off_output, with_lists
 from glucoloop.cli.screen import stage
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.options.export import ChipKeys
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.config.export import Export
@@ -49,11 +61,11 @@ def command(given: Given) -> None:
         _check(given)
         return
     keys, output, file = split_off_output(given)
-    asked = _read(with_lists(keys), file_keys(file))
+    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
     note_on_boluses(asked.run.situation.patient, [asked.run.case.controller])
     with output.folder() as folder:
         if folder is None:
-            raise ValueError("an exported controller is a folder; name one with --out")
+            raise Refusal("an exported controller is a folder; name one with --out")
         with stage("Importing the simulator"):
             from glucoloop.cli.compiled import keep_compiled
             from glucoloop.cli.exported import report, tell, write
@@ -83,10 +95,10 @@ def _read(keys: Given, of_file: Given) -> Export:
 
 
 def _check(given: Given) -> None:
-    extra = sorted(given.keys() - {"check", "samples", "json", "target"})
+    extra = sorted(given.keys() - {"check", "samples", "json", "target", ALLOW_CODE.key})
     if extra:
         called = ", ".join(names(OPTIONS, {key: given[key] for key in extra}).values())
-        raise ValueError(f"--check reads how the controller was designed from the folder; leave out {called}")
+        raise Refusal(f"--check reads how the controller was designed from the folder; leave out {called}")
     folder = Path(str(given["check"]))
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
@@ -94,8 +106,8 @@ def _check(given: Given) -> None:
         from glucoloop.config.export import read_export
     configuration = folder / "run.toml"
     if not configuration.is_file():
-        raise ValueError(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
-    asked = read_export(file_keys(configuration))
+        raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
+    asked = read_again(lambda _, of_file: read_export(of_file), keys_used, {}, file_keys(configuration))
     chosen: Given = {key: given[key] for key in ("samples", "target") if key in given}
     wanted = read_export({**asked.keys(), **chosen}, names(OPTIONS, given))
     keep_compiled()

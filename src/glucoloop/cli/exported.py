@@ -86,16 +86,18 @@ def write(asked: Export, folder: OutputFolder) -> Written:
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
     name, guarded = name_of(asked.run), asked.run.case.guard
-    folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, guarded=guarded))
-    folder.write("PROOF.md", proof(exported, name, [rung.as_dict() for rung in rungs]))
+    checks = [rung.as_dict() for rung in rungs]
+    folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, checks, guarded=guarded))
+    folder.write("PROOF.md", proof(exported, name, checks))
     written = Written(asked, exported, rungs)
     folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
-    keys = asked.keys()
+    keys, given = asked.keys(), asked.given
     if made.model is not None:
         folder.write("model.json", made.model.text())
         if asked.run.case.model is not None:
             keys["model"] = "model.json"
-    folder.write("run.toml", toml_text(keys, "export --config run.toml --out DIR"))
+            given = None if given is None else {**given, "model": "model.json"}
+    folder.write("run.toml", toml_text(keys, "export --config run.toml --out DIR", given))
     return written
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, names, options_of, with_options
 from glucoloop.cli.progress import counted
-from glucoloop.cli.request import file_keys, split_off_output, with_lists
+from glucoloop.cli.request import file_keys, keys_used, read_again, split_off_output, with_lists
 from glucoloop.cli.run import tell, write_outcome
 from glucoloop.cli.screen import stage
 from glucoloop.config.key import declared, own_keys
@@ -35,7 +35,7 @@ OPTIONS: Final = (*options_of(HilKeys), *SITUATION, *CASE, *OUTPUT, MMOL)
 def command(given: Given) -> None:
     """Check the request, run the loop, write and print the results."""
     keys, output, file = split_off_output(given)
-    asked = _read(with_lists(keys), file_keys(file))
+    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):
@@ -46,8 +46,8 @@ def command(given: Given) -> None:
             found = run_hardware(asked, progress)
         if folder is not None:
             with stage("Drawing"):
-                repeat = asked.with_run(found.outcome.repeat()).keys()
-                write_outcome(folder, found.outcome, output, found.report(), repeat, "hil")
+                again = asked.with_run(found.outcome.repeat())
+                write_outcome(folder, found.outcome, output, found.report(), again.keys(), again.given, "hil")
                 for name, text in found.firmware().items():
                     folder.write(name, text)
             files = folder.paths()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.options import OUTPUT, Given, names, options_of, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output
+from glucoloop.cli.request import Output, file_keys, read_again, split_off_output
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import tell_results
 from glucoloop.config.options.identification import IdentificationKeys
@@ -33,7 +33,8 @@ _OPTIONS: Final = (*options_of(IdentificationKeys), *OUTPUT)
 def command(given: Given) -> None:
     """Check the request, identify, write the model and report on it."""
     keys, output, file = split_off_output(given)
-    asked = _read(keys, file_keys(file))
+    of_file = file_keys(file)
+    asked, given = read_again(_read, _used, keys, of_file), _merged(keys, of_file)
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):
@@ -44,20 +45,31 @@ def command(given: Given) -> None:
             identified = identify(asked)
         if folder is not None:
             with stage("Drawing"):
-                _write(folder, identified)
+                _write(folder, identified, given)
             files = folder.paths()
     _tell(identified, output, files)
 
 
 def _read(keys: Given, of_file: Given) -> IdentificationKeys:
-    from glucoloop.config.identification import overlay_identification, read_identification
+    from glucoloop.config.identification import read_identification
 
-    return read_identification(overlay_identification(of_file, keys), names(_OPTIONS, keys))
+    return read_identification(_merged(keys, of_file), names(_OPTIONS, keys))
 
 
-def _write(folder: OutputFolder, identified: Identified) -> None:
-    from glucoloop.cli.pictures import write_figure
+def _merged(keys: Given, of_file: Given) -> Given:
+    from glucoloop.config.identification import overlay_identification
+
+    return overlay_identification(of_file, keys)
+
+
+def _used(asked: IdentificationKeys) -> Given:
     from glucoloop.config.identification import identification_keys
+
+    return identification_keys(asked)
+
+
+def _write(folder: OutputFolder, identified: Identified, given: Given) -> None:
+    from glucoloop.cli.pictures import write_figure
     from glucoloop.config.toml import toml_text
     from glucoloop.report import plot_identification, plot_validation
     from glucoloop.storage import tables
@@ -77,11 +89,12 @@ def _write(folder: OutputFolder, identified: Identified) -> None:
             title=identified.validated_on.capitalize(),
         ),
     )
-    keys = identification_keys(identified.config)
+    data = {}
     if identified.data is not None:
         folder.write("data.csv", identified.data)
-        keys["data"] = "data.csv"
-    folder.write("identify.toml", toml_text(keys, "identify --config identify.toml"))
+        data = {"data": "data.csv"}
+    used = {**_used(identified.config), **data}
+    folder.write("identify.toml", toml_text(used, "identify --config identify.toml", {**given, **data}))
 
 
 def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None:
@@ -112,4 +125,8 @@ def _warning(identified: Identified) -> tuple[str, ...]:
     mend = "record for longer, or change insulin more, and more often, than meals and noise change glucose"
     if identified.config.data is None:
         mend = "lengthen the experiment with --samples, or give a lower --noise"
+    elif any((identified.config.memory, identified.config.laguerre_pole, identified.config.laguerre_functions)):
+        mend = (
+            f"leave out --memory, --laguerre-pole and --laguerre-functions, so that the record chooses them; or {mend}"
+        )
     return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")

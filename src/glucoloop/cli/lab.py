@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop.cli.options import Given, Option, with_options
+from glucoloop.refusal import Refusal
 
 HELP: Final = (
     "Write the laboratory as a page: one HTML file that simulates the closed loop in the browser, without a server and "
@@ -27,23 +28,21 @@ def command(given: Given) -> None:
     """Write the page, and say where it is."""
     out = given.get("out")
     if not out:
-        raise ValueError("--out is missing; name the file, like --out lab.html")
+        raise Refusal("--out is missing; name the file, like --out lab.html")
     place = Path(str(out))
     if place.is_dir():
-        raise ValueError(f"{place} is a folder; name a file in it, like --out {place / 'lab.html'}")
+        raise Refusal(f"{place} is a folder; name a file in it, like --out {place / 'lab.html'}")
     if place.exists() and not given.get("overwrite"):
-        raise ValueError(f"{place} is there already; choose another file with --out, or add --overwrite to replace it")
+        raise Refusal(f"{place} is there already; choose another file with --out, or add --overwrite to replace it")
     if not place.parent.is_dir():
-        raise ValueError(f"{place} cannot be written: there is no folder {place.parent}; make it first")
+        raise Refusal(f"{place} cannot be written: there is no folder {place.parent}; make it first")
     from glucoloop.lab.pack import page
-    from glucoloop.storage.disk import is_full, put_file
+    from glucoloop.storage.disk import mend, put_file
 
     text = page().encode()
     try:
         put_file(place, text)
     except OSError as error:
-        more = "free some space or " if is_full(error) else ""
-        raise ValueError(
-            f"{place} cannot be written: {error.strerror}; {more}choose another place with --out"
-        ) from None
+        ways = " or ".join(filter(None, (mend(error), "choose another place with --out")))
+        raise Refusal(f"{place} cannot be written: {error.strerror}; {ways}") from None
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")

@@ -14,15 +14,20 @@ from typing import Final, NoReturn
 
 from glucoloop.cli import results
 from glucoloop.printable import printable
+from glucoloop.refusal import Refusal
 
-_PACKAGE: Final = Path(__file__).resolve().parent.parent
 _LONGEST: Final = 2000
+BUG: Final = (
+    "This is a bug, of glucoloop or of the code of your own that the last lines name. Report it with these lines and "
+    "the command."
+)
+"""Sentence below the traceback of an error that is nobody's refusal."""
 
 
 def sentence(error: BaseException) -> str | None:
     """Sentence for an error, or None if it is a bug.
 
-    The library raises errors with a sentence of its own. A ValueError from another library is a bug.
+    What is refused is a `Refusal`, whose words are the sentence. Any other ValueError is a bug.
     """
     if isinstance(error, MemoryError) or _is_of_jax(error, "RESOURCE_EXHAUSTED"):
         return _with_results("there is not enough memory for this; ask for fewer people, samples or rows")
@@ -39,9 +44,7 @@ def sentence(error: BaseException) -> str | None:
         return _with_results(f"{_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
-    if isinstance(error, ValueError):
-        return str(error) if _origin(error).is_relative_to(_PACKAGE) else None
-    return None
+    return str(error) if isinstance(error, Refusal) else None
 
 
 def mistake(told: str) -> NoReturn:
@@ -64,18 +67,14 @@ def interrupted(told: str | None = None) -> NoReturn:
 
 
 def _of_the_system(error: OSError) -> str | None:
-    from glucoloop.storage.disk import is_full
+    from glucoloop.storage.disk import mend
 
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    return _with_results(f"{where}{error.strerror}") + (
-        "; free some space or choose another place"
-        if is_full(error)
-        else "; choose another place"
-        if error.filename
-        else ""
-    )
+    own = mend(error)
+    ways = " or ".join(filter(None, (own, "choose another place" if own or error.filename else "")))
+    return _with_results(f"{where}{error.strerror}") + (f"; {ways}" if ways else "")
 
 
 def _with_results(told: str) -> str:

@@ -17,8 +17,10 @@ import typer
 from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import all_settings
 from glucoloop.registry.guard import GUARD, usual_text
+from glucoloop.registry.number_text import in_digits, is_time, minutes_of, number_of
 
 Given = dict[str, Any]
 """Value of each option that was given, by its key."""
@@ -80,10 +82,16 @@ class Option:
         return self._number(self.kind, value) if self.kind in _NUMBERS else value
 
     def _number(self, kind: Any, text: str) -> Any:
+        of_time = kind is float and is_time(self.key)
+        minutes = minutes_of(text) if of_time else None
+        if minutes is not None:
+            return minutes
         try:
-            return kind(text)
+            return number_of(text, kind)
         except ValueError:
-            raise ValueError(f"{self.name} is {text!r}; give {_NUMBERS[kind]}") from None
+            wanted = "a number of minutes, or a time with its unit like 1.5h or 2d" if of_time else _NUMBERS[kind]
+            how = "" if in_digits(text) else ", in digits from 0 to 9"
+            raise Refusal(f"{self.name} is {text!r}; give {wanted}{how}") from None
 
 
 def options_of(record: type, **words: Mapping[str, str | None]) -> tuple[Option, ...]:
@@ -200,6 +208,14 @@ CASE: Final = (
 """Options of a controller, its tuning and its model."""
 
 OUTPUT_PANEL: Final = "Files and output"
+ALLOW_CODE: Final = Option(
+    "allow_code",
+    "--allow-code",
+    bool,
+    "Import the code, module:attribute, that a file or folder names; without it only what is given here is imported.",
+    OUTPUT_PANEL,
+)
+"""Option that the program reads itself, before the command."""
 OUTPUT: Final = (
     Option(
         "config",
@@ -209,6 +225,7 @@ OUTPUT: Final = (
         OUTPUT_PANEL,
         metavar="FILE",
     ),
+    ALLOW_CODE,
     Option("out", "--out", str, "Folder for tables, figures and the configuration.", OUTPUT_PANEL, metavar="DIR"),
     Option("overwrite", "--overwrite", bool, "Replace an earlier result in that folder.", OUTPUT_PANEL),
     Option("json", "--json", bool, "Print one JSON object instead of a table.", OUTPUT_PANEL),

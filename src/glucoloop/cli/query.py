@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from glucoloop.cli.screen import fits, note, show
+from glucoloop.refusal import Refusal
+from glucoloop.registry.number_text import number_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -22,9 +24,9 @@ if TYPE_CHECKING:
 HELP: Final = (
     "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
     "Its tables are people (one row per person and controller), counts and bands (glucose and insulin over time), "
-    "summary, and traces if they were kept; without a query their columns are listed. A trial that is not finished "
-    "answers about the shards that are done. Nothing is written. Ctrl-C ends a question at once, --timeout after a "
-    "while.\n\n"
+    "summary, and traces if they were kept; without a query their columns are listed. From a trial "
+    "that is not finished, the finished shards are read. Nothing is written. A query ends at Ctrl-C, or after the time "
+    "of --timeout.\n\n"
     "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
@@ -48,9 +50,9 @@ def command(
 ) -> None:
     """Run the query and print the answer."""
     if json and csv:
-        raise ValueError("--json and --csv exclude one another; leave one out")
+        raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
-        raise ValueError("DIR is empty; give the folder of a trial")
+        raise Refusal("DIR is empty; give the folder of a trial")
     seconds = None if timeout is None else _seconds(timeout)
     from glucoloop.storage.trials.query import trial_tables
 
@@ -71,11 +73,11 @@ def command(
 
 def _seconds(text: str) -> float:
     try:
-        seconds = float(text)
+        seconds = number_of(text, float)
     except ValueError:
         seconds = math.nan
     if not 0.0 < seconds < math.inf:
-        raise ValueError(f"--timeout is {text!r}; give a number of seconds above 0")
+        raise Refusal(f"--timeout is {text!r}; give a number of seconds above 0")
     return seconds
 
 

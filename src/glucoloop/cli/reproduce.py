@@ -9,6 +9,7 @@ from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import show, stages
 from glucoloop.cli.telling import print_json, where_written
 from glucoloop.papers.parker1999.options import ReproduceKeys
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,8 +20,9 @@ PAPERS: Final = ("parker1999",)
 
 HELP: Final = (
     "Reproduce a published study and compare each number with the printed one.\n\n"
-    "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim, at "
-    "each reading of its operating point; what does not reproduce is listed.\n\n"
+    "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim is "
+    "reproduced at each of three operating points that the paper can be read to mean; numbers that do not reproduce "
+    "are listed with the reason where one is known.\n\n"
     "  glucoloop reproduce parker1999 --out parker1999\n\n"
     "  glucoloop reproduce parker1999 --quick --out glimpse\n\n"
     "  glucoloop reproduce parker1999 --table II --figure 4 --out part"
@@ -43,7 +45,7 @@ def command(given: Given) -> None:
     keys, output, _ = split_off_output(given)
     paper = keys.pop("paper")
     if paper not in PAPERS:
-        raise ValueError(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
+        raise Refusal(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
     from glucoloop.config.checked import checked
 
     asked = checked(ReproduceKeys, {key: value for key, value in keys.items() if value != []}, names(_OPTIONS, keys))
@@ -56,7 +58,7 @@ def command(given: Given) -> None:
 
         part = chosen(asked.table, asked.figure)
         if part is not None and not part.entries and output.out is None:
-            raise ValueError("--figure without --out would show nothing; give --out and a folder for the picture")
+            raise Refusal("--figure without --out would show nothing; give --out and a folder for the picture")
         keep_compiled()
         studies, rows = carry_out(
             asked.points, seeds=asked.runs, seed=asked.seed, quick=asked.quick, progress=progress, part=part
@@ -75,7 +77,7 @@ def command(given: Given) -> None:
 def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     from rich.table import Table
 
-    from glucoloop.papers.parker1999.comparison import count
+    from glucoloop.papers.parker1999.comparison import count, left_out
 
     table = Table(box=None, pad_edge=False)
     table.add_column("entry")
@@ -83,10 +85,14 @@ def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     for point in points:
         table.add_column(point, justify="right")
     for row in rows:
+        if not row.reproduced:
+            continue
         found = (row.reproduced.get(point) for point in points)
-        cells = (one.text if one else "" for one in found)
+        cells = (one.text if one else "not run" for one in found)
         printed = row.entry.printed
         table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
     show(table)
     for point in points:
         print(f"{point}: {count(rows, point)}.")
+    if missing := left_out(rows):
+        print(missing)

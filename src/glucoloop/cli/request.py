@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
-from glucoloop.cli.options import CASE, SETTINGS, SITUATION, Given
+from glucoloop.cli.options import ALLOW_CODE, CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import setting_names
 from glucoloop.registry.keyed_values import keyed_values
+
+T = TypeVar("T")
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -30,7 +34,7 @@ class Output:
     def place(self) -> Path | None:
         """Path of the output folder, or None if nothing is to be written; ValueError if there is none to overwrite."""
         if self.out is None and self.overwrite:
-            raise ValueError("--overwrite is about an output folder; name one with --out")
+            raise Refusal("--overwrite is about an output folder; name one with --out")
         return self.out
 
     def folder(self) -> contextlib.AbstractContextManager[OutputFolder | None]:
@@ -46,9 +50,10 @@ class Output:
 def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
     """Configuration keys, destination of the results, and the configuration file."""
     keys = dict(given)
+    keys.pop(ALLOW_CODE.key, None)
     out, config = keys.pop("out", None), keys.pop("config", None)
     if out == "" or config == "":
-        raise ValueError(f"--{'out' if out == '' else 'config'} is empty; give a path")
+        raise Refusal(f"--{'out' if out == '' else 'config'} is empty; give a path")
     output = Output(
         out=None if out is None else Path(out),
         overwrite=bool(keys.pop("overwrite", False)),
@@ -74,7 +79,7 @@ def with_lists(keys: Given) -> Given:
         if not keys.get(several):
             keys.pop(several, None)
         if without and several in keys:
-            raise ValueError(f"--{called} and --no-{called} exclude one another; leave one out")
+            raise Refusal(f"--{called} and --no-{called} exclude one another; leave one out")
         if without:
             keys[several] = []
     return keys
@@ -86,24 +91,37 @@ def _with_settings(keys: Given) -> Given:
     options = {option.key: option.name for option in (*SITUATION, *CASE)}
     for key in given:
         if key in keys:
-            raise ValueError(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
+            raise Refusal(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
         if key in options and key not in setting_names():
-            raise ValueError(f"{key} is not a setting of a controller; give {options[key]} in place of --setting")
+            raise Refusal(f"{key} is not a setting of a controller; give {options[key]} in place of --setting")
     return {**keys, **given}
 
 
 _PATHS: Final = ("model", "data")
 
 
-def file_keys(path: Path | None) -> dict[str, Any]:
+class _Used(Protocol):
+    def keys(self) -> Mapping[str, Any]: ...
+
+
+class FileKeys(dict[str, Any]):
+    """Keys of a configuration file, with what was used when it was written."""
+
+    path: Path | None = None
+    used: Mapping[str, Any] | None = None
+
+
+def file_keys(path: Path | None) -> FileKeys:
     """Keys of a configuration file; the paths in it start at the file."""
     import glucoloop
     from glucoloop.config.toml import beside, read_toml
     from glucoloop.storage.files import read_text
 
     if path is None:
-        return {}
-    keys, version = read_toml(read_text(path, "a configuration"), str(path))
+        return FileKeys()
+    written = read_toml(read_text(path, "a configuration"), str(path))
+    keys, version = FileKeys(written.keys), written.version
+    keys.path, keys.used = path, written.used
     if version is not None and version != glucoloop.__version__:
         note([f"{path} was written by glucoloop {version}; this is {glucoloop.__version__}, and numbers may differ."])
     cases = keys.get("case")
@@ -117,3 +135,49 @@ def file_keys(path: Path | None) -> dict[str, Any]:
     if isinstance(population, str) and population.endswith(".toml"):  # and not the name of a preset
         keys["population"] = beside(population, path)
     return keys
+
+
+def keys_used(asked: _Used) -> Mapping[str, Any]:
+    """All keys of a request, with the values that are used."""
+    return asked.keys()
+
+
+def read_again(
+    read: Callable[[Given, Given], T], used: Callable[[T], Mapping[str, Any]], keys: Given, of_file: Given
+) -> T:
+    """Read a request, with a note on where the file alone leads to other values now than when it was written.
+
+    Parameters
+    ----------
+    read : callable
+        Function of the keys of the command line and of those of the file.
+    used : callable
+        Function of what was read, that returns all values that are used, by key.
+    keys, of_file : dict
+    """
+    asked = read(dict(keys), _copied(of_file))
+    if isinstance(of_file, FileKeys) and of_file.used is not None:
+        with contextlib.suppress(Refusal):  # a file that does not stand alone
+            _note_changes(of_file, used(read({}, _copied(of_file))))
+    return asked
+
+
+def _copied(of_file: Given) -> Given:
+    """Keys of a file, for a reader that takes some of them out."""
+    cases = of_file.get("case")
+    return {**of_file, **({"case": [*cases]} if isinstance(cases, list) else {})}
+
+
+def _note_changes(of_file: FileKeys, now: Mapping[str, Any]) -> None:
+    from glucoloop.config.toml import SETTLED_KEY
+    from glucoloop.storage.origin import differences
+
+    then = {key: value for key, value in (of_file.used or {}).items() if key in now and key not in _PATHS}
+    if isinstance(then.get("case"), list):
+        then["case"] = [{key: value for key, value in of.items() if key != SETTLED_KEY} for of in then["case"]]
+    differing = [
+        f"{name} was {before} and is {after}"
+        for name, before, after in differences(then, {key: now[key] for key in then})
+    ]
+    if differing:
+        note([f"What {of_file.path} leaves out was filled in otherwise when it was written: {'; '.join(differing)}."])

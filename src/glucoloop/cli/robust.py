@@ -12,6 +12,7 @@ from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL, usual_texts
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import SEARCHED
 from glucoloop.studies.robust.options import RANGES, SEARCH_PANEL, SUBJECTS_PANEL, TAKEN, USUAL, HowFar, RobustKeys
 
@@ -22,14 +23,14 @@ if TYPE_CHECKING:
     from glucoloop.studies.robust.search import Candidate
 
 HELP: Final = (
-    f"Search for a tuning of {SEARCHED.name} that holds for people and under noise: the trade-off, and the "
-    "chosen tuning.\n\n"
-    "Each candidate closes the loop of people of a population and of the nominal patient under one noise after "
-    "another; many candidates go through one compiled program. Two objectives make a front, and the others can be "
-    "bounded. The chosen tuning is checked on people and noise that the search never saw, and written so that "
-    "`glucoloop run --config` takes it. A number that is tuned is given as a range, .1:2, or as one number, which is "
-    "kept. The folder grows candidate by candidate; after Ctrl-C the same command goes on, and with more --rounds it "
-    "goes further.\n\n"
+    f"Search for a tuning of {SEARCHED.name} that is good for many people and for noise, and show the trade-off "
+    "between two objectives.\n\n"
+    "Each candidate tuning is simulated on people of a population, and on the nominal patient with many realisations "
+    "of the noise. Two objectives make a Pareto front, and the others can be bounded. The chosen tuning is checked on "
+    "people and noise that the search never used, and written as a configuration for `glucoloop run --config`. A "
+    "parameter that is tuned is given as a range, .1:2; one number keeps it fixed. The folder is written after each "
+    "candidate; after Ctrl-C, the same command continues where it stopped, and with more --rounds the search "
+    "continues.\n\n"
     "Objectives are undershoot-median, undershoot-p95, peak-median, peak-p95 and total-variation of the nominal "
     "patient in noise, and people-undershoot-p95, people-peak-p95 and people-below-60.\n\n"
     "  glucoloop robust --out robust\n\n"
@@ -85,7 +86,7 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     top = keys.pop(_TOP.key, 10)
     if top < 1:
-        raise ValueError(f"--top is {top}; give 1 or more")
+        raise Refusal(f"--top is {top}; give 1 or more")
     out = needed_folder(output, "a search", "robust")
     asked = read_request(keys, file, _read)
     from glucoloop.storage.rows import rows_folder

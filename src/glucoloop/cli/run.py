@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, names, with_options
-from glucoloop.cli.request import Output, file_keys, split_off_output, with_lists
+from glucoloop.cli.request import Output, file_keys, keys_used, read_again, split_off_output, with_lists
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import tell_results
 from glucoloop.cli.telling import mmol_lines
@@ -33,7 +33,7 @@ _OPTIONS: Final = (*SITUATION, *CASE, *OUTPUT, MMOL)
 def command(given: Given) -> None:
     """Check the request, run it, write and print the results."""
     keys, output, file = split_off_output(given)
-    asked = _read(with_lists(keys), file_keys(file))
+    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
     files: dict[str, str] = {}
     with output.folder() as folder:
         with stage("Importing the simulator"):
@@ -44,7 +44,8 @@ def command(given: Given) -> None:
             outcome = close_the_loop(asked)
         if folder is not None:
             with stage("Drawing"):
-                write_outcome(folder, outcome, output, outcome.report(), outcome.repeat().keys())
+                again = outcome.repeat()
+                write_outcome(folder, outcome, output, outcome.report(), again.keys(), again.given)
             files = folder.paths()
     tell(outcome, output, files, outcome.report())
 
@@ -62,11 +63,12 @@ def write_outcome(
     output: Output,
     report: Mapping[str, Any],
     repeat: Mapping[str, Any],
+    given: Mapping[str, Any] | None,
     command: str = "run",
 ) -> None:
     """Write tables, metrics, pictures, and the configuration of the command that repeats them."""
     from glucoloop.cli.pictures import RUN_FILES, write_pictures
-    from glucoloop.config.toml import toml_text
+    from glucoloop.config.toml import with_settled
     from glucoloop.report import Repeat
     from glucoloop.report.facts import run_facts
     from glucoloop.storage import tables
@@ -79,15 +81,15 @@ def write_outcome(
     folder.write("metrics.json", json_text(with_version(report)) + "\n")
     if outcome.model is not None:
         folder.write("model.json", outcome.model.text())
-    again = Repeat(f"{command} --config run.toml", repeat, RUN_FILES)
-    folder.write("run.toml", toml_text(again.keys, again.command))
+    again = Repeat(f"{command} --config run.toml", with_settled(repeat, outcome.settled), RUN_FILES, given=given)
+    folder.write("run.toml", again.text)
     case, situation = outcome.run.case, outcome.run.situation
     write_pictures(
         folder,
         {case.controller: outcome},
         title=f"{case.controller} at {situation.place}",
         mmol=output.mmol,
-        facts=run_facts(outcome.repeat()),
+        facts=run_facts(outcome.repeat(), outcome.settled),
         repeat=again,
     )
 
@@ -100,4 +102,11 @@ def tell(
 
     notes = (*outcome.notes, *more)
     mmol = mmol_lines({outcome.run.case.controller: outcome}) if output.mmol else ()
-    tell_results(output, report, files, [metrics_table(outcome.metrics)], (*notes, *mmol), notes=notes)
+    tell_results(
+        output,
+        report,
+        files,
+        [metrics_table(outcome.metrics)],
+        (*outcome.summary.sentences(), *notes, *mmol),
+        notes=notes,
+    )

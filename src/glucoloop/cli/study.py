@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from glucoloop.cli.mistakes import interrupted
 from glucoloop.cli.options import Given, Option, names
-from glucoloop.cli.request import Output, file_keys, with_lists
+from glucoloop.cli.request import Output, file_keys, keys_used, read_again, with_lists
 from glucoloop.cli.screen import note, show, stage
 from glucoloop.cli.telling import print_json, where_written
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.storage.resumable import ResumableFolder, Work
@@ -20,13 +21,21 @@ T = TypeVar("T")
 F = TypeVar("F", bound="ResumableFolder")
 
 
-def read_request(keys: Given, file: Path | None, read: Callable[[Given, Given], T]) -> T:
-    """Read a request from the keys of the command line and those of a file, once the simulator is imported."""
+def read_request(
+    keys: Given,
+    file: Path | None,
+    read: Callable[[Given, Given], T],
+    used: Callable[[Any], Mapping[str, Any]] = keys_used,
+) -> T:
+    """Read a request from the keys of the command line and those of a file, once the simulator is imported.
+
+    `used` as for `request.read_again`.
+    """
     texts = with_lists(keys), file_keys(file)
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
 
-        asked = read(*texts)
+        asked: T = read_again(read, used, *texts)
     keep_compiled()
     return asked
 
@@ -44,7 +53,7 @@ def read_with_cases(keys: Given, of_file: Given, options: Sequence[Option], read
 def needed_folder(output: Output, what: str, example: str) -> Path:
     """The output folder of a study that is always kept in one."""
     if output.out is None:
-        raise ValueError(f"--out is missing; {what} is kept in a folder, name one like --out {example}")
+        raise Refusal(f"--out is missing; {what} is kept in a folder, name one like --out {example}")
     return output.out
 
 

@@ -28,12 +28,14 @@ def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: tuple
 
 def mmol_lines(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
     """Glucose of each run in mmol/l."""
+    from glucoloop.printable import glucose_text
     from glucoloop.units import mmol_l_from_mg_dl
 
     for label, outcome in outcomes.items():
         metrics, setpoint = outcome.metrics, outcome.trace.setpoint_mg_dl
         low, high, target = (
-            f"{mmol_l_from_mg_dl(float(value)):.2f}" for value in (metrics.minimum_mg_dl, metrics.peak_mg_dl, setpoint)
+            glucose_text(mmol_l_from_mg_dl(float(value)), 2)
+            for value in (metrics.minimum_mg_dl, metrics.peak_mg_dl, setpoint)
         )
         yield f"{label}: glucose from {low} to {high} mmol/l, setpoint {target} mmol/l."
 

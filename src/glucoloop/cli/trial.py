@@ -17,6 +17,8 @@ from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
 from glucoloop.cli.trial_telling import tell
 from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
+from glucoloop.registry.controllers import controller_entry
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
@@ -24,18 +26,22 @@ if TYPE_CHECKING:
     from glucoloop.storage.trials.shard import Simulate
 
 HELP: Final = (
-    "Try controllers on a population of virtual people: tables, bands, and a page with a picture of all.\n\n"
-    "The folder holds one row per person and controller. It grows shard by shard; after Ctrl-C, a kill or a full disk "
-    "the same command goes on where it was, to the same bits. Without options it is linear MPC on 1000 people whose "
-    "metabolism varies as in Parker et al. (2000), for a day with three meals.\n\n"
-    "A case is written as in `glucoloop compare`; settings given beside the cases hold for every case that has them "
-    "and does not say otherwise.\n\n"
+    "Simulate controllers on a population of virtual people; the results are tables, percentiles over time and a "
+    "page.\n\n"
+    "The folder holds one row for each person and controller, and is written in parts (shards). After Ctrl-C, a kill "
+    "or a full disk, the same command continues where it stopped, and the results are the same to the bit. By default "
+    "linear MPC is simulated on 1000 people whose metabolism varies as in Parker et al. (2000), for a day with three "
+    "meals.\n\n"
+    "A case is written as in `glucoloop compare`. A setting that is given as an option applies to every case that has "
+    "this setting and gives no value of its own.\n\n"
     "  glucoloop trial --people 10000 --controller mpc --controller mpc-se --seed 1 --out trial\n\n"
     "  glucoloop trial --days 14 --meal-size-spread 30 --meal-time-spread 45 --noise 1.45 --out fortnight\n\n"
     "  glucoloop trial --case mpc --case 'careful: mpc, move_weight=3' --out weights\n\n"
     "  glucoloop trial --people 1000000 --precision float32 --dask tcp://10.0.0.1:8786 --out million"
 )
 _MOST_WORKERS: Final = 4096
+_MOST_LABELS: Final = 5
+"""Largest number of cases that are named one by one."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +56,15 @@ def computing(keys: Given) -> Computing:
     """Take the place of the computation out of the keys."""
     workers, dask = keys.pop(WORKERS.key, None), keys.pop(DASK.key, None)
     if workers is not None and not 1 <= workers <= _MOST_WORKERS:
-        raise ValueError(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
+        raise Refusal(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
     if dask is not None and dask != "local" and "://" not in dask:
-        raise ValueError(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
+        raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
-        raise ValueError(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+        raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+    if dask is not None:
+        from glucoloop.storage.trials.cluster import library
+
+        library()  # what is missing is told before anything is designed
     return Computing(workers, dask)
 
 
@@ -64,7 +74,7 @@ def command(given: Given) -> None:
     keys, output, file = split_off_output(given)
     where = computing(keys)
     out = needed_folder(output, "a trial", "trial")
-    trial = read_request(keys, file, _read)
+    trial = read_request(keys, file, _read, _used)
     note_on_boluses(trial.patient, (case.controller for case in trial.cases))
     from glucoloop.storage.trials.folder import trial_folder
 
@@ -94,28 +104,53 @@ def _read(keys: Given, of_file: Given) -> Trial:
     return read_with_cases(keys, of_file, TRIAL, read_trial)
 
 
+def _used(trial: Trial) -> Given:
+    from glucoloop.config.trial import trial_keys
+
+    return trial_keys(trial)
+
+
 def compute(folder: TrialFolder, where: Computing) -> Simulate:
     """Compute the shards that are missing; returns the simulator."""
+    from glucoloop.cohorts.engine import prepare
+    from glucoloop.report.facts import engine_notes
+
+    trial, threads = folder.trial, where.workers if where.dask is None else None
+    if folder.missing():
+        note([_begun(trial)])
     with stage("Designing controllers"):
-        simulate = _simulator(folder.trial, where.workers if where.dask is None else None)
+        simulate = _simulator(trial, threads)
+    note(engine_notes(prepare(trial).engines))
     if not folder.missing():
         return simulate
     if where.dask is None:
         from glucoloop.storage.trials.run import run_here
 
         with _people_counted(folder) as progress:
-            run_here(folder, simulate, progress)
+            run_here(folder, _simulator(trial, threads, progress), lambda people: None)
     else:
         _compute_on_cluster(folder, where.dask, where.workers)
     return simulate
 
 
-def _simulator(trial: Trial, threads: int | None) -> Simulate:
-    """The engine, with the controllers of a trial designed."""
+def _begun(trial: Trial) -> str:
+    """Sentence on the work that begins; its first results may take minutes."""
+    controllers = dict.fromkeys(case.controller for case in trial.cases)
+    labels = ", ".join(case.label for case in trial.cases)
+    which = labels if len(trial.cases) <= _MOST_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
+    slow = [name for name in controllers if controller_entry(name).slow]
+    told = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
+    return f"{told}; a decision of {' and of '.join(slow)} takes long." if slow else f"{told}."
+
+
+def _simulator(trial: Trial, threads: int | None, done: Callable[[int], None] = lambda people: None) -> Simulate:
+    """The engine, with the controllers of a trial designed; `done` gets the number of people after each block."""
     from glucoloop.cohorts import engine
 
     prepared = engine.prepare(trial)
-    return lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=threads)
+    return lambda label, person, traces: engine.run_people(
+        prepared, label, person, traces=traces, threads=threads, done=done
+    )
 
 
 @contextlib.contextmanager

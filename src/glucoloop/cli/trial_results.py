@@ -10,14 +10,15 @@ import polars as pl
 
 import glucoloop
 from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.printable import how_many
+from glucoloop.printable import NOT_VALID, how_many
 from glucoloop.registry.patients import patient_entry
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
-from glucoloop.report.facts import controllers_facts, trial_facts
+from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
 from glucoloop.report.person_words import person_in_words
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_report import ranges_pct
@@ -26,6 +27,7 @@ from glucoloop.storage.tables import parquet
 from glucoloop.storage.trials.folder import BANDS, REPORT, SUMMARY, TrialFolder
 from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.shard import Counts, Simulate, add_counts, edges, no_counts, times
+from glucoloop.units import MIN_PER_H, MU_PER_U
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
@@ -56,10 +58,10 @@ def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
         units_per_hour=patient_entry(trial.patient).under_the_skin,
         people=summary.people,
         infeasible=summary.infeasible.count,
-        facts={**controllers_facts(trial.cases), **trial_facts(trial)},
+        facts={**controllers_facts(trial.cases), **trial_facts(trial), **engine_facts(prepare(trial).engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in trial.plan.nominal()],
         faults=trial.faults,
-        repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES),
+        repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES, given=trial.given),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)
             for label, of_label in summary.cases.items()
@@ -77,6 +79,7 @@ def _summary_text(folder: TrialFolder, summary: TrialSummary, setpoint_mg_dl: fl
     header = read_header(folder.path)
     told = summary.as_dict()
     for label, of_label in summary.cases.items():
+        told["controllers"][label] |= prepare(folder.trial).engines[label]
         told["controllers"][label]["control_variability_pct"] = zone_pct(of_label.cvga_counts)
     versions = {"version": glucoloop.__version__, "libraries": header.libraries}
     return json_text({**versions, "config": header.config, "setpoint_mg_dl": setpoint_mg_dl, **told}) + "\n"
@@ -124,7 +127,7 @@ def _case_report(
         },
         cvga_counts=summary.cvga_counts,
         time_in_range_pct=ranges_pct(**{name: metrics[name]["mean"] for name in _RANGE_METRICS}),
-        table=_headlines(summary, settling=_one_meal(trial)),
+        table=_headlines(summary, setpoint_mg_dl=trial.target_mg_dl, settling=_one_meal(trial)),
         worst=_worst(trial, label, summary, simulate),
         ever_below={limit: (int(of["people"]), float(of["share_pct"])) for limit, of in summary.ever_below.items()},
         not_finite=summary.not_finite.count,
@@ -136,23 +139,35 @@ def _one_meal(trial: Trial) -> bool:
     return len(trial.plan.nominal()) == 1
 
 
-def _headlines(summary: CaseSummary, *, settling: bool) -> dict[str, float | str]:
+def _headlines(summary: CaseSummary, *, setpoint_mg_dl: float, settling: bool) -> dict[str, float | str]:
+    """Numbers over the people in the order in which a clinician reads them."""
     metrics = summary.metrics
-    undershoot, below = metrics["undershoot_mg_dl"], metrics["time_below_60_pct"]
+    undershoot = metrics["undershoot_mg_dl"]
+
+    def valid(glucose_mg_dl: float, *, fall: bool = False) -> float | str:
+        lowest = setpoint_mg_dl - glucose_mg_dl if fall else glucose_mg_dl
+        return NOT_VALID if lowest < 0.0 else glucose_mg_dl
+
     return {
-        "Undershoot, median (mg/dl)": undershoot["median"],
-        "Undershoot of the worst 5 % (mg/dl)": undershoot["p95"],
-        "Greatest undershoot (mg/dl)": undershoot["max"],
-        "Least glucose of all (mg/dl)": metrics["minimum_mg_dl"]["min"],
-        "People ever below 60 mg/dl (%)": summary.ever_below[60]["share_pct"],
-        "People ever below 54 mg/dl (%)": summary.ever_below[54]["share_pct"],
-        "People ever below the model's validity": str(summary.below_validity.count),
-        "Time below 60 mg/dl, mean (%)": below["mean"],
-        "Time below 60 mg/dl of the worst 5 % (%)": below["p95"],
         "Time from 70 to 180 mg/dl, mean (%)": metrics["time_70_180_pct"]["mean"],
-        "Greatest glucose, median (mg/dl)": metrics["peak_mg_dl"]["median"],
-        "Greatest glucose of the worst 5 % (mg/dl)": metrics["peak_mg_dl"]["p95"],
+        "Time above 180 mg/dl, mean (%)": metrics["time_above_180_pct"]["mean"],
+        "Time above 250 mg/dl, mean (%)": metrics["time_above_250_pct"]["mean"],
+        "Time below 70 mg/dl, mean (%)": metrics["time_below_70_pct"]["mean"],
+        "Time below 70 mg/dl of the worst 5 % (%)": metrics["time_below_70_pct"]["p95"],
+        "Time below 54 mg/dl, mean (%)": metrics["time_below_54_pct"]["mean"],
+        "Time below 54 mg/dl of the worst 5 % (%)": metrics["time_below_54_pct"]["p95"],
+        "People ever below 70 mg/dl (%)": summary.ever_below[70]["share_pct"],
+        "People ever below 54 mg/dl (%)": summary.ever_below[54]["share_pct"],
+        "People ever below the valid range of the model": str(summary.below_validity.count),
+        "Lowest glucose of all people (mg/dl)": valid(metrics["minimum_mg_dl"]["min"]),
+        "Greatest fall below the setpoint, median (mg/dl)": undershoot["median"],
+        "Greatest fall below the setpoint of the worst 5 % (mg/dl)": valid(undershoot["p95"], fall=True),
+        "Highest glucose, median (mg/dl)": metrics["peak_mg_dl"]["median"],
+        "Highest glucose of the worst 5 % (mg/dl)": metrics["peak_mg_dl"]["p95"],
         "Mean glucose, median (mg/dl)": metrics["mean_mg_dl"]["median"],
+        "Insulin delivered, median (U)": metrics["insulin_total_mU"]["median"] / MU_PER_U,
+        "Time without insulin, median (h)": metrics["insulin_off_min"]["median"] / MIN_PER_H,
+        "Time without insulin of the worst 5 % (h)": metrics["insulin_off_min"]["p95"] / MIN_PER_H,
         **({"Settling to 5 %, median (min)": metrics[_SETTLING]["median"]} if settling else {}),
     }
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.request import Output
 from glucoloop.cli.screen import show
 from glucoloop.cli.telling import print_json
-from glucoloop.printable import how_many
+from glucoloop.printable import glucose_text, how_many, percent
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,14 +17,21 @@ if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
 
 _TABLE: Final = (
-    ("undershoot_mg_dl", ("median", "p95", "max")),
-    ("minimum_mg_dl", ("median", "min")),
-    ("peak_mg_dl", ("median", "p95")),
-    ("time_below_60_pct", ("mean", "p95")),
     ("time_70_180_pct", ("mean", "p5")),
+    ("time_above_180_pct", ("mean", "p95")),
+    ("time_above_250_pct", ("mean", "p95")),
+    ("time_below_70_pct", ("mean", "p95")),
+    ("time_below_54_pct", ("mean", "p95")),
+    ("minimum_mg_dl", ("median", "min")),
+    ("undershoot_mg_dl", ("median", "p95", "max")),
+    ("peak_mg_dl", ("median", "p95")),
     ("mean_mg_dl", ("median",)),
     ("insulin_total_mU", ("median",)),
+    ("insulin_off_min", ("median", "p95")),
 )
+"""Metrics and their statistics over the people, in the order in which a clinician reads them."""
+_EVER_BELOW: Final = {"time_below_70_pct": "70", "time_below_54_pct": "54"}
+"""Glucose below which people are counted, after the row of a metric."""
 _NAMED: Final = 10
 
 
@@ -60,12 +67,17 @@ def _table(summary: Mapping[str, Any]) -> Table:
         how = described(metric)
         for position, quantile in enumerate(quantiles):
             values = (of["metrics"][metric][quantile] for of in controllers.values())
-            cells = ("n/a" if value is None else how.text(value) for value in values)
+            cells = ("n/a" if value is None else how.text(value, summary["setpoint_mg_dl"]) for value in values)
             table.add_row("" if position else how.title, quantile, *cells, how.unit)
-    for limit in ("60", "54"):
-        shares = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers.values())
-        cells = ("n/a" if of["share_pct"] is None else f"{of['share_pct']:.2f}" for of in shares)
-        table.add_row(f"People ever below {limit} mg/dl", "share", *cells, "%")
+        if metric in _EVER_BELOW:
+            limit = _EVER_BELOW[metric]
+            counts = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers.values())
+            cells = (
+                "n/a" if of["share_pct"] is None else f"{of['people']} ({percent(of['share_pct'])})" for of in counts
+            )
+            table.add_row(f"People ever below {limit} mg/dl", "number", *cells, "")
+    if all("engine" in of for of in controllers.values()):  # earlier versions did not tell it
+        table.add_row("Engine", "", *(of["engine"] for of in controllers.values()), "")
     return table
 
 
@@ -83,6 +95,9 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
             f"{how_many(beyond['count'], 'person', 'people')} would need more than the pump gives to rest there: "
             f"{_persons(beyond)}."
         )
+    from glucoloop.report.facts import engine_notes
+
+    yield from engine_notes(summary["controllers"])
     for label, of in summary["controllers"].items():
         below = of.get("below_validity", {"count": 0})  # earlier versions did not measure it
         if below["count"]:
@@ -111,7 +126,7 @@ def _mmol_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         least, peak = of["metrics"]["minimum_mg_dl"], of["metrics"]["peak_mg_dl"]
         values = (least["median"], least["min"], peak["median"], peak["max"])
         if None not in values:
-            median, worst, high, highest = (f"{mmol_l_from_mg_dl(value):.2f}" for value in values)
+            median, worst, high, highest = (glucose_text(mmol_l_from_mg_dl(value), 2) for value in values)
             yield (
                 f"{label}: least glucose {median} mmol/l in the median and {worst} at worst, "
                 f"greatest {high} in the median and {highest} at worst."

@@ -7,7 +7,7 @@ whatever order, and by any number of threads.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, TypeVar
 
@@ -26,7 +26,12 @@ def block_size(engine: str) -> int:
 
 
 def in_blocks(
-    run: Callable[[npt.NDArray[Any], int], T], values: npt.NDArray[Any], size: int, threads: int | None = None
+    run: Callable[[npt.NDArray[Any], int], T],
+    values: npt.NDArray[Any],
+    size: int,
+    threads: int | None = None,
+    *,
+    done: Callable[[int], None] = lambda number: None,
 ) -> list[T]:
     """Results of a function on full blocks of values, in their order.
 
@@ -39,15 +44,25 @@ def in_blocks(
         Size of a block.
     threads : int, optional
         Number of threads; one for each core by default.
+    done : callable
+        Called in this thread after each block, in their order, with its number of members that were asked for.
     """
+    results: list[T] = []
+
+    def take(computed: Iterable[T]) -> list[T]:
+        for part, number in zip(computed, asked, strict=True):
+            results.append(part)
+            done(number)
+        return results
+
     parts = [values[start : start + size] for start in range(0, values.size, size)]
     blocks, asked = [np.resize(part, size) for part in parts], [part.size for part in parts]
     threads = min(threads or os.cpu_count() or 1, len(blocks))
     if threads <= 1:
-        return [run(block, n) for block, n in zip(blocks, asked, strict=True)]
+        return take(map(run, blocks, asked))
     with ThreadPoolExecutor(threads) as pool:
         try:
-            return list(pool.map(run, blocks, asked))
+            return take(pool.map(run, blocks, asked))
         except BaseException:
             pool.shutdown(wait=True, cancel_futures=True)
             raise

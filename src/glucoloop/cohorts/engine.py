@@ -24,6 +24,7 @@ from glucoloop.meals.counting import counted_g
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import People
 from glucoloop.simulation.engines import one_at_a_time
@@ -79,6 +80,11 @@ class PreparedTrial:
     setpoint_mg_dl: float
     fold: RunningMetrics
     cases: Mapping[str, PreparedCase]
+
+    @property
+    def engines(self) -> dict[str, dict[str, str]]:
+        """Engine of each controller by its label, as `PeopleLoop.engine_told` has it."""
+        return {label: of.loop.engine_told for label, of in self.cases.items()}
 
 
 @functools.lru_cache(maxsize=2)
@@ -176,6 +182,7 @@ def run_people(
     *,
     traces: bool = False,
     threads: int | None = None,
+    done: Callable[[int], None] = lambda people: None,
 ) -> PeopleResult:
     """Simulate people of a trial under one of its controllers.
 
@@ -190,6 +197,8 @@ def run_people(
         Whether to keep glucose and insulin over time.
     threads : int, optional
         Number of threads, one for each core by default; the result does not depend on it.
+    done : callable
+        Called with a number of people whenever so many more are done.
 
     Raises
     ------
@@ -198,13 +207,13 @@ def run_people(
     """
     number = np.asarray(person, np.int64)
     if not number.size:
-        raise ValueError("nobody was asked for; give the number of at least one person")
+        raise Refusal("nobody was asked for; give the number of at least one person")
     of_case = prepared.cases[label]
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         return _run_block(prepared, of_case, block, n, traces=traces)
 
-    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads))
+    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads, done=done))
 
 
 def _run_block(

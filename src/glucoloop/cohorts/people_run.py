@@ -21,10 +21,12 @@ from glucoloop.meals.scenario import announced_g
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.pumps.limits import DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
+from glucoloop.simulation.usual_limits import usual_limits
 
 Array = npt.NDArray[Any]
 
@@ -45,6 +47,11 @@ class PeopleRun:
     """Engine that computed the run, ``"native"`` or ``"xla"``."""
     scenario: Scenario
     setpoint_mg_dl: float
+    glucose_valid: Array | None = None
+    """(samples + 1, people) whether that glucose is in the valid range of the person's model: lower glucose, which may
+    even be below zero, means only that it is very low."""
+    not_native: str | None = None
+    """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
 
 
 @checked
@@ -57,7 +64,7 @@ def simulate_people(
     scenario: Scenario | None = None,
     seed: int = 0,
     *,
-    limits: DoseLimits = PARKER_1999_LIMITS,
+    limits: DoseLimits | None = None,
     precision: str = "float64",
     engine: str | None = None,
     threads: int | None = None,
@@ -76,8 +83,8 @@ def simulate_people(
         The 50 g oral glucose test at 50 min over 600 min by default. All people eat the same.
     seed : int
         Seed of the sensors; each person has an individual key.
-    limits : DoseLimits
-        Limits against which the constraints are checked.
+    limits : DoseLimits, optional
+        Limits against which the constraints are checked; those usual for the patient by default.
     precision : {"float64", "float32"}
     engine : {"native", "xla"}, optional
         Native code where the controller allows it, by default.
@@ -100,10 +107,12 @@ def simulate_people(
     for name in ("setpoint_mg_dl", "initial_glucose_mg_dl"):
         asked = getattr(scenario, name)
         if asked is not None and asked != setpoint:
-            raise ValueError(
+            raise Refusal(
                 f"the scenario's {name} is {asked:g}, but the people rest at {setpoint:g} mg/dl; "
                 f"draw them with setpoint_mg_dl={asked:g}"
             )
+    usual = usual_limits(people.patient)
+    limits = usual if limits is None else limits
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
     told_g = announced_g(scenario.meals)
     told_otherwise = bool(scenario.announced and np.any(told_g != scenario.eaten().carbs_g))
@@ -123,7 +132,7 @@ def simulate_people(
         own_announcements=told_otherwise,
         own=with_basal_of_each(controller),
         around=Surroundings(
-            sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump() if pump is None else pump
+            sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
         ),
         engine=engine,
         precision=precision,
@@ -155,7 +164,9 @@ def simulate_people(
         t_min=np.append(grid.t_min, scenario.horizon_min),
         glucose_mg_dl=joined([part.glucose_mg_dl for part in runs]),
         insulin_mU_min=joined([part.insulin_mU_min for part in runs]),
+        glucose_valid=joined([part.glucose_valid for part in runs]),
         engine=loop.engine,
+        not_native=loop.cohort.not_native,
         scenario=scenario,
         setpoint_mg_dl=setpoint if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl,
     )

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from glucoloop.cohorts.order_statistics import Floats, Moments, finite, quantiles
 from glucoloop.cohorts.people import PeopleRows, Shards
 from glucoloop.metrics.control_variability import CELLS, grid_counts
+from glucoloop.refusal import Refusal
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
 MOST_NAMED: Final = 1000
@@ -199,7 +200,7 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
         infeasible.add(first.person[~first.feasible])
         beyond.add(first.person[first.feasible & (first.basal_insulin_mU_min > max_insulin_mU_min)])
     if not cases:
-        raise ValueError("there is nobody to summarise; finish a shard first")
+        raise Refusal("there is nobody to summarise; finish a shard first")
     return TrialSummary(
         people=people,
         infeasible=infeasible.affected(),

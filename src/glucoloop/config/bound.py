@@ -12,6 +12,7 @@ from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.bound import NOT_OF_A_BOUND, BoundKeys
 from glucoloop.config.options.situation import refuse_parts_of_samples, whole_samples
 from glucoloop.config.run import ask_about_surroundings, completed, refuse_unknown_beside
+from glucoloop.refusal import Refusal
 
 _MOST_KNOWN: Final = 20
 
@@ -32,15 +33,15 @@ def read_bound(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     refuse_unknown_beside(keys, [key for key in declared(BoundKeys) if key not in NOT_OF_A_BOUND], " of a bound")
     asked = checked(BoundKeys, completed(keys), names)
     if not asked.allow_unusual:
-        ask_about_surroundings(asked, asked.eaten(), names)
+        ask_about_surroundings(asked, asked.meals, names)
     asked = dataclasses.replace(asked, meals=tuple(meal_text(meal) for meal in asked.eaten()))
     whole_samples(asked.dead_time_min, asked.sample_time_min)
     refuse_parts_of_samples(asked.duration_min, asked.sample_time_min, names)
     if len(asked.known_after_min) > _MOST_KNOWN:
         called = (names or {}).get("known_after_min", "known_after_min")
-        raise ValueError(f"{called} has {len(asked.known_after_min)} times; give at most {_MOST_KNOWN}")
+        raise Refusal(f"{called} has {len(asked.known_after_min)} times; give at most {_MOST_KNOWN}")
     if not asked.known_after_min and not asked.in_advance and not asked.hedged:
-        raise ValueError("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
+        raise Refusal("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
     return asked
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.keyed_values import keyed_values, value_of
 
 
@@ -20,9 +21,9 @@ def parse_case(text: str) -> dict[str, object]:
     label = label.strip()
     parts = [part.strip() for part in rest.split(",")]
     if not label or parts == [""]:
-        raise ValueError(f"{text!r} is not a case; write one like 'mpc' or 'careful: mpc, move_weight=1'")
+        raise Refusal(f"{text!r} is not a case; write one like 'mpc' or 'careful: mpc, move_weight=1'")
     named = {} if "=" in parts[0] or not parts[0] else {"controller": value_of(parts.pop(0))}
     keys = keyed_values(parts, f"case {text!r}", "move_weight=1")
     if named and "controller" in keys:
-        raise ValueError(f"controller is given twice in the case {text!r}; leave one out")
+        raise Refusal(f"controller is given twice in the case {text!r}; leave one out")
     return {"label": label, **named, **keys}

@@ -8,6 +8,7 @@ from typing import Any, Final
 from glucoloop.config.case_text import parse_case
 from glucoloop.config.run import case_key_names, controllers_of, overlay, refuse_limits_without_guard
 from glucoloop.printable import is_printable
+from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.guard import GUARD
 from glucoloop.registry.settings import AMONG_OPTIONS, known_names
@@ -37,7 +38,7 @@ def take_cases(given: dict[str, Any], of_file: dict[str, Any]) -> list[dict[str,
     """
     of_file_cases = of_file.pop(CASES_KEY, [])
     if not isinstance(of_file_cases, list) or not all(isinstance(case, dict) for case in of_file_cases):
-        raise ValueError("'case' in the configuration is not a list of tables; write each under [[case]]")
+        raise Refusal("'case' in the configuration is not a list of tables; write each under [[case]]")
     named = given.pop(CONTROLLERS_KEY, None) or []
     own = [
         *({"label": name, "controller": name} for name in named),
@@ -49,6 +50,12 @@ def take_cases(given: dict[str, Any], of_file: dict[str, Any]) -> list[dict[str,
     cases = [_with(given, case, of_file) for case in of_file_cases]
     _refuse_alike(of_file_cases, cases, given)
     return cases
+
+
+def given_with(keys: Mapping[str, Any], cases: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Keys that were given with a table for each case, as they stand in a file."""
+    tables = [dict(case) for case in cases]
+    return {**keys, **({CASES_KEY: tables} if tables else {})}
 
 
 def under_shared(shared: Mapping[str, object], case: Mapping[str, object]) -> dict[str, object]:
@@ -69,9 +76,9 @@ def label_of(case: Mapping[str, object]) -> str:
     """
     label = case.get("label")
     if not isinstance(label, str) or not label.strip():
-        raise ValueError(f"the case {dict(case)!r} has no label; give it one, like label = 'careful'")
+        raise Refusal(f"the case {dict(case)!r} has no label; give it one, like label = 'careful'")
     if not is_printable(label):
-        raise ValueError(f"the label {label!r} cannot be printed in a line; leave out its control characters")
+        raise Refusal(f"the label {label!r} cannot be printed in a line; leave out its control characters")
     return label
 
 
@@ -79,9 +86,9 @@ def refuse_foreign(case: Mapping[str, object], shared: Container[str], of: str, 
     """Refuse a key of a case that all cases share, or that no case has; `of` names what they share."""
     for key in case:
         if key in shared:
-            raise ValueError(f"{key} belongs to the {of}, which all cases share; give it outside the cases")
+            raise Refusal(f"{key} belongs to the {of}, which all cases share; give it outside the cases")
         if key not in known:
-            raise ValueError(f"unknown key {key!r}; {known_names(key, known, where=AMONG_OPTIONS)}")
+            raise Refusal(f"unknown key {key!r}; {known_names(key, known, where=AMONG_OPTIONS)}")
 
 
 def refuse_idle(
@@ -99,7 +106,7 @@ def refuse_idle(
     }
     for key in keys:
         if key in idle:
-            raise ValueError(
+            raise Refusal(
                 f"{(names or {}).get(key, key)} is a setting of none of these controllers: {', '.join(used)}; "
                 "leave it out, or add a controller that has it"
             )
@@ -122,7 +129,7 @@ def _refuse_alike(before: list[dict[str, Any]], after: list[dict[str, Any]], giv
         for earlier in range(later):
             if _unlike(before[earlier], before[later]) and not _unlike(after[earlier], after[later]):
                 first, second = after[earlier].get("label"), after[later].get("label")
-                raise ValueError(
+                raise Refusal(
                     f"--controller {given['controller']} makes the cases {first!r} and {second!r} of the file alike; "
                     "leave it out, or give the cases with --case"
                 )

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from glucoloop.config.key import Declared, declared
 from glucoloop.config.sentences import one_sentence
+from glucoloop.refusal import Refusal
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -40,7 +41,7 @@ def checked(record: type[Record], keys: Mapping[str, object], names: Mapping[str
     try:
         found = model.model_validate({key: tuple(v) if isinstance(v, list) else v for key, v in keys.items()})
     except ValidationError as error:
-        raise ValueError(one_sentence(error, model, names)) from None
+        raise Refusal(one_sentence(error, model, names)) from None
     return record(**{name: getattr(found, name) for name in declared(kind)})
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.config.cases import CASES_KEY, label_of, refuse_foreign, refuse_idle, under_shared
+from glucoloop.config.cases import CASES_KEY, given_with, label_of, refuse_foreign, refuse_idle, under_shared
 from glucoloop.config.key import declared, plain
 from glucoloop.config.options.case import CaseKeys, case_keys
 from glucoloop.config.options.situation import SituationKeys
@@ -18,6 +18,7 @@ from glucoloop.config.run import (
     read_run,
     refuse_unknown,
 )
+from glucoloop.refusal import Refusal
 
 MOST_CASES: Final = 20
 
@@ -28,6 +29,8 @@ class Comparison:
 
     situation: SituationKeys
     cases: Mapping[str, CaseKeys]
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def runs(self) -> dict[str, Run]:
         """The run of each case."""
@@ -54,7 +57,7 @@ def read_comparison(
         or belongs to the situation, which all cases share.
     """
     if not 2 <= len(cases) <= MOST_CASES:
-        raise ValueError(
+        raise Refusal(
             f"a comparison of {len(cases)} {'case' if len(cases) == 1 else 'cases'} is not possible; "
             f"give from 2 to {MOST_CASES}, like --case mpc --case 'careful: mpc, move_weight=1'"
         )
@@ -66,13 +69,13 @@ def read_comparison(
     for case in cases:
         label = label_of(case)
         if label in read:
-            raise ValueError(f"two cases are called {label!r}; give each a label of its own")
+            raise Refusal(f"two cases are called {label!r}; give each a label of its own")
         own = {key: value for key, value in case.items() if key != "label"}
         try:
             refuse_foreign(own, declared(SituationKeys), "situation", case_key_names(*controllers_of(own)))
             read[label] = read_case(under_shared(shared, own), situation)
-        except ValueError as error:
-            raise ValueError(f"case {label!r}: {error}") from None
+        except Refusal as error:
+            raise Refusal(f"case {label!r}: {error}") from None
     guarded = any(case.guard for case in read.values())
     refuse_idle(shared, [case.controller for case in read.values()], guarded=guarded, names=names)
-    return Comparison(situation=situation, cases=read)
+    return Comparison(situation=situation, cases=read, given=given_with(keys, cases))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from glucoloop.config.checked import checked
@@ -18,6 +18,8 @@ class Export:
 
     run: Run
     chip: ChipKeys
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Flat keys from which it was read, if it was."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same export is read."""
@@ -34,4 +36,5 @@ def read_export(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     """
     chip = checked(ChipKeys, own_keys(keys, ChipKeys), names)
     run = {key: value for key, value in keys.items() if key not in declared(ChipKeys)}
-    return Export(run=read_run(run, names, only_design=True), chip=chip)
+    found = read_run(run, names, only_design=True)
+    return Export(run=found, chip=chip, given=dict(keys))

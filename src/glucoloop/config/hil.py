@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from glucoloop.config.checked import checked
@@ -13,6 +13,7 @@ from glucoloop.config.options.hil import DisturbanceKeys, HilKeys
 from glucoloop.config.run import Run, read_run
 from glucoloop.firmware.hil.build import EMULATED
 from glucoloop.firmware.hil.faults import Disturbances
+from glucoloop.refusal import Refusal
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class Hil:
 
     run: Run
     chip: HilKeys
+    given_of_chip: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Flat keys of the chip that were given."""
 
     @property
     def samples(self) -> int:
@@ -31,6 +34,11 @@ class Hil:
     def emulated(self) -> bool:
         """Whether the chip needs no hardware."""
         return self.chip.chip in EMULATED
+
+    @property
+    def given(self) -> dict[str, Any] | None:
+        """Flat keys from which it was read, if it was."""
+        return None if self.run.given is None else {**self.run.given, **self.given_of_chip}
 
     @property
     def disturbances(self) -> Disturbances:
@@ -56,14 +64,14 @@ def read_hil(keys: Mapping[str, object], names: Mapping[str, str] | None = None)
     """
     chip = checked(HilKeys, own_keys(keys, HilKeys), names)
     run = read_run({key: value for key, value in keys.items() if key not in declared(HilKeys)}, names)
-    asked = Hil(run=run, chip=chip)
+    asked = Hil(run=run, chip=chip, given_of_chip=own_keys(keys, HilKeys))
     if not asked.emulated and "/" not in chip.chip:
-        raise ValueError(
+        raise Refusal(
             f"the chip is {chip.chip!r}; the known ones are: {', '.join(EMULATED)}, or the path of a serial port such "
             "as /dev/ttyACM0"
         )
     if not asked.emulated and asked.disturbances.of_power:
-        raise ValueError(
+        raise Refusal(
             f"the power of the board at {chip.chip} cannot be cut from here, nor its program made to hang; "
             "let --power-cuts and --hangs be 0, or take an emulated chip"
         )

@@ -14,6 +14,7 @@ from glucoloop.config.options.situation import (
 )
 from glucoloop.config.run import patient_of
 from glucoloop.config.unusual import ask_about
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import refuse_unknown_keys
 
 
@@ -30,19 +31,24 @@ def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | N
     called = {key: (names or {}).get(key, key) for key in keys}
     if "data" in keys:
         for key in called.keys() & set(EXPERIMENT_KEYS):
-            raise ValueError(f"{called[key]} is about the simulated patient, but there is a record; leave one out")
+            raise Refusal(f"{called[key]} is about the simulated patient, but there is a record; leave one out")
     else:
         for key in called.keys() & set(RECORD_KEYS):
-            raise ValueError(f"{called[key]} is about a record; give one with --data, or leave it out")
+            raise Refusal(f"{called[key]} is about a record; give one with --data, or leave it out")
     if keys.get("best_pole") and "laguerre_pole" in keys:
-        raise ValueError("a Laguerre pole is given and is also to be searched for; leave one out")
+        raise Refusal("a Laguerre pole is given and is also to be searched for; leave one out")
     if keys.get("best_pole") and keys.get("laguerre_functions") == 0:
-        raise ValueError("0 Laguerre functions have no pole to search for; give more, or leave out the search")
+        raise Refusal("0 Laguerre functions have no pole to search for; give more, or leave out the search")
     sample_time = keys.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
     entry = patient_of(keys)
     derived: dict[str, object] = {"operating_point": entry.usual_point, "amplitude_mU_min": entry.pulse_mU_min}
-    # A sample time that is wrong is refused by name with the other keys, and nothing follows from it.
-    if isinstance(sample_time, int | float) and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN:
+    # A sample time that is wrong is refused by name with the other keys, and nothing follows from it; what suits a
+    # record is chosen by the record.
+    if (
+        "data" not in keys
+        and isinstance(sample_time, int | float)
+        and SHORTEST_SAMPLE_TIME_MIN <= sample_time <= LONGEST_SAMPLE_TIME_MIN
+    ):
         derived |= entry.identification(float(sample_time))
     asked = checked(IdentificationKeys, {**derived, **keys}, names)
     entry.operating_point(asked.operating_point)

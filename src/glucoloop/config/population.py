@@ -13,6 +13,7 @@ from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.registry.settings import known_names, refuse_unknown_keys
 
@@ -62,13 +63,13 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
     refuse_unknown_keys(keys, known, " of a population")
     named = checked(_Named, {key: value for key, value in keys.items() if key != VARY_KEY})
     if not is_printable(named.name or name):
-        raise ValueError(
+        raise Refusal(
             f"the name {named.name or name!r} of the population cannot be printed in a line; "
             "leave out its control characters"
         )
     tables = keys.get(VARY_KEY, [])
     if not isinstance(tables, list | tuple) or not all(isinstance(table, Mapping) for table in tables):
-        raise ValueError(f"{VARY_KEY} is {tables!r}; give a table for each parameter, under [[{VARY_KEY}]]")
+        raise Refusal(f"{VARY_KEY} is {tables!r}; give a table for each parameter, under [[{VARY_KEY}]]")
     variations = tuple(_read_variation(number, table) for number, table in enumerate(tables, 1))
     return Population(named.name or name, variations, named.summary, patient)
 
@@ -77,10 +78,10 @@ def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
     try:
         for key in table:
             if key not in declared(Vary):
-                raise ValueError(f"unknown key {key!r}; {known_names(key, declared(Vary))}")
+                raise Refusal(f"unknown key {key!r}; {known_names(key, declared(Vary))}")
         return Variation(**plain(checked(Vary, table)))
-    except ValueError as error:
-        raise ValueError(f"[[{VARY_KEY}]] number {number}: {error}") from None
+    except Refusal as error:
+        raise Refusal(f"[[{VARY_KEY}]] number {number}: {error}") from None
 
 
 def population_keys(population: Population) -> dict[str, object]:
@@ -105,23 +106,23 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
         known = populations_of(patient)
         if text not in known:
             whose = "" if patient == USUAL_PATIENT.name else f" of {patient}"
-            raise ValueError(
+            raise Refusal(
                 f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
         return known[text]
     try:
-        keys, _ = read_toml(_text(path), text)
+        keys = read_toml(_text(path), text).keys
     except OSError as error:
-        raise ValueError(f"{text} cannot be read: {error.strerror or error}") from None
+        raise Refusal(f"{text} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise ValueError(f"{text} is not TOML: it is not text in UTF-8") from None
+        raise Refusal(f"{text} is not TOML: it is not text in UTF-8") from None
     try:
         people = read_population(keys, patient, path.stem)
-    except ValueError as error:
-        raise ValueError(f"{text}: {error}") from None
+    except Refusal as error:
+        raise Refusal(f"{text}: {error}") from None
     if not people.variations:
         # a file that was cut short must not pass for the nominal patient
-        raise ValueError(
+        raise Refusal(
             f"{text} has no [[vary]] table, so all people would be the same; add one, or name the preset nominal"
         )
     return people
@@ -130,6 +131,6 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
 def _text(path: Path) -> str:
     """Text of a file, read only up to the largest size of a configuration, so that a larger one is refused."""
     if "\0" in str(path):
-        raise ValueError(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
+        raise Refusal(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
     with path.open(encoding="utf-8-sig") as file:
         return file.read(LARGEST_CHARACTERS + 1)

@@ -1,7 +1,7 @@
 """Configuration of a run: the situation of a controller, and the controller with its tuning and model.
 
 In files and on the command line both are given by flat keys; what is not given is filled in here, so that a
-configuration that was read is complete.
+configuration that was read is complete. What was given is kept apart from it: only that is written to be read again.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
 from glucoloop.config.checked import checked
@@ -17,7 +17,6 @@ from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys, case_keys
 from glucoloop.config.options.situation import (
-    PAPER_SAMPLE_TIME_MIN,
     SituationKeys,
     refuse_parts_of_samples,
     whole_samples,
@@ -31,9 +30,11 @@ from glucoloop.config.unusual import (
     ask_about_settings,
 )
 from glucoloop.experiments.surroundings import pump_of, sensor_of
-from glucoloop.meals import Meal, meal_model_of
+from glucoloop.meals import meal_model_of
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
+from glucoloop.plausible import ANY_SETTING, LARGEST_RATE_UNDER_THE_SKIN
+from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.entries import Choice
 from glucoloop.registry.fault_text import fault_text, parse_fault
@@ -41,7 +42,7 @@ from glucoloop.registry.faults import START
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.metrics import METRICS, metrics_with
 from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.pumps import LIMITS, PUMPS, USUAL_PUMP
+from glucoloop.registry.pumps import PUMPS, USUAL_PUMP
 from glucoloop.registry.sensors import SENSORS
 from glucoloop.registry.settings import Value, refuse_unknown_keys
 
@@ -55,6 +56,8 @@ class Run:
 
     situation: SituationKeys
     case: CaseKeys
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Flat keys from which it was read, if it was."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same run is read."""
@@ -62,7 +65,8 @@ class Run:
 
     def with_model(self, path: str) -> Self:
         """The same run, with its model from another file."""
-        return dataclasses.replace(self, case=dataclasses.replace(self.case, model=path))
+        given = None if self.given is None else {**self.given, "model": path}
+        return dataclasses.replace(self, case=dataclasses.replace(self.case, model=path), given=given)
 
 
 def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None, *, only_design: bool = False) -> Run:
@@ -84,7 +88,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None,
     refuse_unknown(keys)
     situation = checked(SituationKeys, own_keys(completed(keys), SituationKeys), names)
     if not situation.allow_unusual:
-        ask_about_surroundings(situation, situation.eaten(), names)
+        ask_about_surroundings(situation, situation.meals, names)
         ask_about_clock(situation.meals, situation.duration_min)
     refuse_impossible(situation)
     whole_samples(situation.dead_time_min, situation.sample_time_min)
@@ -93,7 +97,7 @@ def read_run(keys: Mapping[str, object], names: Mapping[str, str] | None = None,
     faults = faults_told(situation.faults, situation.duration_min, allow_unusual=situation.allow_unusual)
     meals = tuple(meal_text(meal) for meal in situation.eaten())
     situation = dataclasses.replace(situation, meals=meals, faults=faults, **parts_told(situation))
-    return Run(situation=situation, case=read_case(keys, situation, names))
+    return Run(situation=situation, case=read_case(keys, situation, names), given=dict(keys))
 
 
 def completed(keys: Mapping[str, object]) -> dict[str, object]:
@@ -135,19 +139,19 @@ def refuse_impossible(situation: SituationKeys) -> None:
     for _ in metrics_with(situation.metrics):  # refuses one that is unknown, or at odds with another
         pass
     if situation.miscounts and not situation.announce_meals:
-        raise ValueError(
+        raise Refusal(
             "an error of counting carbohydrate concerns announced meals only; announce the meals (--announce-meals), "
             "or leave the error and the bias out"
         )
     meal_model_of(patient(situation.patient, situation.operating_point), situation.situation().gut)
     known = sites(patient(situation.patient, situation.operating_point))
     if situation.site is not None and situation.site not in known:
-        raise ValueError(
+        raise Refusal(
             f"glucose of {situation.patient} cannot be read at the site {situation.site!r}; give {' or '.join(known)}"
         )
 
 
-def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], names: Names = None) -> None:
+def ask_about_surroundings(situation: SituationKeys, meals: Iterable[str], names: Names = None) -> None:
     """Ask for confirmation of unusual values.
 
     Raises
@@ -162,7 +166,8 @@ def ask_about_surroundings(situation: SituationKeys, meals: Iterable[Meal], name
         max_insulin_mU_min=situation.max_insulin_mU_min,
         names=names,
     )
-    ask_about(situation, names)
+    under_the_skin = patient_entry(situation.patient).under_the_skin
+    ask_about(situation, names, {"max_insulin_mU_min": LARGEST_RATE_UNDER_THE_SKIN} if under_the_skin else None)
     ask_about_meals(meals)
 
 
@@ -171,7 +176,7 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
     own = own_keys(keys, CaseKeys)
     controller = own.get("controller", catalogue.USUAL_CONTROLLER)
     if not isinstance(controller, str):
-        raise ValueError(f"controller is {controller!r}; give a text, the name of one")
+        raise Refusal(f"controller is {controller!r}; give a text, the name of one")
     _refuse_reserved(catalogue.controller_entry(controller))
     known = catalogue.setting_names(controller)
     settings = {key: value for key, value in keys.items() if key in known}
@@ -185,7 +190,8 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
         catalogue.controller_entry(controller).values(case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
-        ask_about_settings((*catalogue.controller_entry(case.controller).settings, *GUARD.values()), keys, names)
+        settings_of_case = (*catalogue.controller_entry(case.controller).settings, *GUARD.values())
+        ask_about_settings(settings_of_case, keys, names, otherwise=ANY_SETTING)
     return case
 
 
@@ -194,7 +200,7 @@ def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
     reserved = {*declared(SituationKeys), *declared(CaseKeys), *GUARD, "label"}
     for setting in entry.settings:
         if setting.name in reserved:
-            raise ValueError(
+            raise Refusal(
                 f"the controller {entry.name} has a setting {setting.name!r}, which is a key of every run already; "
                 "its author has to give it another name"
             )
@@ -215,7 +221,7 @@ def refuse_limits_without_guard(keys: Mapping[str, object], *, guarded: bool, na
     """
     for key in keys:
         if key in GUARD and not guarded:
-            raise ValueError(
+            raise Refusal(
                 f"{(names or {}).get(key, key)} is a limit of the guard, which is off; switch it on, or leave it out"
             )
 
@@ -236,7 +242,7 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
             ask_about_settings(told.entry.settings, told.settings, called)
         start_min = float(told.settings.get(START, 0.0))
         if start_min >= duration_min:
-            raise ValueError(
+            raise Refusal(
                 f"the fault {told.name} begins at {start_min:g} min, but the run ends at {duration_min:g} min; "
                 "let it begin earlier, or leave it out"
             )
@@ -274,8 +280,8 @@ def overlay(
 ) -> dict[str, object]:
     """Merge flat keys of two layers, of which the upper one wins.
 
-    Each upper key removes those below that it excludes: a model file and the keys that identify a model, and the
-    settings of a controller that another one replaces.
+    Each upper key removes those below that it excludes: a model file and the keys that identify a model, the settings
+    of a controller that another one replaces, and the operating point of another patient.
 
     Raises
     ------
@@ -286,7 +292,7 @@ def overlay(
         both = [key for key in IDENTIFICATION_KEYS if key in layer]
         if "model" in layer and both:
             called = (names or {}).get(both[0], both[0])
-            raise ValueError(
+            raise Refusal(
                 f"{called} tells how a model is identified, but the model comes from {layer['model']}; "
                 "leave out one of them"
             )
@@ -300,35 +306,11 @@ def overlay(
         own = {setting.name for setting in entry.settings}
         foreign = catalogue.setting_names(*controllers_of(lower)) - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
-    if "pump" in upper and upper["pump"] != lower.get("pump", USUAL_PUMP):
-        of_pump = {**{key: declared(SituationKeys)[key].default for key in LIMITS}, **_usual_limits(lower)}
-        kept = {key: value for key, value in kept.items() if not (key in of_pump and of_pump[key] == value)}
     if "patient" in upper and upper["patient"] != lower.get("patient", USUAL_PATIENT.name):
-        kept = _without_usual(kept)
+        kept.pop("operating_point", None)
     if upper.get("guard") is False:
         kept = {key: value for key, value in kept.items() if key not in GUARD}
     return {**kept, **upper}
-
-
-def _without_usual(lower: Mapping[str, object]) -> dict[str, object]:
-    """Keys without those that were usual for their patient, since another patient has its own."""
-    entry = patient_of(lower)
-    usual: dict[str, object] = {key: getattr(entry, key) for key in _OF_PATIENT}
-    sample_time = lower.get("sample_time_min", PAPER_SAMPLE_TIME_MIN)
-    if isinstance(sample_time, int | float) and sample_time > 0.0:
-        usual |= entry.identification(float(sample_time))
-    point, controller = (
-        lower.get("operating_point", entry.usual_point),
-        lower.get("controller", catalogue.USUAL_CONTROLLER),
-    )
-    noisy = bool(lower.get("noise_variance"))
-    usual |= catalogue.complete(str(controller), {}, entry, str(point), noisy=noisy)
-    usual |= complete_guard({}, entry)
-    return {
-        key: value
-        for key, value in lower.items()
-        if key not in ("patient", "operating_point") and not (key in usual and usual[key] == value)
-    }
 
 
 def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, object]] = ()) -> list[str]:
@@ -346,8 +328,8 @@ def controllers_of(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
             continue
         try:
             catalogue.controller_entry(name)
-        except ValueError as error:
-            raise ValueError(f"case {label!r}: {error}" if isinstance(label, str) else str(error)) from None
+        except Refusal as error:
+            raise Refusal(f"case {label!r}: {error}" if isinstance(label, str) else str(error)) from None
         named.append(name)
     return named
 
@@ -357,9 +339,9 @@ def refuse_unknown(keys: Mapping[str, object], cases: Iterable[Mapping[str, obje
     known = run_keys(*controllers_of(keys, cases))
     for key in keys:
         if key not in known and key in _KEY_OF_OPTION:
-            raise ValueError(f"unknown key {key!r}; in a file it is {_KEY_OF_OPTION[key]!r}")
+            raise Refusal(f"unknown key {key!r}; in a file it is {_KEY_OF_OPTION[key]!r}")
         if key == "case":
-            raise ValueError(f"unknown key {key!r}; give a file with cases to glucoloop compare or glucoloop trial")
+            raise Refusal(f"unknown key {key!r}; give a file with cases to glucoloop compare or glucoloop trial")
     refuse_unknown_keys(keys, known)
 
 
@@ -368,7 +350,7 @@ def refuse_unknown_beside(keys: Mapping[str, object], known: Sequence[str], of: 
     of_run = run_keys()
     for key in keys:
         if key not in known and key in of_run and not difflib.get_close_matches(key, known, cutoff=_NAMESAKE):
-            raise ValueError(f"unknown key {key!r}{of}, though a run has it; leave it out")
+            raise Refusal(f"unknown key {key!r}{of}, though a run has it; leave it out")
     refuse_unknown_keys(keys, known, of)
 
 

@@ -22,6 +22,7 @@ _KINDS: Final = {
     "dict": "a table",
     "model": "a table",
 }
+_SIDES: Final = {"gt": "above", "ge": "of at least", "lt": "below", "le": "at most"}
 _LONGEST_VALUE: Final = 60
 _GROUPS: Final = ("tuning", "guard_limits")
 """Keys of records whose own keys stand among the others in a file."""
@@ -78,7 +79,7 @@ def _wanted(error: Any, record: type[BaseModel], key: str) -> str:
     if error["type"] == "value_error":
         return str(context["error"])
     kind = next((text for start, text in _KINDS.items() if error["type"].startswith(start)), "")
-    bounds = _bounds(record, key) if len(error["loc"]) == 1 else ""
+    bounds = _bounds(record, key) if len(error["loc"]) == 1 else _in_words(context)
     if kind:
         return f"{kind} {bounds}".rstrip()
     return f"a value {bounds}" if bounds else str(error["msg"])
@@ -89,14 +90,18 @@ def _bounds(record: type[BaseModel], key: str) -> str:
     found = record.model_fields.get(key)
     if found is None:
         return ""
-    words = {"gt": "above", "ge": "of at least", "lt": "below", "le": "at most"}
-    parts = [
+    sides = ({side: getattr(item, side, None) for side in _SIDES} for item in found.metadata)
+    return " and ".join(filter(None, map(_in_words, sides)))
+
+
+def _in_words(bounds: Mapping[str, Any]) -> str:
+    """Bounds by their side, in words."""
+    found = {text: bounds.get(side) for side, text in _SIDES.items()}
+    return " and ".join(
         f"{text} {bound:g}" if isinstance(bound, float) else f"{text} {bound}"
-        for item in found.metadata
-        for side, text in words.items()
-        if (bound := getattr(item, side, None)) is not None
-    ]
-    return " and ".join(parts)
+        for text, bound in found.items()
+        if bound is not None
+    )
 
 
 def _quantity_of(field: FieldInfo) -> Quantity | None:

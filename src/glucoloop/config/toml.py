@@ -5,14 +5,21 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import tomli_w
 
 import glucoloop
+from glucoloop.refusal import Refusal
+from glucoloop.registry.number_text import with_minutes
+from glucoloop.registry.plugins import names_code
 
 VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""
+USED_KEY: Final = "used"
+"""Table of all values that were used, the computed ones among them; a configuration is read without it."""
+SETTLED_KEY: Final = "settled"
+"""Table in it with the settings that were settled when a controller was designed."""
 LARGEST_CHARACTERS: Final = 1_000_000
 _MOST_DOTS: Final = 3000
 """Largest number of dots in a line; the parser's memory for a dotted key grows with the square of its length."""
@@ -21,8 +28,19 @@ LARGEST_INTEGER: Final = 2**63 - 1
 """Largest integer of TOML; a larger one may exist neither as float nor as text."""
 
 
-def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
-    """Keys of a configuration file, and the version that wrote it, if it is given.
+class ConfigurationFile(NamedTuple):
+    """A configuration file."""
+
+    keys: dict[str, Any]
+    """Keys that were given, from which it is read."""
+    version: str | None
+    """Version of glucoloop that wrote it, if it is told."""
+    used: dict[str, Any] | None
+    """All values that were used when it was written, if they are told."""
+
+
+def read_toml(text: str, name: str) -> ConfigurationFile:
+    """Read the text of a configuration file.
 
     Raises
     ------
@@ -30,25 +48,38 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], str | None]:
         For a text that is not TOML, or is too long or too deeply nested for a configuration.
     """
     if len(text) > LARGEST_CHARACTERS:
-        raise ValueError(
+        raise Refusal(
             f"{name} is too large for a configuration: {len(text)} characters, at most {LARGEST_CHARACTERS} will do"
         )
     if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-        raise ValueError(f"{name} has a line with more than {_MOST_DOTS} dots; break it into several")
+        raise Refusal(f"{name} has a line with more than {_MOST_DOTS} dots; break it into several")
     try:
         keys = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{name} is not TOML: {str(error).rstrip('.')}") from None
+        raise Refusal(f"{name} is not TOML: {str(error).rstrip('.')}") from None
     except RecursionError:
-        raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat") from None
+        raise Refusal(f"{name} is nested too deeply for a configuration; its keys are flat") from None
     except ValueError:  # Python refuses a number of thousands of digits
-        raise ValueError(_too_large(name)) from None
+        raise Refusal(_too_large(name)) from None
     if deeper_than(keys, _DEEPEST):
-        raise ValueError(f"{name} is nested too deeply for a configuration; its keys are flat")
+        raise Refusal(f"{name} is nested too deeply for a configuration; its keys are flat")
     if any(_holds_too_large(value) for value in keys.values()):
-        raise ValueError(_too_large(name))
+        raise Refusal(_too_large(name))
     version = keys.pop(VERSION_KEY, None)
-    return keys, None if version is None else str(version)
+    used = keys.pop(USED_KEY, None)
+    if not isinstance(used, dict | None):
+        raise Refusal(f"{USED_KEY} is {used!r} in {name}; it is the table of what was used, leave it out")
+    return ConfigurationFile(_in_minutes(keys), None if version is None else str(version), used)
+
+
+def _in_minutes(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys with their times in minutes, also where a text gives them with a unit, as ``duration_min = "10h"``."""
+    tables = {key: list(map(_of_table, of)) if isinstance(of, list) else _of_table(of) for key, of in keys.items()}
+    return {key: with_minutes(key, value) for key, value in tables.items()}
+
+
+def _of_table(value: Any) -> Any:
+    return _in_minutes(value) if isinstance(value, Mapping) else value
 
 
 def deeper_than(value: object, levels: int) -> bool:
@@ -84,8 +115,32 @@ def beside(path: str, file: Path) -> str:
     return str(file.parent / path)
 
 
-def toml_text(keys: Mapping[str, Any], command: str) -> str:
-    """Text of a configuration file with which a command repeats itself; keys without a value are left out."""
-    given = {key: value for key, value in keys.items() if value is not None}
-    body = tomli_w.dumps({VERSION_KEY: glucoloop.__version__, **given})
-    return f"# Repeat with: glucoloop {command}\n{body}"
+def toml_text(keys: Mapping[str, Any], command: str, given: Mapping[str, Any] | None = None) -> str:
+    """Text of a configuration file with which a command repeats itself; keys without a value are left out.
+
+    Parameters
+    ----------
+    keys : mapping
+        All keys, with the values that were used.
+    command : str
+        Command without the name of the program.
+    given : mapping, optional
+        Keys from which the others follow; the file is read from them, and tells `keys` in a table of its own.
+    """
+    said = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if given is None else given)}
+    used = {} if given is None else {USED_KEY: _with_values(keys)}
+    return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**said, **used})}"
+
+
+def with_settled(keys: Mapping[str, Any], settled: Mapping[str, float]) -> dict[str, Any]:
+    """Keys that were used, with the settings that were settled when the controller was designed."""
+    return {**keys, **({SETTLED_KEY: dict(settled)} if settled else {})}
+
+
+def _with_values(keys: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in keys.items() if value is not None}
+
+
+def with_code(command: str, keys: Mapping[str, Any]) -> str:
+    """A command that reads these keys from a file, with the permission to import code if they name any."""
+    return f"{command} --allow-code" if names_code(keys) else command

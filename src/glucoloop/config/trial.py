@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal
 
 from glucoloop.cohorts.trial import Trial, usual_shard_people
-from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY, label_of, refuse_foreign, refuse_idle, under_shared
+from glucoloop.config.cases import (
+    CASES_KEY,
+    CONTROLLERS_KEY,
+    given_with,
+    label_of,
+    refuse_foreign,
+    refuse_idle,
+    under_shared,
+)
 from glucoloop.config.checked import checked
 from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.key import declared, own_keys
@@ -32,8 +40,9 @@ from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.patients.population import Population, populations_of
+from glucoloop.refusal import Refusal
 from glucoloop.registry.clock_text import time_of_day_text
-from glucoloop.registry.controllers import USUAL_CONTROLLER
+from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
 from glucoloop.registry.patients import patient_entry
 from glucoloop.units import MIN_PER_DAY
 
@@ -70,13 +79,13 @@ def read_trial(
     _refuse_unknown(keys, named)
     called = {key: (names or {}).get(key, key) for key in keys}
     if all(key in keys for key in _LENGTHS):
-        raise ValueError(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
+        raise Refusal(f"{called['days']} and {called['duration_min']} both tell the length; leave one out")
     own = checked(TrialKeys, own_keys(keys, TrialKeys), names)
     situation = checked(SituationKeys, completed({key: keys[key] for key in SITUATION_KEYS if key in keys}), names)
     meals = [parse_meal(text) for text in own.meals]
     if not situation.allow_unusual:
         ask_about(own, names)
-        ask_about_surroundings(situation, meals, names)
+        ask_about_surroundings(situation, own.meals, names)
         ask_about_clock(own.meals, own.duration_min or (own.days or 1) * MIN_PER_DAY)
     refuse_impossible(situation)
     if "meals" not in keys and own.duration_min is not None:
@@ -92,20 +101,31 @@ def read_trial(
     traces = _traces(own.traces, called.get("traces", "traces"))
     faults = faults_told(situation.faults, plan.horizon_min, allow_unusual=situation.allow_unusual)
     surroundings = dataclasses.replace(situation.situation(), faults=faults, **parts_told(situation))
+    read = _cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names)
+    slow = any(controller_entry(case.controller).slow for case in read)
+    population = _population(own.population, called.get("population", "population"), situation.patient)
     return Trial(
         **{field.name: getattr(surroundings, field.name) for field in dataclasses.fields(surroundings)},
-        population=_population(own.population, called.get("population", "population"), situation.patient),
+        population=population,
         people=own.people,
         first_person=own.first_person,
         plan=plan,
-        cases=_cases({key: keys[key] for key in _own_case_keys(named) if key in keys}, tables, situation, names),
+        cases=read,
         precision=own.precision,
         arithmetic=own.arithmetic,
         design=own.design,
         traces=traces,
         shard_people=own.shard_people
-        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0),
+        or usual_shard_people(own.people, plan.horizon_min, traced=own.people if traces == "all" else 0, slow=slow),
+        given=given_with(with_people(keys, population), cases),
     )
+
+
+def with_people(keys: Mapping[str, object], population: Population) -> dict[str, object]:
+    """Keys with the people of a file themselves, since a path is one only beside its file."""
+    told = keys.get("population")
+    of_file = isinstance(told, str) and told not in populations_of(population.patient)
+    return {**keys, "population": population_keys(population)} if of_file else dict(keys)
 
 
 def overlay_trial(
@@ -117,9 +137,6 @@ def overlay_trial(
         excluded.update(_LENGTHS)
     if "patient" in upper and upper["patient"] != lower.get("patient"):
         excluded.add("population")
-    if {"people", "traces", *_LENGTHS} & upper.keys():
-        # How many go into a shard follows from these.
-        excluded.add("shard_people")
     return overlay({key: value for key, value in lower.items() if key not in excluded}, upper, names)
 
 
@@ -187,23 +204,24 @@ def _population(told: object, name: str, patient: str) -> Population:
         return read_population(told, patient)
     if isinstance(told, str):
         return named_population(told, patient)
-    raise ValueError(f"{name} is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
+    raise Refusal(f"{name} is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
 
 
 def _traces(told: object, name: str) -> Literal["none", "all"] | int:
     if told == "none" or told == "all":
         return told
-    number = int(told) if isinstance(told, str) and told.isdecimal() and len(told) < _DIGITS else told
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
-    raise ValueError(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
+    raise Refusal(f"{name} is {told!r}; give none, all, or the number of people whose traces are kept")
 
 
 def _controllers(keys: Mapping[str, object]) -> list[dict[str, object]]:
     """A case for each controller that is named without settings."""
     named = keys.get(CONTROLLERS_KEY, [])
     if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
-        raise ValueError(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
+        raise Refusal(f"{CONTROLLERS_KEY} is {named!r}; give a list of names, like ['mpc', 'mpc-se']")
     return [{"label": name, "controller": name} for name in named]
 
 
@@ -214,7 +232,7 @@ def _cases(
     names: Mapping[str, str] | None,
 ) -> tuple[Case, ...]:
     if len(tables) > MOST_CASES:
-        raise ValueError(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
+        raise Refusal(f"a trial of {len(tables)} controllers is not possible; give at most {MOST_CASES}")
     read = [_read_case(table, shared, situation) for table in tables or [{"label": USUAL_CONTROLLER}]]
     guarded = any(case.guard is not None for case in read)
     refuse_idle(shared, [case.controller for case in read], guarded=guarded, names=names)
@@ -227,6 +245,6 @@ def _read_case(table: Mapping[str, object], shared: Mapping[str, object], situat
     try:
         refuse_foreign(own, trial_key_names(), "trial", _own_case_keys(controllers_of(own)))
         case = read_case(under_shared(shared, own), situation)
-    except ValueError as error:
-        raise ValueError(f"case {label!r}: {error}") from None
+    except Refusal as error:
+        raise Refusal(f"case {label!r}: {error}") from None
     return case.case(label)

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from glucoloop.config.key import quantities
-from glucoloop.config.meal_text import names_unit, parse_meal
-from glucoloop.meals import Meal
+from glucoloop.config.meal_text import meal_text, names_units, parse_meal
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import Setting
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
@@ -22,8 +22,8 @@ Names = Mapping[str, str] | None
 ALLOW_UNUSUAL: Final = "allow_unusual"
 
 
-def ask_about(record: object, names: Names = None) -> None:
-    """Ask for confirmation of the values of a record outside their plausible ranges.
+def ask_about(record: object, names: Names = None, others: Mapping[str, Quantity] | None = None) -> None:
+    """Ask for confirmation of the values of a record outside their plausible ranges; `others` replace some of these.
 
     Raises
     ------
@@ -33,20 +33,27 @@ def ask_about(record: object, names: Names = None) -> None:
     for key, quantity in quantities(type(record)):
         value = getattr(record, key)
         if value is not None:
-            _ask(value, quantity, key, names)
+            _ask(value, (others or {}).get(key, quantity), key, names)
 
 
-def ask_about_settings(settings: Iterable[Setting], given: Mapping[str, object], names: Names = None) -> None:
-    """Ask for confirmation of unusual settings of a catalogue that were given."""
+def ask_about_settings(
+    settings: Iterable[Setting], given: Mapping[str, object], names: Names = None, *, otherwise: Quantity | None = None
+) -> None:
+    """Ask for confirmation of unusual settings of a catalogue that were given; `otherwise` is that of other numbers."""
     for setting in settings:
-        value = given.get(setting.name)
-        if setting.quantity is not None and isinstance(value, int | float):
-            _ask(value, setting.quantity, setting.name, names)
+        value, quantity = given.get(setting.name), setting.quantity or otherwise
+        if quantity is not None and setting.type in (int, float) and isinstance(value, int | float):
+            _ask(value, quantity, setting.name, names)
 
 
-def ask_about_meals(meals: Iterable[Meal]) -> None:
-    """Ask for confirmation of meals of unusual size."""
-    for meal in meals:
+def ask_about_meals(texts: Iterable[str]) -> None:
+    """Ask for confirmation of meals of unusual size, or without any unit."""
+    for text in texts:
+        meal = parse_meal(text)
+        if not any(names_units(text)):
+            raise Refusal(
+                f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
+            )
         ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
 
 
@@ -56,10 +63,10 @@ def ask_about_clock(meals: Iterable[str], horizon_min: float) -> None:
         return
     for text in meals:
         meal = parse_meal(text)
-        if not names_unit(text) and 0.0 < meal.t_min < HOURS_PER_DAY:
+        if not names_units(text)[1] and 0.0 < meal.t_min < HOURS_PER_DAY:
             size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
             eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""
-            raise ValueError(
+            raise Refusal(
                 f"the meal {text!r} begins {time} min after the start; that looks like hours. "
                 f"Write {size}@{time}h{eating}, or {size}@{time}min{eating} if minutes are meant"
             )

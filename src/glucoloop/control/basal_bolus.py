@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +30,7 @@ from glucoloop.control.settings import BasalBolusSettings
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 CARB_RULE: Final = 500.0
@@ -81,6 +82,14 @@ class BasalBolus:
     def with_basal(self, insulin_mU_min: jax.Array) -> BasalBolus:
         """The same controller for a person with the given basal rate; values from a rule follow the rate."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
+
+    def settled(self) -> dict[str, Any]:
+        """Basal rate, carb ratio and correction factor."""
+        return {
+            "basal_mU_min": self.basal_mU_min,
+            "carb_ratio_g_U": self.carb_ratio(),
+            "correction_mg_dl_U": self.correction_factor(),
+        }
 
     def carb_ratio(self) -> jax.Array:
         """Carbohydrate that 1 U covers [g/U]."""
@@ -214,7 +223,7 @@ def design_basal_bolus(
     if not is_traced(basal_mU_min, limits) and not (
         math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min
     ):
-        raise ValueError(
+        raise Refusal(
             f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
             f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
         )
@@ -225,9 +234,9 @@ def design_basal_bolus(
         ("bound of corrections", correction_above_mg_dl, "mg/dl"),
     ):
         if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
-            raise ValueError(f"a {name} of {value:g} {unit} is not possible; give a finite value above 0")
+            raise Refusal(f"a {name} of {value:g} {unit} is not possible; give a finite value above 0")
     if not is_traced(correction_every_min) and not 0.0 <= correction_every_min < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"corrections every {correction_every_min:g} min are not possible; give a finite time of 0 or more"
         )
     return BasalBolus(

@@ -11,11 +11,22 @@ from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.pumps.limits import DoseLimits
 
 _SATURATED_MU_MIN: Final = 1e-9
+_LOWEST_MG_DL: Final = -1000.0
+"""Lowest estimate of glucose that is used. A linear model goes below zero where it errs about much insulin; the error
+of one that is further off than any reading (40 to 600 mg/dl) can be high is no longer that of a model.
+"""
+_HIGHEST_MG_DL: Final = 3000.0
+"""Highest estimate of glucose that is used; no person is known to have survived more than 2656 mg/dl."""
 
 
 def is_known(observation: Observation) -> jax.Array:
     """Whether there is a valid reading."""
     return observation.valid & jnp.isfinite(observation.glucose_mg_dl)
+
+
+def is_of_a_person(glucose_mg_dl: jax.Array) -> jax.Array:
+    """Whether an estimate of glucose can be that of a person, so that the estimate need not begin anew; NaN cannot."""
+    return (glucose_mg_dl >= _LOWEST_MG_DL) & (glucose_mg_dl <= _HIGHEST_MG_DL)
 
 
 def rate_at_start(observation: Observation, otherwise_mU_min: jax.Array | float) -> jax.Array:

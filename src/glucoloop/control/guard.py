@@ -13,15 +13,18 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses, settled
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.guard import GuardSettings
 from glucoloop.units import MIN_PER_DAY
 
 _ORDINARY_MG_DL: Final = 100.0
 """Setpoint that is assumed while no possible one was given."""
-_ABSURD: Final = 1e15
-"""Bound on the memory of controllers; larger numbers are treated as corrupted."""
+_MEMORY_BOUND: Final = 1e6
+"""Bound on the numbers that a controller keeps, where it declares none of its own (`memory_bound`): the largest that
+one of glucose and insulin has reason to keep are a bolus of 100 U, 1e5 mU, and the minutes of a year, 5.3e5.
+"""
 _MOST_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 
@@ -63,6 +66,10 @@ class Guard:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
 
+    def settled(self) -> dict[str, Any]:
+        """Settings of the inner controller that were settled when it was designed."""
+        return dict(settled(self.inner))
+
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
         """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""
         tell = getattr(self.inner, "with_basal", None)
@@ -87,7 +94,7 @@ class Guard:
         return GuardState(
             inner=self.inner.init(clean),
             seen=seen,
-            given=first_given(basal, self.sample_time_min),
+            given=first_given(basal, self.sample_time_min, no_bolus).with_check(delivered, no_bolus),
             command_mU_min=delivered,
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),
@@ -97,10 +104,13 @@ class Guard:
     def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
         """Accept or reject each input, let the inner controller decide, and bound its dose."""
         settings, every = self.settings, self.sample_time_min
-        state = self._healed(state)
+        intact = state.given.agrees(state.command_mU_min, state.bolus_mU)
+        state = self._healed(state, intact)
         # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
         word = observation.delivered_mU_min
-        delivered = jnp.where(self._is_rate(word), word, state.command_mU_min)
+        told_rate = self._is_rate(word)
+        delivered = jnp.where(told_rate, word, state.command_mU_min)
+        counted = jnp.where(told_rate | intact, delivered, self._highest_rate)
         setpoint = self._setpoint(observation, state.setpoint_mg_dl)
         pushed = jnp.abs(state.given.on_board) > settings.stuck_on_board
         seen, believed, jump = see(
@@ -110,10 +120,11 @@ class Guard:
         clean = _clean(observation, seen, believed, setpoint, delivered, bolus_since)
         # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
         heals = getattr(self.inner, "heals", False)
-        sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape)
+        sound = jnp.asarray(True) if heals else _all_sound(state.inner, delivered.shape, self._memory_bound)
         before = state.inner if heals else _where_sound(sound, state.inner, self.inner.init(clean))
         inner, decision = self.inner.step(before, clean)
-        sound = sound & jnp.isfinite(decision.insulin_mU_min)
+        # A controller that put its own memory right says so by this status.
+        sound = sound & jnp.isfinite(decision.insulin_mU_min) & (decision.status != int(Status.NON_FINITE))
         if decision.bolus_mU is not None:
             sound = sound & jnp.isfinite(decision.bolus_mU)
 
@@ -121,8 +132,7 @@ class Guard:
         told = possible(observation.glucose_mg_dl, observation.valid, settings)
         lowest = jnp.where(told, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
         above = lowest - setpoint
-        infused = delivered if bolus_since is None else delivered + bolus_since / every
-        given = take_in(state.given, infused, seen.glucose_mg_dl - setpoint, jump, settings, every)
+        given = take_in(state.given, counted, bolus_since, seen.glucose_mg_dl - setpoint, jump, settings, every)
         allowed = most(given, above, settings, self.limits.max_change_mU_min, every)
         trusted = believed & (seen.held_min <= settings.held_min)
         allowed = jnp.where(trusted, allowed, given.basal_mU_min)
@@ -161,7 +171,7 @@ class Guard:
         state = GuardState(
             inner=inner,
             seen=seen,
-            given=given,
+            given=given.with_check(dose, bolus),
             command_mU_min=dose,
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended, 1.0, 0.0).astype(dose.dtype),
@@ -169,26 +179,27 @@ class Guard:
         )
         return state, Decision(insulin_mU_min=dose, status=status, bolus_mU=bolus)
 
-    def _healed(self, state: GuardState) -> GuardState:
-        """The state with every impossible number replaced."""
+    def _healed(self, state: GuardState, intact: jax.Array) -> GuardState:
+        """The state with every impossible number replaced, and the record of doses if it is not intact."""
         told, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(told), told, _ORDINARY_MG_DL)
         basal = jnp.asarray(self.basal_mU_min, told.dtype)
-        command, bolus, highest = state.command_mU_min, state.bolus_mU, self._highest_rate
-        if bolus is not None:
-            # A lost word is taken for the largest bolus, which allows the least.
-            bolus = jnp.where((bolus >= 0.0) & (bolus <= MOST_BOLUS_MU), bolus, MOST_BOLUS_MU)
-            highest = highest + MOST_BOLUS_MU / self.sample_time_min
-        given = heal_given(state.given, basal, self.settings, highest)
+        given = heal_given(state.given, intact, basal, self.settings, self._highest_rate)
+        bolus = state.bolus_mU
         return GuardState(
             inner=state.inner,
             seen=heal_seen(state.seen, setpoint, self.settings),
             given=given,
-            command_mU_min=jnp.where(self._is_rate(command), command, given.basal_mU_min),
+            command_mU_min=jnp.where(intact, state.command_mU_min, given.basal_mU_min),
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
-            bolus_mU=bolus,
+            bolus_mU=None if bolus is None else jnp.where(intact, bolus, MOST_BOLUS_MU),
         )
+
+    @property
+    def _memory_bound(self) -> float:
+        """Bound on the memory of the inner controller: its own, or the general one."""
+        return float(getattr(self.inner, "memory_bound", _MEMORY_BOUND))
 
     @property
     def _highest_rate(self) -> jax.Array | float:
@@ -259,21 +270,15 @@ def _of_people(leaf: jax.Array, people: tuple[int, ...]) -> bool:
     return leaf.shape[leaf.ndim - len(people) :] == people
 
 
-def _all_sound(tree: Any, people: tuple[int, ...]) -> jax.Array:
-    """Whether, for each person, all numbers are finite and none is absurdly large, by their sum."""
+def _all_sound(tree: Any, people: tuple[int, ...], bound: float) -> jax.Array:
+    """Whether, for each person, every number is finite and within a bound."""
     rows = [
-        leaf.reshape(-1, *people) if _of_people(leaf, people) else jnp.broadcast_to(jnp.sum(leaf), (1, *people))
+        leaf.reshape(-1, *people)
+        if _of_people(leaf, people)
+        else jnp.broadcast_to(jnp.max(jnp.abs(leaf)), (1, *people))
         for leaf in _floats(tree)
     ]
-    return jnp.abs(_pairwise_sum(jnp.concatenate(rows))) < _ABSURD
-
-
-def _pairwise_sum(rows: jax.Array) -> jax.Array:
-    """Sum over the first axis in halves: additions that need not wait for one another."""
-    while rows.shape[0] > 1:
-        half = rows.shape[0] // 2
-        rows = jnp.concatenate([rows[:half] + rows[half : 2 * half], rows[2 * half :]])
-    return rows[0]
+    return jnp.max(jnp.abs(jnp.concatenate(rows)), axis=0) <= bound
 
 
 def _where_sound(sound: jax.Array, tree: Any, otherwise: Any) -> Any:
@@ -300,15 +305,17 @@ def guarded(
     1. Every field of the observation is checked. A reading that is not a number, out of range, too fast or stuck is
        passed on as not valid, and the controller relies on its model; an impossible value of another field is replaced
        by the last possible one.
-    2. The controller decides. If its memory or its dose is not finite, it is restarted and the basal rate is given.
+    2. The controller decides. If its memory or its dose is not finite or absurd, it is restarted and the basal rate is
+       given. A memory is absurd beyond the controller's `memory_bound`, by default 1e6.
     3. The dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
        but not below the basal rate. ``B' = min(B + (y - r - e - d) / F, B_max)`` is the insulin that may be on board.
     4. After some time without a believed reading the dose is the basal rate, and later a part of it.
     5. The dose is 0 while ``y + t y'`` is below the bound.
     6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
-    7. A bolus is cut so that insulin on board and in an hour, the rate included, stay within ``B_max`` and the cap of
-       the hour. Readings do not bound it otherwise. No bolus is given while insulin is suspended or no reading was
-       believed for long, nor on a reading that is not believed, unless a meal is announced.
+    7. A bolus is cut so that insulin on board, which has all of it at once, stays within ``B_max``, and insulin in any
+       window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
+       given while insulin is suspended or no reading was believed for long, nor on a reading that is not believed,
+       unless a meal is announced.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting
@@ -350,7 +357,7 @@ def guarded(
         and not is_traced(basal_mU_min, limits)
         and not (math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min)
     ):
-        raise ValueError(
+        raise Refusal(
             f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
             f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
         )

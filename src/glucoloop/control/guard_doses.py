@@ -1,9 +1,10 @@
 """Largest dose that a guard allows: in an hour, on board, and for the present reading.
 
-Insulin on board is counted in basal rates beyond the basal rate: it is 1 after long at twice the basal rate.
+Insulin on board is counted in basal rates beyond the basal rate: it is 1 after long at twice the basal rate, and a
+bolus of one basal rate for one time constant adds 1.
 
-Two caps are bounds that hold at every sample: insulin in an hour, and insulin on board. A pump can lower its rate only
-by ``D`` per sample, so a rate may be allowed only if the caps still hold while the rate goes down from it to the basal
+Two caps are bounds that hold at any time: insulin in an hour, and insulin on board. A pump can lower its rate only by
+``D`` per sample, so a rate may be allowed only if the caps still hold while the rate goes down from it to the basal
 rate as fast as the pump can. Call a state safe if that is so for the rate in force. Then:
 
 1. In a safe state the next rate on the way down is allowed, by the definition of safe.
@@ -13,17 +14,34 @@ rate as fast as the pump can. Call a state safe if that is so for the rate in fo
 So from a safe state every later one is safe, for any readings and any controller, as long as the pump gives no more
 than it was asked for. If it gives more, the guard takes the rate down as fast as the pump can until the caps hold.
 
-A bolus counts as a rate of the sample in which it is given. It is allowed only if both caps hold with it on the whole
-way down from the rate beside it, so that a state after it is safe too.
+An hour is any window of 60 min, at whatever time it begins, its ends included. Rates are constant over a sample, and a
+bolus counts whole at the beginning of its sample. Between two windows that begin or end between samples the insulin of
+a window changes linearly, so the largest window begins at the beginning of a sample or ends at the end of one. With
+``60 min = m T + w``, ``0 <= w < T``, these are, for i past and k = m - i coming samples::
 
-A rate below the basal rate counts as the basal rate in both caps. So insulin that was withheld is never given later,
-and the way down never has to go below the basal rate.
+    A_i + b + T (c_0 + ... + c_(k-1)) + w max(c_k, p_(i+1)),    i = 0 .. m
+
+where ``A_i`` is all insulin of the last i samples, ``b`` the coming bolus, ``c`` the coming rates, ``p_(i+1)`` the rate
+before those i samples: the part ``w`` of a sample is either at the end of the window or at its beginning.
+
+A bolus is allowed only if both caps hold with it on the whole way down from the rate beside it, so that a state after
+it is safe too, and insulin on board keeps its cap at once, as if the pump gave the bolus in a moment. Afterwards it
+counts as if it had been spread over its sample, which leaves more on board. So the cap holds for either way of giving
+it.
+
+In an hour a rate below the basal rate counts as the basal rate, and insulin on board never counts as less than at the
+basal rate. So insulin that was withheld is never given later, and the way down never has to go below the basal rate.
+
+The record from which both caps are counted has a check sum. If that does not agree with the record, every number of
+the record is taken for the largest that it can be, which allows no more than the basal rate until the hour has passed.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -48,36 +66,82 @@ class Given:
     counted: jax.Array
     """Insulin on board as the cap counts it, which never falls below 0."""
     hour_mU_min: jax.Array
-    """(samples, ...) rates of the last hour but one sample, the oldest first, each at least the basal rate."""
+    """(samples, ...) rates of the last hour, the oldest first, each at least the basal rate."""
     doubted_mg_dl: jax.Array
     """Part of the reading that is attributed to the sensor; below 0 after a jump down, which may be reversed."""
+    check: jax.Array
+    """Check sum of the record: of `counted`, the hour, and the last dose that was asked for."""
+    hour_bolus_mU: jax.Array | None = None
+    """(samples, ...) boluses of the last hour, the oldest first; None where none are given."""
+
+    def agrees(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
+        """Whether the check sum agrees with the record, up to rounding."""
+        rounding = 8.0 * (self.hour_mU_min.shape[0] + 4) * jnp.finfo(self.check.dtype).eps
+        difference = jnp.abs(self.check - self._sum(asked_mU_min, asked_bolus_mU))
+        return difference <= rounding * jnp.abs(self.check)
+
+    def with_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
+        """The same record with its check sum."""
+        return dataclasses.replace(self, check=self._sum(asked_mU_min, asked_bolus_mU))
+
+    def _sum(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
+        # It is above 0 for every record, so that a record of zeros has no check sum of zero.
+        total = 1.0 + self.counted + asked_mU_min + jnp.sum(self.hour_mU_min, axis=0)
+        if self.hour_bolus_mU is None or asked_bolus_mU is None:
+            return total
+        return total + asked_bolus_mU + jnp.sum(self.hour_bolus_mU, axis=0)
 
 
-def samples_per_hour(sample_time_min: float) -> int:
-    """Number of samples in an hour, at least 1."""
-    return max(round(MIN_PER_H / sample_time_min), 1)
+@dataclass(frozen=True)
+class Hour:
+    """Any window of 60 min in samples: ``60 min = whole T + part_min``."""
+
+    whole: int
+    part_min: float
+    sample_time_min: float
+
+    @classmethod
+    def of(cls, sample_time_min: float) -> Hour:
+        """Windows at a sample time."""
+        whole = math.floor(MIN_PER_H / sample_time_min + _AGREE_SAMPLES)
+        part_min = MIN_PER_H - whole * sample_time_min
+        return cls(whole, part_min if part_min > _AGREE_SAMPLES * sample_time_min else 0.0, sample_time_min)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a window that begins at the beginning of one."""
+        return self.whole + (self.part_min > 0.0)
 
 
-def first_given(basal_mU_min: jax.Array, sample_time_min: float) -> Given:
-    """State after a long time at the basal rate."""
-    zero = jnp.zeros_like(basal_mU_min)
-    others = samples_per_hour(sample_time_min) - 1
+def first_given(basal_mU_min: jax.Array, sample_time_min: float, no_bolus_mU: jax.Array | None) -> Given:
+    """State after a long time at the basal rate; the bolus is None for a controller without boluses."""
+    zero, samples = jnp.zeros_like(basal_mU_min), Hour.of(sample_time_min).samples
     return Given(
         basal_mU_min=basal_mU_min,
         per_basal=_inverse(basal_mU_min),
         on_board=zero,
         counted=zero,
-        hour_mU_min=jnp.broadcast_to(basal_mU_min, (others, *basal_mU_min.shape)),
+        hour_mU_min=jnp.broadcast_to(basal_mU_min, (samples, *basal_mU_min.shape)),
         doubted_mg_dl=zero,
+        check=zero,
+        hour_bolus_mU=None if no_bolus_mU is None else jnp.broadcast_to(no_bolus_mU, (samples, *no_bolus_mU.shape)),
     )
 
 
-def heal_given(given: Given, basal_mU_min: jax.Array, settings: GuardSettings, most_mU_min: jax.Array | float) -> Given:
+def heal_given(
+    given: Given,
+    intact: jax.Array,
+    basal_mU_min: jax.Array,
+    settings: GuardSettings,
+    most_mU_min: jax.Array | float,
+) -> Given:
     """Replace every impossible number of this state by the one that allows the least insulin.
 
     Parameters
     ----------
     given : Given
+    intact : (...) array
+        Whether the check sum agrees with the record.
     basal_mU_min : (...) array
         Basal rate of the guard's construction, or NaN if it was built without one.
     settings : GuardSettings
@@ -95,32 +159,36 @@ def heal_given(given: Given, basal_mU_min: jax.Array, settings: GuardSettings, m
     other = jnp.where(rate(other) & (other > _AGREE), other, most_mU_min)
     lower = jnp.where(rate(one), jnp.minimum(one, other), jnp.where(other < most_mU_min, other, 0.0))
     basal = jnp.where(sound, one, jnp.where(rate(basal_mU_min), basal_mU_min, lower))
-    cap = settings.max_on_board
+    cap, boluses = settings.max_on_board, given.hour_bolus_mU
     return Given(
         basal_mU_min=basal,
         per_basal=jnp.where(sound, given.per_basal, _inverse(basal)),
         on_board=jnp.where(jnp.abs(given.on_board) < _ABSURD, given.on_board, cap),
-        counted=jnp.where((given.counted >= 0.0) & (given.counted < _ABSURD), given.counted, cap),
-        hour_mU_min=jnp.where(rate(given.hour_mU_min), given.hour_mU_min, settings.max_hour * basal),
+        counted=jnp.where(intact, given.counted, cap),
+        hour_mU_min=jnp.where(intact, given.hour_mU_min, most_mU_min),
         doubted_mg_dl=jnp.where(jnp.abs(given.doubted_mg_dl) < _ABSURD, given.doubted_mg_dl, _ABSURD),
+        check=given.check,
+        hour_bolus_mU=None if boluses is None else jnp.where(intact, boluses, MOST_BOLUS_MU),
     )
 
 
 def take_in(
     given: Given,
     delivered_mU_min: jax.Array,
+    delivered_bolus_mU: jax.Array | None,
     above_setpoint_mg_dl: jax.Array,
     jump_mg_dl: jax.Array,
     settings: GuardSettings,
     sample_time_min: float,
 ) -> Given:
-    """Include the rate of the last sample, and the jump that is attributed to the sensor.
+    """Include the insulin of the last sample, and the jump that is attributed to the sensor.
 
     Parameters
     ----------
     given : Given
     delivered_mU_min : (...) array
-        All insulin: the basal rate, and a bolus evenly over the sample.
+    delivered_bolus_mU : (...) array, optional
+        Bolus of the last sample, or None for a controller without boluses.
     above_setpoint_mg_dl : (...) array
         Glucose less the setpoint.
     jump_mg_dl : (...) array
@@ -129,8 +197,12 @@ def take_in(
     settings : GuardSettings
     sample_time_min : float
     """
-    kept = _kept(settings, sample_time_min)
-    beyond = (delivered_mU_min - given.basal_mU_min) * given.per_basal
+    kept, boluses = _kept(settings, sample_time_min), given.hour_bolus_mU
+    infused = delivered_mU_min
+    if boluses is not None and delivered_bolus_mU is not None:
+        infused = infused + delivered_bolus_mU / sample_time_min
+        boluses = jnp.concatenate([boluses[1:], delivered_bolus_mU[None]])
+    beyond = (infused - given.basal_mU_min) * given.per_basal
     on_board = kept * given.on_board + (1.0 - kept) * beyond
     # How far glucose is above the setpoint, and how far insulin on board has lowered it.
     need = above_setpoint_mg_dl + settings.fall_mg_dl * on_board
@@ -141,8 +213,10 @@ def take_in(
         per_basal=given.per_basal,
         on_board=on_board,
         counted=jnp.maximum(kept * given.counted + (1.0 - kept) * beyond, 0.0),
-        hour_mU_min=jnp.concatenate([given.hour_mU_min, counted[None]])[1:],
+        hour_mU_min=jnp.concatenate([given.hour_mU_min[1:], counted[None]]),
         doubted_mg_dl=jnp.minimum(doubted, jnp.maximum(need, 0.0)),
+        check=given.check,
+        hour_bolus_mU=boluses,
     )
 
 
@@ -172,11 +246,13 @@ def most(
     kept = _kept(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
     target = jnp.minimum(surely * (1.0 / settings.fall_mg_dl), settings.max_on_board)
-    by_reading = _most_beyond(target, given, max_change_mU_min, kept, samples_per_hour(sample_time_min))
+    by_reading = _most_beyond(target, given, max_change_mU_min, kept)
     little = jnp.minimum(settings.always_basal - 1.0, settings.max_on_board)
     always = jnp.minimum(little, (little - kept * given.counted) * (1.0 / (1.0 - kept)))
     by_board = (1.0 + jnp.maximum(by_reading, always)) * given.basal_mU_min
-    return jnp.maximum(jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min)), given.basal_mU_min)
+    return jnp.maximum(
+        jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min, sample_time_min)), given.basal_mU_min
+    )
 
 
 def most_bolus(
@@ -188,9 +264,8 @@ def most_bolus(
 ) -> jax.Array:
     """Largest bolus that is allowed at a sample beside a rate [mU], so that all insulin keeps both caps.
 
-    A bolus counts in the sample in which it is given. Both caps must then hold while the rate goes down from the given
-    one to the basal rate, as for a rate alone. Readings do not bound a bolus: that of a meal is needed before glucose
-    rises.
+    Both caps must hold at once and while the rate goes down from the given one to the basal rate, as for a rate alone.
+    Readings do not bound a bolus: that of a meal is needed before glucose rises.
 
     Parameters
     ----------
@@ -202,28 +277,30 @@ def most_bolus(
         Largest change of the pump's rate from one sample to the next.
     sample_time_min : float
     """
-    kept, others = _kept(settings, sample_time_min), given.hour_mU_min.shape[0]
+    kept, n = _kept(settings, sample_time_min), np.arange(given.hour_mU_min.shape[0])
     counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)
     beyond, steep = (counted_rate - given.basal_mU_min) * given.per_basal, max_change_mU_min * given.per_basal
-    n = np.arange(others + 1)
     # beyond, for n + 1 samples from now on, lowered by a further step at each
-    held, lowered, left, own = (
+    held, lowered, left, per_bolus = (
         _column(of, beyond)
-        for of in (_after(n, kept, np.ones_like), _after(n, kept, np.asarray), kept ** (n + 1), (1.0 - kept) * kept**n)
+        for of in (
+            _after(n, kept, np.ones_like),
+            _after(n, kept, np.asarray),
+            kept ** (n + 1),
+            sample_time_min / ((1.0 - kept) * kept**n),
+        )
     )
     on_board = left * given.counted + (1.0 - kept) * (held * beyond - lowered * steep)
-    by_board = jnp.min((settings.max_on_board - on_board) * (1.0 / own), axis=0) * given.basal_mU_min
-    cap = settings.max_hour * (others + 1) * given.basal_mU_min
-    n = n[::-1]
-    past = jnp.concatenate([jnp.zeros_like(cap)[None], jnp.cumsum(given.hour_mU_min[::-1], axis=0)])
-    of_rate = _column(n + 1.0, cap) * counted_rate - _column(0.5 * n * (n + 1), cap) * max_change_mU_min
-    largest = jnp.minimum(by_board, jnp.min(cap - past - of_rate, axis=0))
-    return jnp.maximum(largest, 0.0) * sample_time_min
+    at_once = (settings.max_on_board - given.counted) * settings.on_board_tau_min
+    spread = jnp.min((settings.max_on_board - on_board) * per_bolus, axis=0)
+    by_board = jnp.minimum(at_once, spread) * given.basal_mU_min
+    hours = _hours(given, settings, sample_time_min)
+    of_rate = _column(hours.rate_min, beyond) * counted_rate - _column(hours.steps_min, beyond) * max_change_mU_min
+    by_hour = jnp.minimum(jnp.min(hours.rest_mU - of_rate, axis=0), jnp.min(hours.before_mU, axis=0))
+    return jnp.maximum(jnp.minimum(by_board, by_hour), 0.0)
 
 
-def _most_beyond(
-    target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, kept: float, samples: int
-) -> jax.Array:
+def _most_beyond(target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, kept: float) -> jax.Array:
     """Largest rate beyond the basal rate, in basal rates, from which insulin on board does not pass a target.
 
     After n more samples of the rate ``z`` going down by ``D`` at each, ``k^(n+1) B + (1 - k) sum_i k^(n-i) (z - i D)``
@@ -231,7 +308,7 @@ def _most_beyond(
     earlier n; so z is allowed if none of these passes the target. Beyond the last n looked at, a rate below the target
     cannot pass it.
     """
-    steep = max_change_mU_min * given.per_basal
+    steep, samples = max_change_mU_min * given.per_basal, given.hour_mU_min.shape[0]
     n = np.arange(samples)
     share = kept ** (n + 1)
     left, per_rate = _column(share, target), _column(1.0 / (1.0 - share), target)
@@ -240,17 +317,56 @@ def _most_beyond(
     return jnp.minimum(target + samples * steep, jnp.min(z, axis=0))
 
 
-def _most_of_hour(given: Given, settings: GuardSettings, max_change_mU_min: jax.Array | float) -> jax.Array:
+@dataclass(frozen=True)
+class _Hours:
+    """Windows of an hour that contain coming insulin, with those that begin at a sample before those that end at one.
+
+    Of a rate ``z`` that is lowered by ``D`` at each sample a window holds ``rate_min z - steps_min D``.
+    """
+
+    rate_min: NDArray[Any]
+    steps_min: NDArray[Any]
+    rest_mU: jax.Array
+    """(windows, ...) cap less past insulin."""
+    before_mU: jax.Array
+    """(1, ...) the same of the window that ends now, in which of coming insulin only a bolus can be."""
+
+
+def _hours(given: Given, settings: GuardSettings, sample_time_min: float) -> _Hours:
+    """Windows of an hour with i past and k coming samples, and a part of one more at either end."""
+    hour = Hour.of(sample_time_min)
+    cap = settings.max_hour * MIN_PER_H * given.basal_mU_min
+    amounts = sample_time_min * given.hour_mU_min
+    if given.hour_bolus_mU is not None:
+        amounts = amounts + given.hour_bolus_mU
+    none = jnp.zeros_like(amounts[:1])
+    # of i = 0 .. m past samples, the newest first
+    past = jnp.concatenate([none, jnp.cumsum(amounts[::-1][: hour.whole], axis=0)])
+    k = np.arange(hour.whole, -1, -1)
+    rate_min, steps_min = sample_time_min * k, sample_time_min * 0.5 * k * (k - 1.0)
+    if hour.part_min == 0.0:
+        rest = cap - past
+        return _Hours(rate_min[:-1], steps_min[:-1], rest[:-1], rest[-1:])
+    rest = cap - jnp.concatenate([past, past + hour.part_min * given.hour_mU_min[::-1]])
+    return _Hours(
+        rate_min=np.concatenate([rate_min + hour.part_min, rate_min[:-1]]),
+        steps_min=np.concatenate([steps_min + hour.part_min * k, steps_min[:-1]]),
+        rest_mU=rest[:-1],
+        before_mU=rest[-1:],
+    )
+
+
+def _most_of_hour(
+    given: Given, settings: GuardSettings, max_change_mU_min: jax.Array | float, sample_time_min: float
+) -> jax.Array:
     """Largest rate from which no hour passes its cap, while the rate goes down to the basal rate.
 
-    The hour that ends n samples after the coming one holds ``(n + 1) d - D n (n + 1) / 2`` and the rest of the past.
+    A rate that would go on down below the basal rate is not looked at: of the windows with the basal rate in its place
+    none holds more than an earlier one.
     """
-    others = given.hour_mU_min.shape[0]
-    cap = settings.max_hour * (others + 1) * given.basal_mU_min
-    n = np.arange(others)[::-1]
-    past = jnp.cumsum(given.hour_mU_min[::-1], axis=0)
-    later = (cap - past) * _column(1.0 / (n + 1), cap) + _column(0.5 * n, cap) * max_change_mU_min
-    return jnp.minimum(cap * (1.0 / (others + 1)) + 0.5 * others * max_change_mU_min, jnp.min(later, axis=0))
+    hours = _hours(given, settings, sample_time_min)
+    lowered = _column(hours.steps_min / hours.rate_min, given.basal_mU_min) * max_change_mU_min
+    return jnp.min(hours.rest_mU * _column(1.0 / hours.rate_min, given.basal_mU_min) + lowered, axis=0)
 
 
 def _after(n: NDArray[Any], kept: float, given: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
@@ -277,6 +393,8 @@ def _inverse(value: jax.Array) -> jax.Array:
 
 MOST_BOLUS_MU: Final = 100_000.0
 """Largest bolus of any pump; a report beyond it is not believed."""
+_AGREE_SAMPLES: Final = 1e-9
+"""Part of a sample that is the rounding of a sample time that divides an hour."""
 _ABSURD: Final = 1e4
 """Bound on the numbers of these states; larger ones are corrupted."""
 _AGREE: Final = 1e-3

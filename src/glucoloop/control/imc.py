@@ -7,7 +7,7 @@ E. Zafiriou, Robust Process Control, 1989, ch. 4 and 8.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import IMCSettings
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -47,6 +48,17 @@ class IMC:
     limits: DoseLimits
     delay_samples: int = static()
     sample_time_min: float = static()
+    memory_bound: ClassVar[float] = 1e4
+    """Bound on its memory for a guard: glucose is below 1000 mg/dl, and rates below 10 000 mU/min (600 U/h)."""
+
+    def settled(self) -> dict[str, Any]:
+        """Model, with its gain in mg/dl per mU/min, and the filter."""
+        return {
+            "gain": self.gain / (1.0 - self.pole),
+            "tau_min": -self.sample_time_min / math.log(self.pole),
+            "delay_min": self.delay_samples * self.sample_time_min,
+            "filter_min": -self.sample_time_min / math.log(self.filter_pole),
+        }
 
     def init(self, observation: Observation) -> IMCState:
         """State of a controller at rest under the delivered rate."""
@@ -136,14 +148,14 @@ def design_imc(
     check_gain(gain)
     for name, value in (("lag", tau_min), ("filter", filter_min)):
         if not is_traced(value) and not 0.0 < value < math.inf:
-            raise ValueError(f"a {name} of {value:g} min is not possible; give a finite value above 0")
+            raise Refusal(f"a {name} of {value:g} min is not possible; give a finite value above 0")
     if is_traced(delay_min):
         raise ArgumentTypeError(
             "delay_min is traced by JAX, but it decides how many doses the controller remembers; give a plain number"
         )
     delay = round(delay_min / sample_time_min) if math.isfinite(delay_min) else -1
     if delay < 0 or abs(delay * sample_time_min - delay_min) > 1e-9:
-        raise ValueError(
+        raise Refusal(
             f"a dead time of {delay_min:g} min is not possible; "
             f"give a multiple of the sample time, {sample_time_min:g} min"
         )

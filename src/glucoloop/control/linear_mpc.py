@@ -8,7 +8,7 @@ prediction horizon is kept as a small state, the "residual dynamics" of Lee, Mor
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +19,14 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import identified_response, suited, unseen
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LinearMPCSettings, MPCTuning
-from glucoloop.control.tuning import NOISE_FREE, check_gain
+from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, LONGEST_PREDICTION_HORIZON, LinearMPCSettings, MPCTuning
+from glucoloop.control.tuning import NOISE_FREE
 from glucoloop.models.step_response import Realisation, StepResponseModel, extended
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -49,6 +51,10 @@ class LinearMPC:
     """(N,) S_1 .. S_N, long enough for the prediction horizon."""
     plan: MovePlan
     sample_time_min: float = static()
+    memory_bound: ClassVar[float] = 1e4
+    """Bound on its memory for a guard: glucose is below 1000 mg/dl, what insulin does to it below 10 000 mg/dl, and
+    rates are below 10 000 mU/min (600 U/h).
+    """
     realisation: Realisation | None = None
     """The response after N samples; None for one that is constant there."""
 
@@ -61,6 +67,10 @@ class LinearMPC:
     def horizons(self) -> tuple[int, int]:
         """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.plan.hessian.shape[0], self.plan.gain.shape[0]
+
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
 
     def padded(self, moves: int, horizon: int) -> LinearMPC:
         """The same controller with room for more moves and more samples, none of which has any weight."""
@@ -122,7 +132,7 @@ def _remembered(step_response: Any, realisation: Realisation | None, horizon: in
 @checked
 def design_linear_mpc(
     model: StepResponseModel,
-    tuning: MPCTuning = NOISE_FREE,
+    tuning: MPCTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
     constraints: str = "clip",
@@ -154,7 +164,9 @@ def design_linear_mpc(
     ----------
     model : StepResponseModel
         Model as identified, or delayed by a dead time that the controller is to know.
-    tuning : MPCTuning
+    tuning : MPCTuning, optional
+        Tuning; by default that of the paper without noise, its horizon longer where the model is slower, so that at
+        its end the response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 is chosen in the same way.
     limits : DoseLimits
         Limits of the pump.
     constraints : {"clip", "qp"}
@@ -171,7 +183,7 @@ def design_linear_mpc(
     ------
     ValueError
         For an unknown way of handling constraints, a floor that is not possible, or a model that is not finite, whose
-        gain is not below 0, or that does not answer within the prediction horizon, so that the moves are undetermined.
+        gain is not below 0, or whose response at the prediction horizon has less than `horizon.LEAST_SHARE` of it.
 
     Examples
     --------
@@ -181,12 +193,17 @@ def design_linear_mpc(
     >>> [round(float(k), 4) for k in controller.gain]
     [-0.2, -0.36, -0.48]
     """
+    usual = NOISE_FREE.prediction_horizon
+    tuning = dataclasses.replace(NOISE_FREE, prediction_horizon=0) if tuning is None else tuning
+    response, gain = identified_response(model)
+    if not is_traced(response) and not np.all(np.isfinite(response)):
+        raise Refusal("the step response has a value that is not finite; identify the model again")
+    tuning = suited(tuning, response, gain, usual=usual)
     response = model.step_response
     S, after = _remembered(
         response if is_traced(response) else np.asarray(response, float), model.realisation, tuning.prediction_horizon
     )
     plan = plan_moves(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight))
-    check_gain(model.gain)
     return LinearMPC(
         step_response=jnp.asarray(S), plan=plan, sample_time_min=model.sample_time_min, realisation=_as_jax(after)
     )
@@ -205,6 +222,8 @@ def linear_mpc_of_people(
 ) -> LinearMPC:
     """Controllers of many people, who trail, each on the person's own step response.
 
+    The rate of a person whose response at the horizon has less than `horizon.LEAST_SHARE` of its gain is kept.
+
     Parameters
     ----------
     step_response : (M, people) array
@@ -214,10 +233,21 @@ def linear_mpc_of_people(
         As for `design_linear_mpc`.
     sample_time_min : float
     """
+    gain = step_response[-1]
+    if realisation is not None:
+        gain = gain + np.asarray(realisation.advanced(step_response.shape[0]).sum)
+    if not tuning.prediction_horizon:
+        # one horizon for all, that of the person in the middle
+        longest = extended(step_response, realisation, LONGEST_PREDICTION_HORIZON)
+        known = np.isfinite(gain) & (gain < 0.0)
+        share = np.median((longest / gain)[:, known], axis=1) if known.any() else np.ones(len(longest))
+        tuning = suited(tuning, -share, -1.0, usual=NOISE_FREE.prediction_horizon)
     S, after = _remembered(step_response, realisation, tuning.prediction_horizon)
+    hidden = unseen(extended(S, None, tuning.prediction_horizon), gain, tuning.prediction_horizon)
+    floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
     return LinearMPC(
         step_response=jnp.asarray(S),
-        plan=plans_of_people(S, tuning, limits, constraints, glucose_floor(glucose_floor_mg_dl, floor_weight)),
+        plan=plans_of_people(S, tuning, limits, constraints, floor, hidden=hidden),
         sample_time_min=sample_time_min,
         realisation=_as_jax(after),
     )

@@ -8,6 +8,7 @@ Control Optim. 43(5), 2005.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, ClassVar, Final
 
 import jax
@@ -16,8 +17,9 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import MealMPCSettings, MealTuning
 from glucoloop.estimation.unknown_meal import (
@@ -38,12 +40,20 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 ESTIMATORS: Final = ("moving-horizon", "kalman")
 _LEAST_VARIANCE: Final = 0.01
 """(mg/dl)^2 that a filter expects of readings without noise."""
 _DOUBTED_VARIANCE: Final = 1.0
 """(mg/dl)^2 of noise at which half of `gut_doubt` counts."""
+_LASTS_MIN: Final = 120.0
+"""Time at rest, in min, after which most of a steady unexplained appearance counts as lasting."""
+_LARGEST_LASTING_MG_MIN: Final = 100.0
+_AT_REST_MG_DL: Final = 5.0
+"""Distance from the setpoint, in mg/dl, at which a lasting appearance is learned at half its pace."""
+_AT_REST_MG: Final = 1000.0
+"""Content of the gut, in mg, at which it is learned at half its pace."""
 
 
 @pytree
@@ -59,6 +69,8 @@ class MealMPCState:
     """(dead time,) announced carbohydrate of the last samples, the latest last."""
     planned: jax.Array
     """(m,) moves planned for the coming sample and those after it, along which the model is linearised."""
+    lasting_mg_min: jax.Array
+    """Unexplained appearance at rest, such as a wrong basal rate leaves, from 0: it does not stop at once."""
 
 
 @pytree
@@ -122,6 +134,10 @@ class MealMPC:
         insulin, gain, lag = jnp.broadcast_arrays(*numbers)
         return dataclasses.replace(self, model=individual_model(self.model.nominal, insulin, gain, lag))
 
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return {"move_horizon": self.move_horizon, "prediction_horizon": self.prediction_horizon}
+
     def init(self, observation: Observation) -> MealMPCState:
         """State of a controller at rest under the delivered rate; unexplained glucose counts as a disturbance."""
         known, delivered = is_known(observation), rate_at_start(observation, self.model.insulin_mU_min)
@@ -139,6 +155,7 @@ class MealMPC:
             reported=jnp.ones(self.dead_time_samples, bool),
             announced_g=jnp.zeros(self.dead_time_samples),
             planned=jnp.zeros(self.move_horizon),
+            lasting_mg_min=jnp.zeros_like(delivered),
         )
 
     def step(self, state: MealMPCState, observation: Observation) -> tuple[MealMPCState, Decision]:
@@ -166,10 +183,11 @@ class MealMPC:
         held, estimate = self.estimator.step(self.model, state.estimator, sensed)
         told = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
         now = self._to_this_sample(told, rates[1:], announced[1:])
-        moves, converged = self._plan(now, told, state.planned, observation.setpoint_mg_dl, delivered)
+        lasting = self._learned(state.lasting_mg_min, estimate, observation.setpoint_mg_dl, known)
+        moves, converged = self._plan(now, told, lasting, state.planned, observation.setpoint_mg_dl, delivered)
 
         fresh = self.init(observation)
-        sound = _finite(held)
+        sound = _finite(held) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
         held = jax.tree.map(lambda kept, new: jnp.where(sound, kept, new), held, fresh.estimator)
         planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
         state = MealMPCState(
@@ -178,9 +196,22 @@ class MealMPC:
             reported=reported[1:],
             announced_g=announced[1:],
             planned=planned,
+            lasting_mg_min=jnp.where(sound, lasting, 0.0),
         )
         wanted = jnp.where(sound, delivered + moves[0], jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged), estimate
+
+    def _learned(self, lasting: jax.Array, estimate: MealEstimate, setpoint: jax.Array, known: jax.Array) -> jax.Array:
+        """The lasting appearance a sample later, which nears the unexplained one while the person is at rest.
+
+        Rest is glucose near the setpoint, an empty gut, no meal, and insulin that arrives.
+        """
+        lasting = jnp.where(jnp.isfinite(lasting), jnp.clip(lasting, 0.0, _LARGEST_LASTING_MG_MIN), 0.0)
+        away = (self.model.glucose_mg_dl(estimate.x) - setpoint) / _AT_REST_MG_DL
+        still = 1.0 / ((1.0 + away**2) * (1.0 + jnp.maximum(estimate.stomach.gut_mg, 0.0) / _AT_REST_MG))
+        rests = jnp.where(known, still * (1.0 - estimate.eating) * (1.0 - estimate.lost), 0.0)
+        pace = -math.expm1(-self.sample_time_min / _LASTS_MIN) * rests
+        return jnp.clip(lasting + pace * (estimate.disturbance_mg_min - lasting), 0.0, _LARGEST_LASTING_MG_MIN)
 
     def _time_of_reading(self, observation: Observation) -> jax.Array | None:
         """Time of day of which the reading speaks, None if it is not known or makes no difference."""
@@ -215,11 +246,11 @@ class MealMPC:
             at = dataclasses.replace(at, announced=announce(at.announced, announced[i]))
         return at
 
-    def _forecasts(self, now: _Ahead, noise_mg_dl: jax.Array, rates: jax.Array) -> jax.Array:
+    def _forecasts(self, now: _Ahead, lasting: jax.Array, noise_mg_dl: jax.Array, rates: jax.Array) -> jax.Array:
         """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now.
 
-        In the second a share of what is in stomach and gut is not there, and the unexplained appearance ends, as far as
-        they are doubted.
+        In the second a share of what is in stomach and gut is not there, and what is not lasting of the unexplained
+        appearance ends, as far as they are doubted.
         """
         goes_on = jnp.stack([1.0 - self.ends, jnp.zeros_like(self.ends)])
 
@@ -232,13 +263,19 @@ class MealMPC:
         ends = dataclasses.replace(
             now,
             stomach=jax.tree.map(lambda held: there * held, now.stomach),
-            disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance, 0.0),
+            disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance - lasting, 0.0),
         )
         twice = jax.tree.map(lambda *leaves: jnp.stack(leaves), now, ends)
         return jax.lax.scan(one, twice, rates)[1].T
 
     def _plan(
-        self, now: _Ahead, estimate: MealEstimate, moves: jax.Array, setpoint: jax.Array, delivered: jax.Array
+        self,
+        now: _Ahead,
+        estimate: MealEstimate,
+        lasting: jax.Array,
+        moves: jax.Array,
+        setpoint: jax.Array,
+        delivered: jax.Array,
     ) -> tuple[jax.Array, jax.Array]:
         """Moves that improve the given ones, and whether they are the minimiser of the last quadratic program."""
         m, p = self.move_horizon, self.prediction_horizon
@@ -248,7 +285,7 @@ class MealMPC:
 
         def glucose(moves: jax.Array) -> tuple[jax.Array, jax.Array]:
             rates = delivered + jnp.cumsum(jnp.concatenate([moves, jnp.zeros(p - m)]))
-            both = self._forecasts(now, estimate.noise_mg_dl, rates)
+            both = self._forecasts(now, lasting, estimate.noise_mg_dl, rates)
             return both, both
 
         limits = {
@@ -318,7 +355,9 @@ def design_meal_mpc(
     subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
     An announced meal is served in both forecasts. A known dead time is bridged by predicting from the moment that the
     reading speaks of, under the rates that were delivered since. A lasting error of the model is estimated as an
-    appearance of glucose and goes on in the forecast, so that none is left at rest but what `anticipation` asks for.
+    appearance of glucose and goes on in the forecast. What of it stays for hours at rest is learned and no longer
+    doubted, so that no offset is left but what `anticipation` asks for, as long as the error is within what the
+    estimator believes: a basal rate that is far too small is taken for insulin that does not arrive.
 
     ============  ===========================================================  ======
     variable      meaning                                                      size
@@ -370,11 +409,10 @@ def design_meal_mpc(
     tuning = MealTuning() if tuning is None else tuning
     habits = MealHabits() if habits is None else habits
     if estimator not in ESTIMATORS:
-        raise ValueError(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
+        raise Refusal(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
+    tuning = suited(tuning, *response_at_rest(model))
     own = individual_model(model, model.insulin_mU_min)
     chosen: MealEstimator
     if estimator == "kalman":

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -17,16 +17,17 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import linear_response, suited
 from glucoloop.control.planning import MovePlan, glucose_floor, plan_moves, plans_of_people
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, MPCSESettings, StateTuning
-from glucoloop.control.tuning import check_gain
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.estimation.noise_level import NoisyFilters, SensorError, check_pace, no_error, noisy_filters, shares
 from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 Matrix = npt.NDArray[np.float64]
 
@@ -89,6 +90,10 @@ class MPCSE:
         """Number of planned moves and of predicted samples, as the arrays have them."""
         return self.plan.hessian.shape[0], self.plan.gain.shape[0]
 
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
+
     def padded(self, moves: int, horizon: int) -> MPCSE:
         """The same controller with room for more moves and more samples, none of which has any weight."""
         more_samples = horizon - self.horizons[1]
@@ -139,8 +144,9 @@ class MPCSE:
         free = free + (jnp.multiply.outer(self.free_innovation, innovation) if held is None else held)
         move, converged = self.plan.first_move(reference - free, delivered, self.basal_glucose_mg_dl + free)
 
-        # An estimate that is no number would never come back; rest under the present rate is all that is left to go by.
-        sound = jnp.all(jnp.isfinite(estimate), axis=0)
+        # An estimate that no person can have comes back late or never; rest under the present rate is all that is
+        # left to go by.
+        sound = jnp.all(jnp.isfinite(estimate), axis=0) & is_of_a_person(self.basal_glucose_mg_dl + self.C @ estimate)
         if sensor is not None:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)
@@ -250,7 +256,8 @@ def design_mpc_se(
     ------
     ValueError
         For an unknown option, a pace outside 0 to 1, a floor that is not possible, noise that is not a covariance, a
-        model whose gain is not below 0 or that cannot be estimated from glucose, or a dead time that is negative.
+        model whose gain is not below 0, that shows less than `horizon.LEAST_SHARE` of it within the horizon or that
+        cannot be estimated from glucose, or a dead time that is negative.
 
     Examples
     --------
@@ -264,11 +271,9 @@ def design_mpc_se(
     0.5276
     """
     if offset_free not in OFFSET_FREE:
-        raise ValueError(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
+        raise Refusal(f"unknown offset-free variant {offset_free!r}; the known ones are: {', '.join(OFFSET_FREE)}")
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     Q = np.asarray(process_noise, float)
     Q = np.diag(Q) if Q.ndim == 1 else Q
     parts = (model.Phi, model.Gamma, model.C, model.reading_row)
@@ -281,6 +286,7 @@ def design_mpc_se(
         )
         rest = np.append(rest, 0.0)
     K = np.asarray(steady_state_gain(Phi, C_reading, Q, measurement_variance).gain)
+    tuning = suited(tuning, *linear_response(model))
 
     Phi, Gamma, C, K, rest = (part[..., None] for part in (Phi, Gamma, C, K, rest))
     one = mpc_se_of_people(
@@ -300,7 +306,6 @@ def design_mpc_se(
     own = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
     S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
     plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
-    check_gain(C[:, 0] @ rest[:, 0])
     check_pace(noise_pace)
     learning = None
     if noise_pace > 0.0:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +17,9 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.horizon import response_at_rest, suited
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
@@ -27,6 +28,7 @@ from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pac
 from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -92,6 +94,10 @@ class NLQDMC:
         """The same controller for a person with the given basal rate."""
         return dataclasses.replace(self, beyond_model_mU_min=insulin_mU_min - self.model.insulin_mU_min)
 
+    def settled(self) -> dict[str, Any]:
+        """Horizons, in samples; a known dead time is within them."""
+        return dict(zip(("move_horizon", "prediction_horizon"), self.horizons, strict=True))
+
     def init(self, observation: Observation) -> NLQDMCState:
         """State of a controller at rest at the model's operating point."""
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
@@ -141,8 +147,8 @@ class NLQDMC:
             response = response * self.planned
             move, converged = minimise_above(self.floor, hessian, gradient, response, free, delivered, self.limits)
 
-        # An estimate that is no number would never come back; the operating point is all that is left to go by.
-        sound = jnp.all(jnp.isfinite(x))
+        # An estimate that no person can have may never come back; the operating point is all that is left to go by.
+        sound = jnp.all(jnp.isfinite(x)) & is_of_a_person(glucose(x))
         if sensor is not None:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)
@@ -244,16 +250,15 @@ def design_nlqdmc_se(
     Q = np.asarray(process_noise, float)
     Q = np.diag(Q) if Q.ndim == 1 else Q
     if Q.shape != (n, n) or not np.all(np.isfinite(Q)) or not np.allclose(Q, Q.T) or np.linalg.eigvalsh(Q)[0] < -1e-12:
-        raise ValueError(f"the process noise must be a covariance of the {n} states; give {n} variances of 0 or more")
+        raise Refusal(f"the process noise must be a covariance of the {n} states; give {n} variances of 0 or more")
     if not 0.0 < measurement_variance < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a measurement variance of {measurement_variance:g} (mg/dl)^2 is not possible; give a finite value above 0"
         )
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     check_pace(noise_pace)
+    tuning = suited(tuning, *response_at_rest(model))
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     return NLQDMC(
         model=model,

@@ -14,6 +14,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -67,7 +68,7 @@ def design_open_loop(
         return OpenLoop(insulin_mU_min=None, limits=limits, sample_time_min=sample_time_min)
     known = not is_traced(insulin_mU_min, limits)
     if known and not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
-        raise ValueError(
+        raise Refusal(
             f"a constant rate of {insulin_mU_min:g} mU/min cannot be delivered; "
             f"give {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
         )

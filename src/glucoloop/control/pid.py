@@ -1,5 +1,7 @@
-"""PID control in velocity form, tuned by hand or from a first-order model with dead time.
+"""PID control with an integral that waits at limits, tuned by hand or from a first-order model with dead time.
 
+K. J. Astrom, L. Rundqwist, "Integrator windup and how to avoid it", Proc. American Control Conference, 1989, 1693-1698
+(conditional integration).
 D. E. Rivera, M. Morari, S. Skogestad, "Internal model control. 4. PID controller design", Ind. Eng. Chem. Process Des.
 Dev. 25(1), 1986.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar, Final
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +23,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import PIDSettings
 from glucoloop.control.tuning import check_gain, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 
 
 @checked
@@ -48,16 +52,14 @@ class PIDTuning:
 
     def __post_init__(self) -> None:
         if not is_traced(self.gain_mU_min_per_mg_dl) and not 0.0 < self.gain_mU_min_per_mg_dl < math.inf:
-            raise ValueError(
+            raise Refusal(
                 f"a gain of {self.gain_mU_min_per_mg_dl:g} mU/min per mg/dl is not possible; "
                 "give a finite value above 0"
             )
         if not is_traced(self.integral_time_min) and not self.integral_time_min > 0.0:
-            raise ValueError(
-                f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0"
-            )
+            raise Refusal(f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0")
         if not is_traced(self.derivative_time_min) and not 0.0 <= self.derivative_time_min < math.inf:
-            raise ValueError(
+            raise Refusal(
                 f"a derivative time of {self.derivative_time_min:g} min is not possible; "
                 "give a finite value of 0 or more"
             )
@@ -84,7 +86,7 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
     check_gain(gain)
     known = not is_traced(tau_min, delay_min, closed_loop_min)
     if known and not (tau_min > 0.0 and delay_min >= 0.0 and closed_loop_min > 0.0):
-        raise ValueError(
+        raise Refusal(
             f"a lag of {tau_min:g}, a dead time of {delay_min:g} and a closed loop of {closed_loop_min:g} min are not "
             "possible together; give a lag and a closed loop above 0 and a dead time of 0 or more"
         )
@@ -96,14 +98,21 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
     )
 
 
+_ROUNDING: Final = 0.02
+"""Part of the highest rate by which a delivered rate may differ from the wanted one and is not limited: a pump rounds
+its rate to steps, and the integral has to grow by less than a step at a sample.
+"""
+
+
 @pytree
 class PIDState:
-    """Last two readings, the setpoint at the last one, and the rate in force."""
+    """Last reading and its error, integral part of the rate, and the last rate that was wanted."""
 
     last_mg_dl: jax.Array
-    before_last_mg_dl: jax.Array
-    setpoint_mg_dl: jax.Array
+    integral_mU_min: jax.Array
+    wanted_mU_min: jax.Array
     insulin_mU_min: jax.Array
+    """Rate in force."""
 
 
 @pytree
@@ -115,46 +124,62 @@ class PID:
     derivative: jax.Array | float
     limits: DoseLimits
     sample_time_min: float = static()
+    memory_bound: ClassVar[float] = 1e4
+    """Bound on its memory for a guard: glucose is below 1000 mg/dl, and rates below 10 000 mU/min (600 U/h)."""
+
+    def settled(self) -> dict[str, Any]:
+        """Gain in mU/min per mg/dl, and times."""
+        gain, sample_time_min = self.proportional, self.sample_time_min
+        integral = {"integral_time_min": gain * sample_time_min / self.integral} if self.integral else {}
+        return {"gain": gain, **integral, "derivative_time_min": self.derivative * sample_time_min / gain}
 
     def init(self, observation: Observation) -> PIDState:
-        """State in which earlier readings equal the first one."""
+        """State in which the first reading calls for the rate in force."""
         reading = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
+        insulin = rate_at_start(observation, self.limits.min_mU_min)
         return PIDState(
             last_mg_dl=reading,
-            before_last_mg_dl=reading,
-            setpoint_mg_dl=jnp.broadcast_to(observation.setpoint_mg_dl, reading.shape),
-            insulin_mU_min=rate_at_start(observation, self.limits.min_mU_min),
+            integral_mU_min=insulin - self.proportional * (reading - observation.setpoint_mg_dl),
+            wanted_mU_min=insulin,
+            insulin_mU_min=insulin,
         )
 
     def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:
-        """Change the rate from the delivered one, so that the integral does not wind up."""
+        """Add up the three parts; the integral goes no further into a limit that the last rate met."""
         delivered = delivered_since(observation, state.insulin_mU_min)
         known = is_known(observation)
         y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
-        setpoint = jnp.broadcast_to(observation.setpoint_mg_dl, y.shape)
-        error, last_error = y - setpoint, state.last_mg_dl - state.setpoint_mg_dl
-        bend = y - 2.0 * state.last_mg_dl + state.before_last_mg_dl
-        move = self.proportional * (error - last_error) + self.integral * error + self.derivative * bend
-        # A held reading says nothing about the error now: no move is made on it.
-        move = jnp.where(known, move, 0.0)
+        error = y - observation.setpoint_mg_dl
+        # What was delivered tells of every limit, that of a guard included.
+        cut, rounding = state.wanted_mU_min - delivered, _ROUNDING * self.limits.max_mU_min
+        waits = ((cut > rounding) & (error > 0.0)) | ((cut < -rounding) & (error < 0.0))
+        # No error is larger than one that moves the rate over the whole range; an impossible reading ends there too.
+        most = self.limits.max_mU_min - self.limits.min_mU_min
+        grows = known & jnp.isfinite(error) & ~waits
+        integral = state.integral_mU_min + jnp.where(grows, jnp.clip(self.integral * error, -most, most), 0.0)
+        wanted = self.proportional * error + integral + self.derivative * (y - state.last_mg_dl)
+        # A held reading says nothing about the error now: the wanted rate stays.
+        wanted = jnp.where(known, wanted, state.wanted_mU_min)
         state = PIDState(
             last_mg_dl=y,
-            before_last_mg_dl=jnp.where(known, state.last_mg_dl, state.before_last_mg_dl),
-            setpoint_mg_dl=jnp.where(known, setpoint, state.setpoint_mg_dl),
+            integral_mU_min=integral,
+            wanted_mU_min=jnp.where(jnp.isfinite(wanted), wanted, delivered),
             insulin_mU_min=delivered,
         )
-        return state, decide(delivered + move, delivered, self.limits, known)
+        return state, decide(wanted, delivered, self.limits, known)
 
 
 @checked
 def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sample_time_min: float = 5.0) -> PID:
-    """PID controller in velocity form, with the derivative on the reading.
+    """PID controller with the derivative on the reading, and an integral that waits at limits.
 
-    With the error ``e = y - r`` each sample moves insulin by::
+    With the error ``e = y - r`` the rate is::
 
-        K_c ( e_k - e_(k-1) + (T / T_I) e_k + (T_D / T) (y_k - 2 y_(k-1) + y_(k-2)) )
+        K_c e_k + I_k + K_c (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_c (T / T_I) e_k
 
-    from what the pump delivered, so the integral cannot wind up.
+    The integral part ``I`` begins with the rate in force. It stays as it is at a sample whose error would take the rate
+    further beyond what the pump delivered of the last one: so it does not wind up, whatever limited the rate (the pump
+    or a guard), and neither rises nor falls of glucose are forgotten there.
 
     ============  =========================  ====
     variable      meaning                    size

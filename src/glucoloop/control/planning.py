@@ -20,6 +20,7 @@ from glucoloop.control.settings import MPCTuning
 from glucoloop.optimize.moves_qp import minimise_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import DoseLimits
+from glucoloop.refusal import Refusal
 
 CONSTRAINT_HANDLING: Final = ("clip", "qp")
 _WORST_CONDITION: Final = 1e13
@@ -69,11 +70,11 @@ def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
         For a floor that is negative or not finite, or a weight that is not positive and finite.
     """
     if not is_traced(glucose_mg_dl) and not 0.0 <= glucose_mg_dl < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a glucose floor of {glucose_mg_dl:g} mg/dl is not possible; give a finite value of 0 or more, 0 for none"
         )
     if not is_traced(weight) and not 0.0 < weight < math.inf:
-        raise ValueError(f"a floor weight of {weight:g} is not possible; give a finite value above 0")
+        raise Refusal(f"a floor weight of {weight:g} is not possible; give a finite value above 0")
     asked = is_traced(glucose_mg_dl) or glucose_mg_dl > 0.0
     return GlucoseFloor(glucose_mg_dl=glucose_mg_dl, weight=weight) if asked else None
 
@@ -197,14 +198,14 @@ def plan_moves(
     """
     if constraints not in CONSTRAINT_HANDLING:
         known = ", ".join(CONSTRAINT_HANDLING)
-        raise ValueError(f"unknown constraint handling {constraints!r}; the known ones are: {known}")
+        raise Refusal(f"unknown constraint handling {constraints!r}; the known ones are: {known}")
     traced = is_traced(step_response, tuning.output_weight, tuning.move_weight)
     S: Any = step_response if traced else np.asarray(step_response, float)
     if not traced and not np.all(np.isfinite(S)):
-        raise ValueError("the step response has a value that is not finite; identify the model again")
+        raise Refusal("the step response has a value that is not finite; identify the model again")
     plan = plans_of_people(S[:, None], tuning, limits, constraints, floor)
     if not traced and not np.linalg.cond(np.asarray(plan.hessian)[..., 0]) < _WORST_CONDITION:
-        raise ValueError(
+        raise Refusal(
             f"the model's response over {tuning.prediction_horizon} samples does not determine {tuning.move_horizon} "
             "moves; lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
         )
@@ -219,6 +220,8 @@ def plans_of_people(
     limits: DoseLimits,
     constraints: str,
     floor: GlucoseFloor | None = None,
+    *,
+    hidden: ArrayLike = False,
 ) -> MovePlan:
     """Plans of many people, who trail.
 
@@ -227,6 +230,8 @@ def plans_of_people(
     step_response : (p or more, people) array
     tuning, limits, constraints, floor
         As for `plan_moves`.
+    hidden : (people,) array of bool
+        Whether the effect of insulin on a person cannot be seen within the horizon, so that nothing is planned.
 
     Returns
     -------
@@ -245,13 +250,13 @@ def plans_of_people(
     people_first = hessian.transpose(2, 0, 1)
     with np.errstate(invalid="ignore"):
         determinant = xp.linalg.det(people_first)
-    determined = xp.isfinite(determinant) & (determinant != 0.0)
+    determined = xp.isfinite(determinant) & (determinant != 0.0) & ~xp.asarray(hidden)
     solvable = xp.where(determined[:, None, None], people_first, np.eye(m))
     gain = -xp.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
     return MovePlan(
         gain=jnp.asarray(xp.where(determined, gain, np.nan)),
         hessian=jnp.asarray(hessian),
-        gradient=jnp.asarray(gradient),
+        gradient=jnp.asarray(xp.where(hidden, np.nan, gradient)),
         limits=limits,
         floor=floor,
         response=None if floor is None else jnp.asarray(A),

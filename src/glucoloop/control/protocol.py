@@ -66,7 +66,7 @@ _STATUS_TEXTS = {
     Status.SATURATED: "The dose was cut to the pump's limits; check the tuning if this lasts.",
     Status.READING_MISSING: "There was no valid reading; the dose rests on the model's prediction. Check the sensor.",
     Status.NOT_CONVERGED: "The optimisation did not converge; the best allowed dose found was taken. Check the tuning.",
-    Status.NON_FINITE: "The computation gave no finite number; the last dose was kept. Check the model.",
+    Status.NON_FINITE: "The computation gave no possible number; the last dose was kept. Check the model.",
     Status.READING_REJECTED: (
         "The guard did not believe this reading, which is out of range, too fast or stuck; "
         "until one is believed it gives at most the basal rate. Check the sensor."
@@ -88,7 +88,7 @@ _STATUS_TEXTS = {
         "the guard gives the largest dose that it allows. Check glucose if this lasts."
     ),
     Status.RESTARTED: (
-        "The controller's memory or dose was no number; the guard started the controller anew and gives the basal "
+        "The controller's memory or dose was no possible number; the guard started it anew and gives the basal "
         "rate for this sample. Check the model."
     ),
     Status.NO_FINITE_DOSE: (
@@ -124,6 +124,16 @@ def gives_boluses(controller: object) -> bool:
     bolus.
     """
     return bool(getattr(controller, "gives_boluses", False))
+
+
+def settled(controller: object) -> dict[str, float]:
+    """Settings that were settled when a controller was designed, by name, such as a gain that follows from a model.
+
+    A controller tells them by a method ``settled``, which a wrapper passes on; by default it has none. They are those
+    of one person, and are not asked of a controller for many.
+    """
+    tell = getattr(controller, "settled", None)
+    return {} if tell is None else {name: float(value) for name, value in tell().items()}
 
 
 class Controller(Protocol):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
-from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.plausible import GLUCOSE_BOUND, PID_GAIN
+from glucoloop.refusal import Refusal
 from glucoloop.registry.sensors import LONGEST_LAG_MIN
 from glucoloop.registry.settings import About, settings_record, usual
 
@@ -21,7 +22,11 @@ LONGEST_PREDICTION_HORIZON: Final = 288
 
 PredictionHorizon = Annotated[
     int,
-    About("Predicted samples, p; a known dead time is added to them.", at_least=1, at_most=LONGEST_PREDICTION_HORIZON),
+    About(
+        "Predicted samples, p; a known dead time is added to them. 0: until the model has shown 30 % of its gain.",
+        at_least=0,
+        at_most=LONGEST_PREDICTION_HORIZON,
+    ),
 ]
 OutputWeight = Annotated[float, About("Weight on the error of glucose, Γ_y.", above=0.0)]
 MoveWeight = Annotated[float, About("Weight on each move of insulin, Γ_u.", at_least=0.0)]
@@ -80,15 +85,16 @@ class MPCTuning:
     move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
 
     def __post_init__(self) -> None:
-        if self.prediction_horizon < self.move_horizon:
-            raise ValueError(
+        if 0 < self.prediction_horizon < self.move_horizon:
+            raise Refusal(
                 f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
                 f"{self.move_horizon}; give a whole number from {self.move_horizon} to {LONGEST_PREDICTION_HORIZON}"
             )
 
     def longer(self, samples: int) -> Self:
         """The same tuning with a longer prediction horizon, as for a known dead time."""
-        return dataclasses.replace(self, prediction_horizon=self.prediction_horizon + samples)
+        longer = self.prediction_horizon and self.prediction_horizon + samples  # 0 is chosen by a model that has it
+        return dataclasses.replace(self, prediction_horizon=longer)
 
 
 @settings_record
@@ -328,7 +334,9 @@ class PIDSettings:
     """Settings of the PID controller; parameters that are not given come from a first-order model."""
 
     closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
-    gain: Annotated[float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0)] = 0.0
+    gain: Annotated[
+        float, About("Gain K_c, in mU/min per mg/dl; 0: from the model.", at_least=0.0, quantity=PID_GAIN)
+    ] = 0.0
     integral_time_min: Annotated[float, About("Integral time T_I, in minutes; 0: from the model.", at_least=0.0)] = 0.0
     derivative_time_min: Annotated[
         float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)

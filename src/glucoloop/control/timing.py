@@ -16,6 +16,7 @@ import jax.numpy as jnp
 
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_sample_time
+from glucoloop.refusal import Refusal
 
 CLOCK_ERROR_MIN: Final = 0.5
 """Largest difference between the clocks of a sensor and a controller."""
@@ -172,7 +173,7 @@ def holding(decision: Decision, now_min: float, *, sample_time_min: float, sampl
     """
     check_sample_time(sample_time_min)
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
-        raise ValueError(f"a decision that holds for {samples!r} samples is not possible; give 1 or more")
+        raise Refusal(f"a decision that holds for {samples!r} samples is not possible; give 1 or more")
     return dataclasses.replace(decision, holds_until_min=jnp.asarray(now_min + samples * sample_time_min))
 
 

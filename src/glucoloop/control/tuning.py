@@ -10,6 +10,7 @@ from jax.typing import ArrayLike
 
 from glucoloop.arguments import ArgumentTypeError, is_traced
 from glucoloop.control.settings import MPCTuning
+from glucoloop.refusal import Refusal
 
 
 def check_sample_time(sample_time_min: float) -> None:
@@ -20,7 +21,7 @@ def check_sample_time(sample_time_min: float) -> None:
             "or make it a static field: equinox.field(static=True)"
         )
     if not 0.0 < sample_time_min < math.inf:
-        raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
 
 
 def check_gain(gain: ArrayLike) -> None:
@@ -29,7 +30,7 @@ def check_gain(gain: ArrayLike) -> None:
     A gain that JAX traces has no value yet, and passes.
     """
     if not is_traced(gain) and not -math.inf < float(np.asarray(gain)) < 0.0:
-        raise ValueError(
+        raise Refusal(
             f"a gain of {float(np.asarray(gain)):g} mg/dl per mU/min is not possible; insulin lowers glucose, so the "
             "gain of a model is below 0. Check the sign, or identify the model again from a record in which insulin "
             "changes more"

@@ -22,6 +22,7 @@ from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from glucoloop._pytree import pytree
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -121,26 +122,26 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
     """
     Phi, C, Q, R = (_finite_array(name, a) for name, a in (("Phi", Phi), ("C", C), ("Q", Q), ("R", R)))
     if Phi.ndim != 2 or Phi.shape[0] != Phi.shape[1]:
-        raise ValueError(f"Phi must be square, but its shape is {Phi.shape}.")
+        raise Refusal(f"Phi must be square, but its shape is {Phi.shape}.")
     n = Phi.shape[0]
     single = C.ndim == 1
     rows = C[None] if single else C
     if rows.ndim != 2 or rows.shape[1] != n:
-        raise ValueError(f"C must be ({n},) or (p, {n}) to go with Phi, but its shape is {C.shape}.")
+        raise Refusal(f"C must be ({n},) or (p, {n}) to go with Phi, but its shape is {C.shape}.")
     p = rows.shape[0]
     if Q.shape != (n, n):
-        raise ValueError(f"Q must be ({n}, {n}) to go with Phi, but its shape is {Q.shape}.")
+        raise Refusal(f"Q must be ({n}, {n}) to go with Phi, but its shape is {Q.shape}.")
     noise = R * np.eye(p) if R.ndim == 0 else R
     if noise.shape != (p, p):
-        raise ValueError(f"R must be a scalar or ({p}, {p}) to go with C, but its shape is {R.shape}.")
+        raise Refusal(f"R must be a scalar or ({p}, {p}) to go with C, but its shape is {R.shape}.")
     _symmetric("Q", Q)
     _symmetric("R", noise)
     smallest = float(np.linalg.eigvalsh(Q)[0])
     if smallest < -1e-12 * max(1.0, float(np.abs(Q).max())):
-        raise ValueError(f"Q must be positive semi-definite, but its smallest eigenvalue is {smallest:.3g}.")
+        raise Refusal(f"Q must be positive semi-definite, but its smallest eigenvalue is {smallest:.3g}.")
     smallest = float(np.linalg.eigvalsh(noise)[0])
     if smallest <= 0.0:
-        raise ValueError(f"R must be positive definite, but its smallest eigenvalue is {smallest:.3g}.")
+        raise Refusal(f"R must be positive definite, but its smallest eigenvalue is {smallest:.3g}.")
 
     refusal = (
         "The Riccati equation has no stabilising solution: every mode of Phi that is not stable must be seen by C "
@@ -149,7 +150,7 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
     try:
         P = scipy.linalg.solve_discrete_are(Phi.T, rows.T, Q, noise)
     except np.linalg.LinAlgError as error:
-        raise ValueError(refusal) from error
+        raise Refusal(refusal) from error
     P = 0.5 * (P + P.T)
     S = rows @ P @ rows.T + noise
     gain = np.linalg.solve(S, rows @ P).T
@@ -158,9 +159,9 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
     residual = float(np.abs(Phi @ filtered @ Phi.T + Q - P).max())
     radius = float(np.abs(np.linalg.eigvals(keep @ Phi)).max())
     if not (np.isfinite(P).all() and radius < 1.0 - 1e-9):
-        raise ValueError(f"{refusal} Spectral radius of (I - K C) Phi: {radius:.6g}.")
+        raise Refusal(f"{refusal} Spectral radius of (I - K C) Phi: {radius:.6g}.")
     if residual > 1e-7 * float(np.abs(P).max()):
-        raise ValueError(
+        raise Refusal(
             f"The Riccati equation is too badly scaled to be solved: its residual is {residual:.3g} beside a "
             f"covariance of {np.abs(P).max():.3g}. Scale the states, or bring Q and R closer together."
         )
@@ -175,14 +176,14 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
 def _finite_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     array = np.asarray(value, dtype=np.float64)
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, but it holds {array[~np.isfinite(array)].ravel()[0]}.")
+        raise Refusal(f"{name} must be finite, but it holds {array[~np.isfinite(array)].ravel()[0]}.")
     return array
 
 
 def _symmetric(name: str, matrix: NDArray[np.float64]) -> None:
     skew = float(np.abs(matrix - matrix.T).max())
     if skew > 1e-10 * max(float(np.abs(matrix).max()), 1e-300):
-        raise ValueError(f"{name} must be symmetric, but it differs from its transpose by {skew:.3g}.")
+        raise Refusal(f"{name} must be symmetric, but it differs from its transpose by {skew:.3g}.")
 
 
 # At every sample ------------------------------------------------------------------------------------------------------

@@ -33,6 +33,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
+from glucoloop.refusal import Refusal
 
 LEVELS_MG_DL: Final = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Standard deviations s for which filters are designed, 1 mg/dl apart."""
@@ -88,7 +89,7 @@ def check_pace(pace: float) -> None:
         For a pace below 0 or above 1.
     """
     if not 0.0 <= pace <= 1.0:
-        raise ValueError(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
+        raise Refusal(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
 
 
 def learned(deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array, pace: jax.Array | float) -> jax.Array:
@@ -189,7 +190,7 @@ def noisy_filters(
         If there is no stabilising filter, or for a correlation or a pace outside its bounds.
     """
     if not 0.0 <= correlation < 1.0:
-        raise ValueError(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
+        raise Refusal(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
     check_pace(pace)
     Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
     n = C.size

@@ -17,6 +17,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from glucoloop.estimation.linear_equations import solved
+from glucoloop.refusal import Refusal
 
 
 def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
@@ -85,7 +86,7 @@ def _steady(
 ) -> Array:
     """Result of the last doubling, of one person or, with a trailing axis on any of the arguments, of a cohort."""
     if doublings < 1:
-        raise ValueError(f"At least 1 doubling is needed, but {doublings} were asked for.")
+        raise Refusal(f"At least 1 doubling is needed, but {doublings} were asked for.")
     given = [(jnp.asarray(array), rank) for array, rank in ((Phi, 2), (C, 1), (Q, 2), (R, 0))]
 
     def of_one(Phi: Array, C: Array, Q: Array, R: Array) -> Array:

@@ -223,6 +223,12 @@ class PeopleLoop:
         """Engine of the loop, native or xla."""
         return self.cohort.engine
 
+    @property
+    def engine_told(self) -> dict[str, str]:
+        """The engine by its name and, where native code could not take the loop, what it lacks and in whose code."""
+        lacking = self.cohort.not_native
+        return {"engine": self.engine, **({} if lacking is None else {"not_native": lacking})}
+
     def people(
         self,
         people: AtRest,

@@ -26,6 +26,7 @@ from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import PREFIX
 from glucoloop.registry.patients import patient_entry
@@ -166,7 +167,7 @@ def design_of(
 
     def refuse_without_clock(to: object) -> None:
         if situation.start_min is None and getattr(to, "needs_time_of_day", False):
-            raise ValueError(
+            raise Refusal(
                 f"the controller {case.controller} is to go by the time of day, of which it is not told; "
                 "give the time at the start, like --start 06:00 (start in a file)"
             )
@@ -194,7 +195,7 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     if doubts and not situation.allow_unusual:
         variance = case.model_noise_variance
         noise = f"with noise of variance {variance:g}" if variance else "without noise"
-        raise ValueError(
+        raise Refusal(
             f"no controller should be designed on the model that is identified {noise}. {' '.join(doubts)} "
             "Identify it with less noise (--model-noise, or model_noise_variance in a file), "
             f"or {CONFIRM_OPTION} to use it all the same"
@@ -218,6 +219,7 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
         amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
         laguerre_pole=case.laguerre_pole or 0.0,
         laguerre_functions=case.laguerre_functions or None,
+        under_the_skin=patient_entry(situation.patient).under_the_skin,
         sample_time_min=situation.sample_time_min,
     )
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from glucoloop.episodes import Episodes, always, once, recurring
 from glucoloop.pumps import DoseLimits, Pump
+from glucoloop.refusal import Refusal
 from glucoloop.registry.faults import DURATION, KEY, LATEST, PER_DAY, START, Fault
 from glucoloop.sensors import Sensor
 from glucoloop.units import MIN_PER_DAY
@@ -67,7 +68,7 @@ def episodes_of(fault: Fault, sample_time_min: float) -> Episodes:
     if PER_DAY in when:
         probability = float(when[PER_DAY]) * sample_time_min / MIN_PER_DAY
         if probability > 1.0:
-            raise ValueError(
+            raise Refusal(
                 f"{PER_DAY} of the fault {fault.name} is {when[PER_DAY]:g}; "
                 f"give at most one a sample, {MIN_PER_DAY / sample_time_min:g}"
             )

@@ -28,9 +28,11 @@ from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import (
     cross_correlation,
     design_csrs,
+    filtered_input,
     laguerre_coefficients,
     laguerre_functions,
     laguerre_realisation,
+    skin_coefficients,
 )
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
@@ -99,7 +101,13 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         smooth, network = response, None
         if functions:
             pole = case.laguerre_pole or 0.0
-            coefficients = laguerre_coefficients(response, pole, functions)
+            if patient_entry(situation.patient).under_the_skin:
+                columns = filtered_input(pulses, pole, functions)
+                coefficients = jnp.asarray(
+                    skin_coefficients(columns - columns.mean(axis=0), deviation, pole, functions, memory)
+                )
+            else:
+                coefficients = laguerre_coefficients(response, pole, functions)
             smooth = laguerre_functions(pole, functions, memory).T @ coefficients
             network = laguerre_realisation(coefficients, pole, memory)
             if network is not None:

@@ -20,6 +20,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.situation import Situation
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
+from glucoloop.refusal import Refusal
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.registry.pumps import PUMPS
 from glucoloop.registry.sensors import SENSORS
@@ -57,9 +58,7 @@ def sensor_of(situation: Situation) -> Sensor:
         site=site, inner=IdealSensor(site=site), sample_time_min=situation.sample_time_min
     )
     if site is not None and site_of(sensor) != site:
-        raise ValueError(
-            f"the sensor {situation.sensor} does not read glucose at the site {site!r}; leave the site out"
-        )
+        raise Refusal(f"the sensor {situation.sensor} does not read glucose at the site {site!r}; leave the site out")
     if situation.noise_variance > 0.0:
         sensor = white_noise(situation.noise_variance, situation.noise_bound_mg_dl, sensor)
     return dead_time(situation.dead_time_samples, sensor) if situation.dead_time_samples else sensor

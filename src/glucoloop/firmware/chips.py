@@ -8,6 +8,8 @@ import subprocess
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.refusal import Refusal
+
 
 @dataclass(frozen=True)
 class Chip:
@@ -119,7 +121,7 @@ def chip_of(target: str) -> Chip | None:
     if target == HOST:
         return None
     if target not in CHIPS:
-        raise ValueError(f"the target is {target!r}; the known ones are: {', '.join((HOST, *CHIPS))}")
+        raise Refusal(f"the target is {target!r}; the known ones are: {', '.join((HOST, *CHIPS))}")
     return CHIPS[target]
 
 

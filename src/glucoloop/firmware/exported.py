@@ -15,6 +15,7 @@ from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.evaluate import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
 
 PRECISIONS = ("float32", "float64")
 
@@ -67,7 +68,7 @@ def export(
         For an unknown precision or form, or a controller that cannot be written in C.
     """
     if precision not in PRECISIONS:
-        raise ValueError(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")
+        raise Refusal(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")
     real = np.dtype(precision)
 
     def cast(leaf: Any) -> Any:
@@ -86,7 +87,7 @@ def export(
         traced = trace(of_chip.init, step, seen, precision)
         source = write_source(traced, title, form, last)
     except UnsupportedError as error:
-        raise ValueError(f"this controller cannot be written in C in the {form} form: it uses {error}") from None
+        raise Refusal(f"this controller cannot be written in C in the {form} form: it uses {error}") from None
     return Exported(source=source, traced=traced, precision=precision, limits=limits, last=last)
 
 

@@ -27,6 +27,7 @@ _SUPPORT: Final = {
         f"link it with `{' '.join(MENDED_SUMS)}` |\n"
     )
 }
+_OUTCOMES: Final = {True: "held", False: "did not hold", None: "not run"}
 Rungs = Sequence[Mapping[str, Any]]
 
 
@@ -177,7 +178,9 @@ def proof(exported: Exported, name: str, rungs: Rungs) -> str:
     return "\n".join(lines)
 
 
-def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | None, *, guarded: bool) -> str:
+def readme(
+    exported: Exported, name: str, sample_time_min: float, chip: Chip | None, rungs: Rungs, *, guarded: bool
+) -> str:
     """Instructions for an engineer."""
     of, limits = chip or CHIPS["cortex-m4f"], exported.limits
     fields = "\n".join(
@@ -210,9 +213,10 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
 
         The rate that was really delivered need not be the one that was asked for: tell what the pump did.
 
-        Whatever bits are in the observation and in the state, `insulin_mU_min` is a number from {least:g} to {most:g}
-        mU/min and `status` one of those below. While the pump keeps its limits, the rate is within {change:g} mU/min of
-        `delivered_mU_min`, but for rounding. {guard}
+        It is written so that whatever bits are in the observation and in the state, `insulin_mU_min` is a number from
+        {least:g} to {most:g} mU/min and `status` one of those below, and so that, while the pump keeps its limits, the
+        rate is within {change:g} mU/min of `delivered_mU_min`, but for rounding. What was checked of it in this folder
+        stands under Checks. {guard}
 
         `gl_save` writes the state to a record with the digest of this design and a CRC-32; `gl_restore` takes it back,
         and refuses one that is damaged or of another design. Keep two records and write them in turn, so that a loss of
@@ -224,7 +228,10 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
           on this computer. Needs a C compiler only.
         - `make qemu`: the same on an emulated chip ({summary}). Needs {packages} (packages of Debian).
         - `glucoloop export --check .`: all of it anew from the design, and what else is installed.
-        - `PROOF.md`: what was run when this folder was written.
+
+        When this folder was written (`PROOF.md` has the details):
+
+        {checked}
 
         Results are equal to the bit only with IEEE 754 arithmetic: no `-ffast-math`, and `-ffp-contract=off`.
 
@@ -251,6 +258,7 @@ def readme(exported: Exported, name: str, sample_time_min: float, chip: Chip | N
             sample_time=sample_time_min,
             summary=of.summary,
             packages=", ".join(of.packages),
+            checked="\n".join(f"- {_OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
             support="".join(_SUPPORT[name] for name in of.support(exported.precision)[0]),
             fields=fields,
             least=float(limits.min_mU_min),

@@ -4,9 +4,10 @@ Everywhere an input has N samples, each held over one sample time, and comes wit
 each sample; deviations are taken from a steady state.
 """
 
+from glucoloop.identification.basis import Basis
 from glucoloop.identification.csrs import design_csrs
 from glucoloop.identification.fopdt import FirstOrderModel, fit_first_order
-from glucoloop.identification.identify import METHODS, Identification, identify_record
+from glucoloop.identification.identify import METHODS, Identification, bases_given, chosen_basis, identify_record
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
 from glucoloop.identification.laguerre import (
     PoleSearch,
@@ -19,20 +20,25 @@ from glucoloop.identification.laguerre import (
 from glucoloop.identification.meal_response import meal_answer
 from glucoloop.identification.record import Record, record_from_samples
 from glucoloop.identification.reliability import Reliability, doubts
+from glucoloop.identification.skin_response import filtered_input, skin_coefficients
 from glucoloop.identification.validation import Validation, random_binary_sequence, validate
 
 __all__ = [
     "METHODS",
+    "Basis",
     "FirstOrderModel",
     "Identification",
     "PoleSearch",
     "Record",
     "Reliability",
     "Validation",
+    "bases_given",
     "best_pole",
+    "chosen_basis",
     "cross_correlation",
     "design_csrs",
     "doubts",
+    "filtered_input",
     "fit_first_order",
     "identify_record",
     "laguerre_coefficients",
@@ -43,5 +49,6 @@ __all__ = [
     "meal_answer",
     "random_binary_sequence",
     "record_from_samples",
+    "skin_coefficients",
     "validate",
 ]

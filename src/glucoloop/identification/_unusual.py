@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.plausible import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H, MU_PER_U
 
 Floats = npt.NDArray[np.float64]
@@ -76,11 +77,11 @@ def _ask(value: float, quantity: Quantity, told: str) -> None:
         return
     confirm = f"or {CONFIRM_ARGUMENT} if {quantity.unit} are meant"
     for other, _ in quantity.meant(value):
-        raise ValueError(
+        raise Refusal(
             f"{told}; that looks like {other.name}. Multiply the column by {other.factor:.4g} to have {quantity.unit}, "
             f"{confirm}"
         )
-    raise ValueError(
+    raise Refusal(
         f"{told}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
     )
 

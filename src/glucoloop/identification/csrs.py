@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 
 from glucoloop.identification import _check
+from glucoloop.refusal import Refusal
 
 
 def design_csrs(
@@ -57,10 +58,10 @@ def design_csrs(
     else:
         pulses = _check.whole_number("The number of pulses", pulses, 2)
         if pulses % 2:
-            raise ValueError(f"{pulses} pulses are an odd number: +a and -a come in equal numbers, use {pulses + 1}.")
+            raise Refusal(f"{pulses} pulses are an odd number: +a and -a come in equal numbers, use {pulses + 1}.")
         length = pulses * memory if samples is None else _check.whole_number("The number of samples", samples, 1)
     if length < pulses * memory:
-        raise ValueError(
+        raise Refusal(
             f"A record of {length} samples is too short: {pulses} pulses that are {memory} samples apart "
             f"need at least {pulses * memory} samples. Lengthen the record or shorten the memory."
         )

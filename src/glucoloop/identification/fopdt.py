@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from glucoloop._pytree import pytree
+from glucoloop.refusal import Refusal
 
 Floats = NDArray[np.float64]
 
@@ -74,26 +75,26 @@ def fit_first_order(
     """
     times, response = np.asarray(t_min, dtype=float), np.asarray(response_deviation, dtype=float)
     if times.ndim != 1 or times.shape != response.shape:
-        raise ValueError(
+        raise Refusal(
             f"Times of shape {times.shape} and a response of shape {response.shape} do not pair up: "
             "give one-dimensional arrays of one length."
         )
     if not (np.isfinite(times).all() and np.isfinite(response).all()):
-        raise ValueError("The step response holds a time or a value that is not finite: leave those rows out.")
+        raise Refusal("The step response holds a time or a value that is not finite: leave those rows out.")
     if (np.diff(times) <= 0).any():
-        raise ValueError(f"Times are not increasing at row {int(np.argmax(np.diff(times) <= 0)) + 1}: sort them.")
+        raise Refusal(f"Times are not increasing at row {int(np.argmax(np.diff(times) <= 0)) + 1}: sort them.")
     if not np.isfinite(step) or step == 0:
-        raise ValueError(f"A step of {step} mU/min moves nothing: give the size of the step, not 0.")
+        raise Refusal(f"A step of {step} mU/min moves nothing: give the size of the step, not 0.")
     if delay_min is not None and not (np.isfinite(delay_min) and delay_min >= 0):
-        raise ValueError(f"A delay of {delay_min} min is not a finite number of at least 0 min.")
+        raise Refusal(f"A delay of {delay_min} min is not a finite number of at least 0 min.")
     needed = 3 if delay_min is not None else 4
     if (moving := int((times > (delay_min or 0.0)).sum())) < needed:
-        raise ValueError(
+        raise Refusal(
             f"Only {moving} readings lie after the delay of {delay_min or 0:g} min, and a fit needs {needed}: "
             "lengthen the record."
         )
     if not response[times > (delay_min or 0.0)].any():
-        raise ValueError("The response is flat at 0 mg/dl, so it has no time constant: use a larger step.")
+        raise Refusal("The response is flat at 0 mg/dl, so it has no time constant: use a larger step.")
 
     # The gain is closed form given the other two; a scan over those keeps the search out of local minima.
     shortest, longest = float(np.diff(times).min()) / 20, 20 * float(times[-1] - (delay_min or 0.0))
@@ -102,12 +103,12 @@ def fit_first_order(
     costs = np.array([[_best_gain(times, response, step, tau, delay)[1] for tau in taus] for delay in delays])
     at_delay, at_tau = np.unravel_index(int(np.argmin(costs)), costs.shape)
     if at_tau == 0:
-        raise ValueError(
+        raise Refusal(
             f"The response settles within {shortest:.3g} min, faster than the readings can show: "
             "sample more often or shorten the delay."
         )
     if at_tau == len(taus) - 1:
-        raise ValueError(
+        raise Refusal(
             f"The response does not level off within {times[-1]:g} min, so gain and time constant cannot be found "
             "apart: lengthen the record."
         )

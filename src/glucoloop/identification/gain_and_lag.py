@@ -21,6 +21,7 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
 from glucoloop.models.individual import LAG_MIN
+from glucoloop.refusal import Refusal
 
 GAIN_SPREAD: Final = 0.35
 """Standard deviation of the logarithm of the gain over the people of parker2000, about."""
@@ -96,9 +97,9 @@ def identify_gain_and_lag(
         jnp.asarray(a, float) for a in (insulin_deviation_mU_min, glucose_deviation_mg_dl, impulse_response)
     )
     if response.ndim != 1 or not response.size:
-        raise ValueError(f"An impulse response of shape {response.shape} is not one of a person: give h_1..h_M.")
+        raise Refusal(f"An impulse response of shape {response.shape} is not one of a person: give h_1..h_M.")
     if insulin.ndim not in (1, 2) or glucose.shape != (insulin.shape[0] + 1, *insulin.shape[1:]):
-        raise ValueError(
+        raise Refusal(
             f"Rates of shape {insulin.shape} do not go with readings of shape {glucose.shape}: give N rates and N + 1 "
             "readings, one at either end of each sample, and as many people of both."
         )

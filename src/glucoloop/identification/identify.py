@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any, Final
+
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 from jax import Array
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
+from glucoloop.identification.basis import Basis, candidates, chosen
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
 from glucoloop.identification.laguerre import (
     laguerre_coefficients,
-    laguerre_functions,
     laguerre_realisation,
     laguerre_sum,
 )
 from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
 from glucoloop.identification.reliability import Reliability, doubts, reliability
+from glucoloop.identification.skin_response import filtered_input, skin_basis, skin_coefficients
 from glucoloop.models.step_response import StepResponseModel, lagged_inputs
+from glucoloop.refusal import Refusal
+
+Floats = npt.NDArray[np.float64]
 
 METHODS = ("csrs", "least-squares")
+USUAL: Final = "usual"
+"""Number of Laguerre functions that goes with the record."""
 # Correlation between two past inputs, relative to the input's power, above which cross-correlation would
 # count the answer to one as the answer to the other.
 LARGEST_CORRELATION = 0.05
@@ -89,9 +99,10 @@ def identify_record(
     record: Record,
     method: str = "csrs",
     *,
-    memory: int = 36,
-    laguerre_pole: float = 0.84,
-    laguerre_functions: int | None = 2,
+    memory: int | None = None,
+    laguerre_pole: float | None = None,
+    laguerre_functions: int | str | None = USUAL,
+    under_the_skin: bool | None = None,
     basal_insulin_mU_min: float | None = None,
     baseline_glucose_mg_dl: float | None = None,
     starts_at_rest: bool = True,
@@ -105,12 +116,15 @@ def identify_record(
     method : {"csrs", "least-squares"}
         Cross-correlation, for a record of pulses from `design_csrs` without meals that starts at rest; or least
         squares, for any input that excites the patient enough, with meals or without.
-    memory : int
+    memory : int, optional
         M, the samples after which the patient's response has died out.
-    laguerre_pole : float
+    laguerre_pole : float, optional
         Pole of the Laguerre functions, between 0 and 1; `best_pole` finds one.
-    laguerre_functions : int or None
+    laguerre_functions : int, None or "usual"
         Number of Laguerre functions, from 1 to M; None leaves the estimate as it is.
+    under_the_skin : bool, optional
+        Whether insulin is given under the skin, so that its response begins at 0 with a slope of 0 and is never above
+        0; see `identification.skin_response`.
     basal_insulin_mU_min : float, optional
         Rate before the record, from which deviations are taken [mU/min]. By default the record's median, which is the
         basal rate of a record of pulses.
@@ -120,6 +134,12 @@ def identify_record(
     starts_at_rest : bool
         Whether insulin was at the basal rate for the memory before the record, and nothing was eaten in the six hours
         before it. If not, least squares leaves out the first M readings, or those of six hours in a record with meals.
+
+    Notes
+    -----
+    Memory, pole, functions and route that are not given are the paper's for "csrs": 3 hours, .84 at 5-min samples, 2,
+    and insulin into a vein. For "least-squares" they are chosen by how well readings left out of the fit are predicted,
+    see `identification.basis`.
 
     Returns
     -------
@@ -137,44 +157,47 @@ def identify_record(
     Parker, Doyle & Peppas 1999, section III.
     """
     if method not in METHODS:
-        raise ValueError(f"Unknown identification method {method!r}: use one of {', '.join(map(repr, METHODS))}.")
-    memory = _check.whole_number("The memory", memory, 1)
+        raise Refusal(f"Unknown identification method {method!r}: use one of {', '.join(map(repr, METHODS))}.")
+    if memory is not None:
+        memory = _check.whole_number("The memory", memory, 1)
     _check.input_and_readings(record.insulin_mU_min, record.glucose_mg_dl)
     if np.ndim(record.glucose_mg_dl) != 1:
-        raise ValueError(
+        raise Refusal(
             f"Readings of shape {np.shape(record.glucose_mg_dl)} are not one-dimensional: use one record at a time."
         )
     by_pulses = method == "csrs"
     meals = meal_columns(record)
     if by_pulses and not starts_at_rest:
-        raise ValueError("Cross-correlation takes the record to start at rest: use method='least-squares'.")
+        raise Refusal("Cross-correlation takes the record to start at rest: use method='least-squares'.")
     if by_pulses and meals.shape[1]:
-        raise ValueError(
-            "Cross-correlation takes the patient to fast, but there are meals: use method='least-squares'."
-        )
+        raise Refusal("Cross-correlation takes the patient to fast, but there are meals: use method='least-squares'.")
     if basal_insulin_mU_min is None:
         basal = _median_rate(record, by_pulses or not starts_at_rest)
     else:
         basal = _finite("basal insulin rate", basal_insulin_mU_min)
     insulin = jnp.asarray(record.insulin_mU_min, dtype=float) - basal
     glucose = jnp.asarray(record.glucose_mg_dl, dtype=float)
+    if not insulin.any() or (not starts_at_rest and jnp.ptp(insulin) == 0):
+        raise Refusal(
+            "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is "
+            "moved up and down, as design_csrs does."
+        )
+    bases = bases_given(record, method, memory, laguerre_pole, laguerre_functions, under_the_skin)
+    basis = chosen_basis(record, bases, basal_insulin_mU_min=basal, starts_at_rest=starts_at_rest)
+    memory, pole = basis.memory, float(basis.pole)
     if meals.shape[1] and not starts_at_rest:
         # What was eaten before the record is as unknown as what was infused, and acts for longer.
         unknown = max(0, meal_memory(record.sample_time_min) - memory)
         insulin, glucose, meals = insulin[unknown:], glucose[unknown:], meals[unknown:]
-    if not insulin.any() or (not starts_at_rest and jnp.ptp(insulin) == 0):
-        raise ValueError(
-            "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is "
-            "moved up and down, as design_csrs does."
-        )
     free_baseline = baseline_glucose_mg_dl is None
     offset = glucose.mean() if baseline_glucose_mg_dl is None else _finite("baseline glucose", baseline_glucose_mg_dl)
 
-    basis = _basis(laguerre_pole, laguerre_functions, memory)
+    rows = basis.rows()
+    in_skin = rows is not None and basis.under_the_skin
     if by_pulses:
         _refuse_correlated(np.asarray(insulin), memory)
         estimate = cross_correlation(insulin, glucose - offset, memory)
-        coefficients = None if basis is None else laguerre_coefficients(estimate, laguerre_pole, basis.shape[0])
+        coefficients = None if rows is None or in_skin else laguerre_coefficients(estimate, pole, rows.shape[0])
     else:
 
         def fit(rows: Array | None) -> Array:
@@ -188,28 +211,38 @@ def identify_record(
                 beside=meals,
             )
 
-        estimate, coefficients = fit(None), None if basis is None else fit(basis)
-    smoothed = estimate if basis is None or coefficients is None else basis.T @ coefficients
-    network = None if coefficients is None else laguerre_realisation(coefficients, laguerre_pole, memory)
-    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
+        estimate, coefficients = fit(None), None if rows is None else fit(rows)
 
     first = 0 if starts_at_rest else memory
     past, readings, meals = lagged_inputs(insulin, memory)[first:], (glucose - offset)[first:], meals[first:]
     constant = jnp.ones((len(readings), int(free_baseline)))
     # Cross-correlation takes the mean reading for the baseline, as the paper does.
-    beside = meals if by_pulses else jnp.concatenate([meals, constant], axis=1)
+    beside = meals if by_pulses and not in_skin else jnp.concatenate([meals, constant], axis=1)
+    sought, of_gain = past, np.ones(memory)
+    if rows is not None:
+        endless = laguerre_realisation(np.ones(rows.shape[0]), pole, memory) is not None
+        sought = past @ rows.T
+        if starts_at_rest and endless and not (by_pulses and not in_skin):
+            sought = jnp.asarray(filtered_input(insulin, pole, rows.shape[0]))
+            coefficients = jnp.linalg.lstsq(_left(sought, beside)[0], _left(readings, beside)[0])[0]
+        of_gain = np.full(rows.shape[0], laguerre_sum(pole)) if endless else np.asarray(rows.sum(axis=1))
+    if rows is not None and in_skin:
+        columns, left = (np.asarray(_left(part, beside)[0]) for part in (sought, readings))
+        coefficients = jnp.asarray(skin_coefficients(columns, left, pole, rows.shape[0], memory))
+        combinations = skin_basis(pole, rows.shape[0], memory)
+        sought, of_gain = sought @ combinations, of_gain @ combinations
+    smoothed = estimate if rows is None or coefficients is None else rows.T @ coefficients
+    network = None if coefficients is None else laguerre_realisation(coefficients, pole, memory)
+    model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
+
     left_by_estimate, _ = _left(readings - past @ estimate, beside)
     left_by_model, of_beside = _left(readings - model.predict(insulin)[first:], beside)
-    sought = past if basis is None else past @ basis.T
-    of_gain = np.ones(memory)
-    if basis is not None:
-        of_gain = np.full(basis.shape[0], laguerre_sum(laguerre_pole)) if network else np.asarray(basis.sum(axis=1))
     return Identification(
         model=model,
         impulse_response=estimate,
         smoothed_impulse_response=smoothed,
         laguerre_coefficients=jnp.zeros(0) if coefficients is None else coefficients,
-        laguerre_pole=float(laguerre_pole),
+        laguerre_pole=pole,
         basal_insulin_mU_min=basal,
         baseline_glucose_mg_dl=float(offset + of_beside[meals.shape[1] :].sum()),
         smoothing_residual_norm=float(jnp.linalg.norm(estimate - smoothed)),
@@ -225,9 +258,55 @@ def identify_record(
     )
 
 
-def _basis(pole: float, functions: int | None, memory: int) -> Array | None:
-    """Rows in whose span the impulse response is sought; None if it is not smoothed."""
-    return None if functions is None else laguerre_functions(pole, functions, memory)
+def bases_given(
+    record: Record, method: str, memory: int | None, pole: float | None, functions: int | str | None, skin: bool | None
+) -> tuple[Basis, ...]:
+    """Bases that have the given values, the usual ones in place of what is not given; for "csrs" one alone."""
+    given = {"memory": memory, "pole": pole, "under_the_skin": skin}
+    values: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if functions != USUAL:
+        values["functions"] = functions
+    bases = candidates(record.sample_time_min, values)
+    return bases[:1] if method == "csrs" else bases
+
+
+def chosen_basis(
+    record: Record,
+    bases: Sequence[Basis],
+    *,
+    basal_insulin_mU_min: float | None = None,
+    starts_at_rest: bool = True,
+) -> Basis:
+    """The basis in which readings left out of the fit are predicted best, or the first if it is about as good.
+
+    Parameters
+    ----------
+    record : Record
+    bases : sequence of Basis
+        Candidates, the usual one first.
+    basal_insulin_mU_min, starts_at_rest
+        As for `identify_record`.
+    """
+    basal = np.median(np.asarray(record.insulin_mU_min)) if basal_insulin_mU_min is None else basal_insulin_mU_min
+    insulin, glucose = np.asarray(record.insulin_mU_min, float) - basal, np.asarray(record.glucose_mg_dl, float)
+    meals = np.asarray(meal_columns(record))
+    first = 0
+    if not starts_at_rest:
+        memories = [basis.memory for basis in bases if 2 * basis.memory <= insulin.size]
+        first = max([bases[0].memory, *memories, meal_memory(record.sample_time_min) if meals.shape[1] else 0])
+
+    def regression(basis: Basis) -> tuple[Floats, Floats]:
+        if basis.functions is None:
+            columns = np.asarray(lagged_inputs(insulin, basis.memory))
+        elif starts_at_rest:
+            columns = filtered_input(insulin, basis.pole, basis.functions)
+        else:
+            columns = np.asarray(lagged_inputs(insulin, basis.memory) @ basis.rows().T)
+        if basis.functions is not None and basis.under_the_skin:
+            columns = columns @ skin_basis(basis.pole, basis.functions, basis.memory)
+        return np.concatenate([columns, meals, np.ones((glucose.size, 1))], axis=1)[first:], glucose[first:]
+
+    return chosen(bases, regression, insulin.size)
 
 
 def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
@@ -241,7 +320,7 @@ def _left(readings: Array, columns: Array) -> tuple[Array, Array]:
 def _median_rate(record: Record, median_will_do: bool) -> float:
     levels = np.unique(np.asarray(record.insulin_mU_min))
     if len(levels) == 2 and not median_will_do:
-        raise ValueError(
+        raise Refusal(
             f"The insulin has only the two levels {levels[0]:g} and {levels[1]:g} mU/min, so its median does not tell "
             "the basal rate before the record: give basal_insulin_mU_min, or starts_at_rest=False."
         )
@@ -250,14 +329,14 @@ def _median_rate(record: Record, median_will_do: bool) -> float:
 
 def _finite(name: str, value: float) -> float:
     if not np.isfinite(value) or value < 0:
-        raise ValueError(f"The {name} is {value}: it must be a finite number of at least 0.")
+        raise Refusal(f"The {name} is {value}: it must be a finite number of at least 0.")
     return float(value)
 
 
 def _refuse_correlated(insulin: np.ndarray[tuple[int, ...], np.dtype[np.float64]], memory: int) -> None:
     """Refuse an input for which cross-correlation isn't the impulse response."""
     if len(insulin) < 2 * memory:
-        raise ValueError(
+        raise Refusal(
             f"A record of {len(insulin)} samples is too short for cross-correlation over {memory} samples: at least "
             f"{2 * memory} are needed, for one pulse up and one down. Lengthen the record or shorten the memory."
         )
@@ -268,13 +347,13 @@ def _refuse_correlated(insulin: np.ndarray[tuple[int, ...], np.dtype[np.float64]
     if correlation[worst] > LARGEST_CORRELATION:
         lag = abs(int(worst[0]) - int(worst[1]))
         what = f"is correlated with itself {lag} samples later" if lag else "moves too close to the end of the record"
-        raise ValueError(
+        raise Refusal(
             f"The insulin {what} (by {correlation[worst]:.2g} of its power, at most {LARGEST_CORRELATION:g} will do), "
             "so cross-correlation would mistake one response for another: use method='least-squares'."
         )
     imbalance = abs(float(insulin.sum())) / float(np.abs(insulin).sum())
     if imbalance > LARGEST_CORRELATION:
-        raise ValueError(
+        raise Refusal(
             f"The insulin deviates up and down unequally (by {imbalance:.2g} of its total, at most "
             f"{LARGEST_CORRELATION:g} will do), so the baseline would leak into the response: give the basal rate, or "
             "use method='least-squares'."

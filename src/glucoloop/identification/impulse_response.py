@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from glucoloop.identification import _check
 from glucoloop.models.step_response import lagged_inputs
+from glucoloop.refusal import Refusal
 
 
 def cross_correlation(insulin_deviation: ArrayLike, glucose_deviation: ArrayLike, memory: int) -> Array:
@@ -55,7 +56,7 @@ def cross_correlation(insulin_deviation: ArrayLike, glucose_deviation: ArrayLike
     _check.input_and_readings(insulin_deviation, glucose_deviation)
     known = _check.concrete(insulin_deviation)
     if known is not None and not known.any():
-        raise ValueError("The insulin never leaves its steady rate, so it shows no response: use design_csrs.")
+        raise Refusal("The insulin never leaves its steady rate, so it shows no response: use design_csrs.")
     insulin = jnp.asarray(insulin_deviation, dtype=float)
     glucose = jnp.asarray(glucose_deviation, dtype=float)
     return lagged_inputs(insulin, memory).T @ glucose / (insulin @ insulin)
@@ -116,7 +117,7 @@ def least_squares(
     # The first reading at rest shows the baseline and nothing else.
     least = unknowns if starts_at_rest else memory + unknowns - 1 + free_baseline
     if samples < least:
-        raise ValueError(
+        raise Refusal(
             f"A record of {samples} samples is too short for {unknowns} coefficients: "
             f"at least {least} samples are needed. Lengthen the record or shorten the memory."
         )
@@ -137,7 +138,7 @@ def least_squares(
         readings = readings - others @ jnp.linalg.lstsq(others, readings)[0]
     known = None if _check.concrete(insulin_deviation) is None else _check.concrete(regressors)
     if known is not None and (rank := _rank(known, float(jnp.linalg.norm(whole)))) < sought:
-        raise ValueError(
+        raise Refusal(
             f"The insulin record excites only {rank} of the {sought} coefficients asked for: shorten the memory, "
             "or use an input that changes more often (design_csrs, random_binary_sequence)."
         )

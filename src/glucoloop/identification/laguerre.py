@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
 from glucoloop.models.step_response import Realisation
+from glucoloop.refusal import Refusal
 
 LEAST_TAIL: Final = 0.05
 """Share of the sum of a Laguerre function that must come after the memory for a response to go on after it."""
@@ -78,13 +79,13 @@ def laguerre_functions(pole: float | Array, functions: int, memory: int) -> Arra
     memory = _check.whole_number("The memory", memory, 1)
     functions = _check.whole_number("The number of Laguerre functions", functions, 1)
     if functions > memory:
-        raise ValueError(
+        raise Refusal(
             f"{functions} Laguerre functions are more than the {memory} coefficients they describe: "
             f"use at most {memory}."
         )
     known = _check.concrete(pole)
     if known is not None and not (0 < known < 1):
-        raise ValueError(
+        raise Refusal(
             f"A Laguerre pole of {pole} is not strictly between 0 and 1: use exp(-T/tau) for a decay with "
             "time constant tau, about .84 for the diabetic patient."
         )
@@ -199,13 +200,13 @@ def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | Non
     """
     memory = _memory(impulse_response)
     if np.ndim(impulse_response) != 1:
-        raise ValueError(
+        raise Refusal(
             f"An impulse response of shape {np.shape(impulse_response)} is not one-dimensional: "
             "use jax.vmap for several responses."
         )
     tried = np.arange(1, 100) / 100 if grid is None else np.atleast_1d(np.asarray(grid, dtype=float))
     if tried.size == 0:
-        raise ValueError("The grid of Laguerre poles is empty: give at least one pole between 0 and 1.")
+        raise Refusal("The grid of Laguerre poles is empty: give at least one pole between 0 and 1.")
     for pole in tried[~((tried > 0) & (tried < 1))]:
         laguerre_functions(float(pole), functions, memory)
     response = jnp.asarray(impulse_response, dtype=float)
@@ -245,7 +246,7 @@ def _fit(basis: Array, response: Array) -> Array:
 def _memory(impulse_response: ArrayLike) -> int:
     shape = np.shape(impulse_response)
     if not shape or shape[0] == 0:
-        raise ValueError(f"An impulse response of shape {shape} has no coefficient: give h_1..h_M, at least one.")
+        raise Refusal(f"An impulse response of shape {shape} has no coefficient: give h_1..h_M, at least one.")
     _check.finite(
         "The impulse-response coefficients", impulse_response, "identify it again without the missing readings"
     )

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.identification import _check, _unusual
+from glucoloop.refusal import Refusal
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0
 HIGHEST_INSULIN_MU_MIN = 10_000.0
@@ -103,7 +104,7 @@ def record_from_samples(
     """
     sample_time = _check.positive("The sample time", sample_time_min, "min")
     if not np.isfinite(max_gap_min) or max_gap_min < sample_time:
-        raise ValueError(
+        raise Refusal(
             f"The longest gap is {max_gap_min} min: it must be at least the sample time, {sample_time:g} min."
         )
     times, insulin, glucose = _columns(t_min, insulin_mU_min, glucose_mg_dl)
@@ -116,7 +117,7 @@ def record_from_samples(
     span = times[read[-1]] - times[read[0]] if read.size else 0.0
     samples = int(span / sample_time + ON_GRID)
     if samples < 1:
-        raise ValueError(
+        raise Refusal(
             f"Rows of the record with a glucose reading: {read.size} of {times.size}, which span {span:g} min. "
             f"At least 2 readings are needed that are one sample of {sample_time:g} min apart."
         )
@@ -138,7 +139,7 @@ def _columns(*columns: ArrayLike | Sequence[object]) -> list[Floats]:
     """Times, insulin and glucose as numbers, each value within its bounds."""
     times, insulin, glucose = (_numbers(n, c) for n, c in zip(("time", "insulin", "glucose"), columns, strict=True))
     if not times.size == insulin.size == glucose.size:
-        raise ValueError(
+        raise Refusal(
             f"{times.size} times, {insulin.size} insulin rates and {glucose.size} readings do not pair up: "
             "give one of each per row."
         )
@@ -178,7 +179,7 @@ def _carbs(column: ArrayLike | Sequence[object], rows: int) -> Floats:
     """Carbohydrate of each row, nothing where the cell is empty."""
     carbs = np.nan_to_num(_numbers("carbohydrate", column), nan=0.0, posinf=np.inf, neginf=-np.inf)
     if carbs.size != rows:
-        raise ValueError(f"{carbs.size} amounts of carbohydrate and {rows} times do not pair up: give one per row.")
+        raise Refusal(f"{carbs.size} amounts of carbohydrate and {rows} times do not pair up: give one per row.")
     _refuse_rows(
         ~((carbs >= 0) & (carbs <= LARGEST_MEAL_G)),
         "carbohydrate",
@@ -200,7 +201,7 @@ def _eaten(times: Floats, carbs: Floats, grid: Floats, sample_time: float) -> Fl
 
 def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
     if getattr(getattr(column, "dtype", None), "kind", None) in ("m", "M"):
-        raise ValueError(f"The {name} column holds dates: give numbers, for times the minutes since the first row.")
+        raise Refusal(f"The {name} column holds dates: give numbers, for times the minutes since the first row.")
     try:
         if isinstance(column, np.ma.MaskedArray):
             column = np.ma.filled(column.astype(float), np.nan)
@@ -210,27 +211,27 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
             try:
                 float(value)
             except (TypeError, ValueError, OverflowError):
-                raise ValueError(
+                raise Refusal(
                     f"The {name} in row {row}{FROM_ZERO} is {value!r}: it must be a number; leave the row out, "
                     "or mark a missing reading as NaN."
                 ) from None
         raise
     if numbers.ndim != 1:
-        raise ValueError(f"The {name} column has shape {numbers.shape}: it must be one-dimensional, one value per row.")
+        raise Refusal(f"The {name} column has shape {numbers.shape}: it must be one-dimensional, one value per row.")
     return numbers
 
 
 def _refuse_rows(refused: NDArray[np.bool_], name: str, values: Floats, bound: str, mend: str) -> None:
     if refused.any():
         row = int(np.argmax(refused))
-        raise ValueError(f"The {name} in row {row}{FROM_ZERO} is {values[row]:g}: it must be {bound}; {mend}.")
+        raise Refusal(f"The {name} in row {row}{FROM_ZERO} is {values[row]:g}: it must be {bound}; {mend}.")
 
 
 def _refuse_gaps(read_min: Floats, max_gap_min: float) -> None:
     gaps = np.diff(read_min)
     if gaps.size and gaps.max() > max_gap_min * (1 + ON_GRID):
         before = int(np.argmax(gaps))
-        raise ValueError(
+        raise Refusal(
             f"No reading between {read_min[before]:g} and {read_min[before + 1]:g} min: the gap of {gaps[before]:g} "
             f"min is longer than {max_gap_min:g} min. Use the part before or after it, or raise max_gap_min."
         )

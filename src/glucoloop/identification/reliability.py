@@ -95,18 +95,37 @@ def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliabili
     gain_of : (K,) array
         The gain is this times the coefficients.
     """
-    blocks = np.array_split(np.arange(readings.size), min(BLOCKS, readings.size))
-    gains, misfit, variation = np.zeros(len(blocks)), 0.0, 0.0
-    for number, block in enumerate(blocks):
-        kept = np.ones(readings.size, bool)
-        kept[block] = False
-        coefficients = np.linalg.lstsq(columns[kept], readings[kept], rcond=_NEGLIGIBLE)[0]
-        gains[number] = gain_of @ coefficients
-        misfit += float(np.sum((readings[block] - columns[block] @ coefficients) ** 2))
-        variation += float(np.sum((readings[block] - readings[kept].mean()) ** 2))
-    freedom = len(blocks) - 1
-    error = np.sqrt(freedom / len(blocks) * np.sum((gains - gains.mean()) ** 2))
+    errors, gains, spreads = held_out_errors(columns, readings, gain_of)
+    freedom = gains.size - 1
+    error = np.sqrt(freedom / gains.size * np.sum((gains - gains.mean()) ** 2))
+    misfit, variation = float(errors.sum()), float(spreads.sum())
     return Reliability(
         gain_margin=float(stdtrit(freedom, (1.0 + CONFIDENCE) / 2.0) * error),
         explained_percent=100.0 * (1.0 - misfit / variation) if variation else 0.0,
     )
+
+
+def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+    """Errors of fits that have not seen one of ten blocks of readings, on that block.
+
+    Parameters
+    ----------
+    columns, readings, gain_of
+        As for `reliability`; without `gain_of` gains are 0.
+
+    Returns
+    -------
+    errors, gains, spreads : (blocks,) array
+        Sum of squared errors on each block, gain of the fit without it, and sum of squares about the mean of
+        the others.
+    """
+    blocks = np.array_split(np.arange(readings.size), min(BLOCKS, readings.size))
+    errors, gains, spreads = np.zeros((3, len(blocks)))
+    for number, block in enumerate(blocks):
+        kept = np.ones(readings.size, bool)
+        kept[block] = False
+        coefficients = np.linalg.lstsq(columns[kept], readings[kept], rcond=_NEGLIGIBLE)[0]
+        gains[number] = 0.0 if gain_of is None else gain_of @ coefficients
+        errors[number] = np.sum((readings[block] - columns[block] @ coefficients) ** 2)
+        spreads[number] = np.sum((readings[block] - readings[kept].mean()) ** 2)
+    return errors, gains, spreads

@@ -13,6 +13,7 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -95,10 +96,10 @@ def validate(model: StepResponseModel, insulin_deviation: ArrayLike, glucose_dev
     """
     _check.input_and_readings(insulin_deviation, glucose_deviation)
     if np.ndim(glucose_deviation) != 1:
-        raise ValueError(f"Readings of shape {np.shape(glucose_deviation)} are not one-dimensional: use jax.vmap.")
+        raise Refusal(f"Readings of shape {np.shape(glucose_deviation)} are not one-dimensional: use jax.vmap.")
     known = _check.concrete(glucose_deviation)
     if known is not None and np.ptp(known) == 0:
-        raise ValueError(
+        raise Refusal(
             f"All readings are {known[0]} mg/dl, so no fit can be computed: validate on an input that varies."
         )
     readings = jnp.asarray(glucose_deviation, dtype=float)

@@ -28,7 +28,7 @@ from glucoloop.lab.part import Part, part, starting
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.registry.controllers import complete
 from glucoloop.registry.guard import PREFIX, GuardSettings, usual_limit
-from glucoloop.registry.patients import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.registry.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.registry.settings import Value
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")

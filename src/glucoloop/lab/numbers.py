@@ -34,9 +34,11 @@ from glucoloop.lab.devices import normals, offered
 from glucoloop.lab.people import people_numbers
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.guard import GUARD, PREFIX, usual_limit
-from glucoloop.registry.patients import SUBCUTANEOUS, PatientEntry
+from glucoloop.registry.patients import PatientEntry
+from glucoloop.registry.routes import SUBCUTANEOUS
 from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step
 
@@ -247,7 +249,7 @@ def _linear(family: str, point: str, patient: SemilinearPatient) -> dict[str, An
     if offset_free == "output-disturbance":
         kinds, factors = [*kinds, unit.shape[0]], [*factors, 1.0]
     elif offset_free != "held-innovation":
-        raise ValueError(f"MPC/SE of {family} has the prediction {offset_free!r}, which the page cannot design")
+        raise Refusal(f"MPC/SE of {family} has the prediction {offset_free!r}, which the page cannot design")
     return {
         "Phi": np.asarray(mpc_se.Phi).tolist(),
         **{name: np.asarray(getattr(mpc_se, name)).tolist() for name in ("Gamma", "C", "rest")},

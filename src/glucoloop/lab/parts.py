@@ -18,6 +18,7 @@ from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, 
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import Part
 from glucoloop.lab.people import draw_part, person_part
+from glucoloop.refusal import Refusal
 
 GUARDED: Final = "_guarded"
 
@@ -38,7 +39,7 @@ def parts() -> dict[str, Part]:
             for suffix, guard in (("", False), (GUARDED, True)):
                 first, *others = (adjustable(name, family, guard=guard) for family in of_route)
                 if any(_shape(other) != _shape(first) for other in others):
-                    raise ValueError(f"the patients with {route} insulin have no common program of {name}")
+                    raise Refusal(f"the patients with {route} insulin have no common program of {name}")
                 for what, of in controller_parts(first).items():
                     found[f"{route}_{name.replace('-', '_')}{suffix}_{what}"] = of
     return found

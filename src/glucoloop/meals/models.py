@@ -13,6 +13,7 @@ from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.meals.protocol import MealModel
+from glucoloop.refusal import Refusal
 
 MEAL_MODELS: Final[Mapping[str, Callable[[], MealModel]]] = {
     "lehmann-deutsch": LehmannDeutsch,
@@ -30,7 +31,7 @@ def meal_model(name: str) -> MealModel:
         For an unknown name.
     """
     if name not in MEAL_MODELS:
-        raise ValueError(f"unknown meal model {name!r}; the known ones are: {', '.join(MEAL_MODELS)}")
+        raise Refusal(f"unknown meal model {name!r}; the known ones are: {', '.join(MEAL_MODELS)}")
     return MEAL_MODELS[name]()
 
 
@@ -51,7 +52,7 @@ def meal_model_of(patient: object, instead: MealModel | None = None) -> MealMode
     """
     own: MealModel = getattr(patient, "meal_model", LehmannDeutsch())
     if instead is not None and isinstance(own, Ingestion):
-        raise ValueError(
+        raise Refusal(
             f"{type(patient).__name__} digests meals in its own states, so no other meal model can feed it; "
             "leave meal_model out"
         )
@@ -71,4 +72,4 @@ def check_meal_model(model: MealModel) -> None:
         bad = numbers[~(np.isfinite(numbers) & (numbers > 0.0))]
         if bad.size:
             name = jax.tree_util.keystr(path).removeprefix(".")
-            raise ValueError(f"{name} of {bad.flat[0]:g} is not possible for a meal model; give a finite value above 0")
+            raise Refusal(f"{name} of {bad.flat[0]:g} is not possible for a meal model; give a finite value above 0")

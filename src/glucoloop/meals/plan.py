@@ -14,6 +14,7 @@ from glucoloop.arguments import checked
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, eaten, in_order
+from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 from glucoloop.units import MIN_PER_DAY
 
@@ -62,7 +63,7 @@ class MealPlan:
         horizon_min: float | None = None,
     ) -> None:
         if not 1 <= days <= MOST_DAYS:
-            raise ValueError(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
+            raise Refusal(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
         whole = days * MIN_PER_DAY
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "days", days)
@@ -70,43 +71,43 @@ class MealPlan:
         object.__setattr__(self, "time_spread_min", float(time_spread_min))
         object.__setattr__(self, "horizon_min", whole if horizon_min is None else float(horizon_min))
         if not 0.0 < self.horizon_min <= LONGEST_RUN_MIN:
-            raise ValueError(
+            raise Refusal(
                 f"a horizon of {self.horizon_min:g} min is not possible; "
                 f"give more than 0 and at most {LONGEST_RUN_MIN:g} min"
             )
         if days > 1 and self.horizon_min != whole:
-            raise ValueError(
+            raise Refusal(
                 f"a horizon of {self.horizon_min:g} min is not that of {days} days; leave it out, or give {whole:g} min"
             )
         self._check_spreads()
 
     def _check_spreads(self) -> None:
         if not 0.0 <= self.size_spread_pct < 100.0:
-            raise ValueError(f"a spread of meals of {self.size_spread_pct:g} % is not possible; give 0 to below 100 %")
+            raise Refusal(f"a spread of meals of {self.size_spread_pct:g} % is not possible; give 0 to below 100 %")
         if not 0.0 <= self.time_spread_min < MIN_PER_DAY:
-            raise ValueError(
+            raise Refusal(
                 f"a spread of meal times of {self.time_spread_min:g} min is not possible; "
                 f"give 0 to below {MIN_PER_DAY:g} min"
             )
         if len(self.meals) > MOST_MEALS_A_DAY:
-            raise ValueError(f"{len(self.meals)} meals a day are too many; give at most {MOST_MEALS_A_DAY}")
+            raise Refusal(f"{len(self.meals)} meals a day are too many; give at most {MOST_MEALS_A_DAY}")
         end = self.day_min
         for meal in self.meals:
             if meal.t_min >= end:
-                raise ValueError(
+                raise Refusal(
                     f"the meal at {meal.t_min:g} min begins after the {'day' if self.days > 1 else 'run'} ends at "
                     f"{end:g} min; move the meal" + ("" if self.days > 1 else " or lengthen the run")
                 )
             early, late = meal.t_min - self.time_spread_min, meal.t_min + self.time_spread_min
             if early < 0.0 or late > end:
-                raise ValueError(
+                raise Refusal(
                     f"the meal at {meal.t_min:g} min can begin at {early if early < 0.0 else late:g} min, which is "
                     f"{'before the start' if early < 0.0 else f'after the end at {end:g} min'}; "
                     f"give a spread of at most {min(meal.t_min, end - meal.t_min):g} min, or move the meal"
                 )
             largest = meal.carbs_g * (1.0 + self.size_spread_pct / 100.0)
             if largest > LARGEST_MEAL_G:
-                raise ValueError(
+                raise Refusal(
                     f"the meal of {meal.carbs_g:g} g can be {largest:g} g; give at most {LARGEST_MEAL_G:g} g "
                     "with its spread"
                 )

@@ -17,6 +17,7 @@ from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.plausible import GLUCOSE, SETPOINT, ask
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 LARGEST_MEAL_G: Final = 1000.0
@@ -52,21 +53,21 @@ class Meal:
 
     def __post_init__(self) -> None:
         if not is_traced(self.carbs_g) and not 0.0 < self.carbs_g <= LARGEST_MEAL_G:  # false for NaN too
-            raise ValueError(
+            raise Refusal(
                 f"a meal of {self.carbs_g:g} g is not possible; give more than 0 and at most {LARGEST_MEAL_G:g} g"
             )
         if not is_traced(self.t_min) and not 0.0 <= self.t_min < math.inf:
-            raise ValueError(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
+            raise Refusal(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
         told = self.announced_g
         if told is not None and not is_traced(told) and not 0.0 <= told <= LARGEST_MEAL_G:
-            raise ValueError(
+            raise Refusal(
                 f"a meal that is announced as {told:g} g is not possible; "
                 f"give 0 to {LARGEST_MEAL_G:g} g, or leave it out"
             )
         if is_traced(self.eating_min) or self.eating_min == 0.0:
             return
         if not SHORTEST_EATING_MIN <= self.eating_min <= LONGEST_EATING_MIN:
-            raise ValueError(
+            raise Refusal(
                 f"a meal eaten over {self.eating_min:g} min is not possible; give 0 for a meal that is eaten at once, "
                 f"or {SHORTEST_EATING_MIN:g} to {LONGEST_EATING_MIN:g} min"
             )
@@ -137,7 +138,7 @@ class Scenario:
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
             )
         if not 0.0 < self.horizon_min <= LONGEST_RUN_MIN:
-            raise ValueError(
+            raise Refusal(
                 f"a horizon of {self.horizon_min:g} min is not possible; "
                 f"give more than 0 and at most {LONGEST_RUN_MIN:g} min"
             )
@@ -145,7 +146,7 @@ class Scenario:
             check_time_of_day(start_min)
         for meal in self.meals:
             if not is_traced(meal.t_min) and meal.t_min >= self.horizon_min:
-                raise ValueError(
+                raise Refusal(
                     f"the meal at {meal.t_min:g} min begins after the run ends at {self.horizon_min:g} min; "
                     "move the meal or lengthen the run"
                 )
@@ -156,7 +157,7 @@ class Scenario:
             if value is None or is_traced(value):
                 continue
             if not 0.0 < value < math.inf:
-                raise ValueError(f"{called} of {value:g} mg/dl is not possible; give a finite value above 0 mg/dl")
+                raise Refusal(f"{called} of {value:g} mg/dl is not possible; give a finite value above 0 mg/dl")
             if not allow_unusual:
                 ask(value, quantity, name)
 
@@ -178,7 +179,7 @@ def check_time_of_day(start_min: float) -> None:
         Unless it is 0 or more and below 1440 min.
     """
     if not 0.0 <= start_min < MIN_PER_DAY:
-        raise ValueError(
+        raise Refusal(
             f"a time of day of {start_min:g} min after midnight is not possible; give 0 to below {MIN_PER_DAY:g} min"
         )
 

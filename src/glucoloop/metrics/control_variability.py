@@ -12,6 +12,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.refusal import Refusal
+
 Floats = npt.NDArray[np.float64]
 
 ZONES: Final = ("A", "B", "C", "D", "E")
@@ -60,7 +62,7 @@ def grid_counts(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> n
     """
     minimum, maximum = np.asarray(minimum_mg_dl, float), np.asarray(maximum_mg_dl, float)
     if minimum.shape != maximum.shape:
-        raise ValueError(
+        raise Refusal(
             f"there are minima of shape {minimum.shape} and maxima of shape {maximum.shape}; give one of each per "
             "person"
         )
@@ -136,9 +138,7 @@ def _shares(counts: npt.NDArray[Any]) -> Floats:
     values = np.asarray(counts, float)
     shape = (MINIMUM_EDGES_MG_DL.size - 1, MAXIMUM_EDGES_MG_DL.size - 1)
     if values.shape != shape:
-        raise ValueError(
-            f"the counts have shape {values.shape}, a control-variability grid has {shape}; use grid_counts"
-        )
+        raise Refusal(f"the counts have shape {values.shape}, a control-variability grid has {shape}; use grid_counts")
     total = values.sum()
     people = values.reshape(3, CELLS, 3, CELLS).sum(axis=(1, 3))
     return 100.0 * people / total if total else np.full((3, 3), np.nan)

@@ -11,6 +11,7 @@ import numpy as np
 
 from glucoloop._pytree import pytree, static
 from glucoloop.metrics.printing import short_table
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -62,7 +63,7 @@ class Metrics:
         for name, array in self.by_name().items():
             value = np.asarray(array)
             if value.ndim:
-                raise ValueError(
+                raise Refusal(
                     f"these are the metrics of people of shape {value.shape}, not of one; "
                     "pick one with jax.tree.map(lambda values: values[i], metrics)"
                 )

@@ -15,6 +15,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.metrics.metrics import Metrics
 from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.metrics import metrics_with
 from glucoloop.simulation.loop import Sampled
 
@@ -138,7 +139,7 @@ class RunningMetrics:
         for choice, metric, state in zip(chosen, self._metrics, tally.states, strict=True):
             found, names = metric.finish(self._course, state, ended), [result.name for result in choice.results]
             if sorted(found) != sorted(names):
-                raise ValueError(
+                raise Refusal(
                     f"the metric {choice.entry.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
                     f"{', '.join(sorted(names))}; let both say the same"
                 )

@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import ContinuousModel
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.lag import lagged
 
 
@@ -113,4 +114,4 @@ def linear_behind_lag(model: ContinuousModel, lag_min: float) -> ContinuousModel
 
 def _check(lag_min: float) -> None:
     if not 0.0 < lag_min < float("inf"):
-        raise ValueError(f"a lag of the sensor of {lag_min:g} min is not possible; give a finite time above 0")
+        raise Refusal(f"a lag of the sensor of {lag_min:g} min is not possible; give a finite time above 0")

@@ -24,6 +24,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -146,23 +147,23 @@ def linearise(
     """
     x, u = jnp.asarray(state, dtype=float), jnp.asarray(insulin_mU_min, dtype=float)
     if x.ndim != 1:
-        raise ValueError(f"The state must be a vector, but its shape is {x.shape}; use jax.vmap for many people.")
+        raise Refusal(f"The state must be a vector, but its shape is {x.shape}; use jax.vmap for many people.")
     if u.ndim != 0:
-        raise ValueError(f"The insulin infusion must be a scalar, but its shape is {u.shape}.")
+        raise Refusal(f"The insulin infusion must be a scalar, but its shape is {u.shape}.")
     point = (x, u)
     if disturbance is not None:
         d = jnp.asarray(disturbance, dtype=float)
         if d.ndim != 0:
-            raise ValueError(f"The disturbance must be a scalar, but its shape is {d.shape}.")
+            raise Refusal(f"The disturbance must be a scalar, but its shape is {d.shape}.")
         point = (x, u, d)  # type: ignore[assignment]
     jacobians = jax.jacfwd(derivative, argnums=tuple(range(len(point))))(*point)
     C, y = jax.jacfwd(output)(x), jnp.asarray(output(x))
     if jacobians[0].shape != (x.size, x.size):
-        raise ValueError(
+        raise Refusal(
             f"The derivative must have the shape {x.shape} of the state, but it has {jacobians[0].shape[:-1]}."
         )
     if y.ndim != 0:
-        raise ValueError(f"The output must be a scalar, but its shape is {y.shape}.")
+        raise Refusal(f"The output must be a scalar, but its shape is {y.shape}.")
     return ContinuousModel(
         A=jacobians[0],
         B=jacobians[1],
@@ -204,10 +205,10 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple
     A, B = jnp.asarray(A, dtype=float), jnp.asarray(B, dtype=float)
     _check_sample_time(sample_time_min)
     if A.ndim != 2 or A.shape[0] != A.shape[1]:
-        raise ValueError(f"A must be square, but its shape is {A.shape}.")
+        raise Refusal(f"A must be square, but its shape is {A.shape}.")
     n = A.shape[0]
     if B.ndim not in (1, 2) or B.shape[0] != n:
-        raise ValueError(f"B must be ({n},) or ({n}, q) to go with A, but its shape is {B.shape}.")
+        raise Refusal(f"B must be ({n},) or ({n}, q) to go with A, but its shape is {B.shape}.")
     columns = B.reshape(n, -1)
     q = columns.shape[1]
     augmented = jnp.zeros((n + q, n + q)).at[:n, :n].set(A).at[:n, n:].set(columns)
@@ -270,7 +271,7 @@ def impulse_response(model: LinearModel, samples: int) -> Array:
         If `samples` is less than 1.
     """
     if samples < 1:
-        raise ValueError(f"A response needs at least 1 sample, but {samples} were asked for.")
+        raise Refusal(f"A response needs at least 1 sample, but {samples} were asked for.")
 
     def step(x: Array, _: None) -> tuple[Array, Array]:
         return model.Phi @ x, model.C @ x
@@ -302,4 +303,4 @@ def step_response(model: LinearModel, samples: int) -> Array:
 
 def _check_sample_time(sample_time_min: float) -> None:
     if not 0.0 < sample_time_min < float("inf"):
-        raise ValueError(f"The sample time must be positive and finite, but it is {sample_time_min} min.")
+        raise Refusal(f"The sample time must be positive and finite, but it is {sample_time_min} min.")

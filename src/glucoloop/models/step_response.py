@@ -18,6 +18,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
+from glucoloop.refusal import Refusal
 
 _ROUNDING: Final = 1e-9
 
@@ -109,16 +110,14 @@ class StepResponseModel:
             this response.
         """
         if not sample_time_min > 0 or not np.isfinite(sample_time_min):
-            raise ValueError(
-                f"A sample time of {sample_time_min} min is not above 0: give the minutes between readings."
-            )
+            raise Refusal(f"A sample time of {sample_time_min} min is not above 0: give the minutes between readings.")
         shape = np.shape(impulse_response)
         if not shape or shape[0] == 0:
-            raise ValueError(f"An impulse response of shape {shape} has no coefficient: give h_1..h_M, at least one.")
+            raise Refusal(f"An impulse response of shape {shape} has no coefficient: give h_1..h_M, at least one.")
         if not isinstance(impulse_response, jax.core.Tracer):
             finite = np.isfinite(np.asarray(impulse_response, dtype=float))
             if not finite.all():
-                raise ValueError(
+                raise Refusal(
                     f"{int((~finite).sum())} of {finite.size} impulse-response coefficients are not finite: "
                     "identify the model again from a record without missing readings."
                 )
@@ -158,7 +157,7 @@ class StepResponseModel:
             If `samples` is negative or not a whole number.
         """
         if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 0:
-            raise ValueError(f"A delay of {samples!r} samples is not a whole number of at least 0.")
+            raise Refusal(f"A delay of {samples!r} samples is not a whole number of at least 0.")
         zeros, later = jnp.zeros((int(samples), *self.step_response.shape[1:])), self.realisation
         if later is not None:
             later = dataclasses.replace(later, after=later.after + int(samples))
@@ -227,21 +226,21 @@ def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike)
     """
     h = np.asarray(impulse_response, dtype=float)
     if realisation.after > h.shape[0]:
-        raise ValueError(
+        raise Refusal(
             f"a realisation of the response after {realisation.after} samples does not tell what comes after the "
             f"memory of {h.shape[0]}: give one that begins there or before"
         )
     transition = np.asarray(realisation.transition, float)
     largest = np.max(np.abs(np.linalg.eigvals(transition))) if np.isfinite(transition).all() else np.inf
     if not largest < 1.0:
-        raise ValueError(
+        raise Refusal(
             f"a realisation with an eigenvalue of magnitude {largest:.4g} does not decay: give one whose eigenvalues "
             "are less than 1, or None for a response that ends after its memory"
         )
     known = h[realisation.after :]
     apart = np.abs(realisation.states(len(known)).T @ np.asarray(realisation.output) - known)
     if not np.all(apart <= _ROUNDING * np.abs(h).max()):
-        raise ValueError(
+        raise Refusal(
             f"a realisation that differs from the impulse response by {np.max(apart):.3g} mg/dl per mU/min within its "
             "memory: give one that begins later, or the response that it generates"
         )
@@ -269,7 +268,7 @@ def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
     """
     insulin = jnp.asarray(insulin_deviation, dtype=float)
     if insulin.ndim != 1:
-        raise ValueError(
+        raise Refusal(
             f"An insulin sequence of shape {insulin.shape} is not one-dimensional: "
             "give one value per sample, and use jax.vmap for several sequences."
         )

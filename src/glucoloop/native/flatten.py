@@ -28,55 +28,26 @@ Values = npt.NDArray[np.int64]
 """An array whose elements are places in the program."""
 
 LONGEST_LOOP: Final = 64
+LONGEST_TABLE: Final = 256
+"""Largest number of places in an array among which a computed one is chosen."""
 
-_ELEMENTWISE: Final = {
-    "add": "add",
+ELEMENTWISE: Final = {
     "add_any": "add",
-    "sub": "sub",
-    "mul": "mul",
-    "div": "div",
-    "neg": "neg",
-    "abs": "abs",
-    "max": "max",
-    "min": "min",
-    "sqrt": "sqrt",
-    "floor": "floor",
-    "lt": "lt",
-    "le": "le",
-    "eq": "eq",
-    "ne": "ne",
-    "and": "and",
-    "or": "or",
-    "xor": "xor",
-    "not": "not",
-    "is_finite": "is_finite",
+    **{name: name for name in ("add", "sub", "mul", "div", "neg", "abs", "max", "min", "sqrt", "floor")},
+    **{name: name for name in ("lt", "le", "eq", "ne", "and", "or", "xor", "not", "is_finite")},
 }
-_FUNCTIONS: Final = {"tanh": "tanh", "exp": "exp", "expm1": "expm1", "log": "log", "pow": "power"}
-_REDUCTIONS: Final = {
-    "reduce_sum": "add",
-    "reduce_max": "max",
-    "reduce_min": "min",
-    "reduce_and": "and",
-    "reduce_or": "or",
+FUNCTIONS: Final = {
+    "pow": "power",
+    **{name: name for name in ("exp", "expm1", "tanh", "log", "sin", "cos", "tan", "sinh", "cosh", "atan2", "cbrt")},
+    **{name: name for name in ("logistic", "ceil", "rem", "sign")},
 }
-_MOVES: Final = (
-    "slice",
-    "squeeze",
-    "reshape",
-    "broadcast_in_dim",
-    "transpose",
-    "concatenate",
-    "rev",
-    "expand_dims",
-    "copy",
-    "copy_p",
-    "stop_gradient",
-    "optimization_barrier",
-    "split",
-    "stack",
-    "unstack",
-    "tile",
-)
+REDUCTIONS: Final = {
+    "reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_and": "and", "reduce_or": "or",
+}  # fmt: skip
+MOVES: Final = frozenset({
+    "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
+    "stack", "unstack", "tile", "pad", "copy", "copy_p", "stop_gradient", "optimization_barrier",
+})  # fmt: skip
 _UNUSED: Final = -1
 
 
@@ -145,7 +116,11 @@ class Flattener:
         values.update(zip(closed.jaxpr.invars, arguments, strict=True))
         for equation in closed.jaxpr.eqns:
             inputs = [read(atom) for atom in equation.invars]
-            results = self._postponed(equation, inputs) or self._equation(equation, inputs)
+            try:
+                results = self._postponed(equation, inputs) or self._equation(equation, inputs)
+            except UnsupportedError as error:
+                error.part = primitives.part(equation) or error.part
+                raise
             values.update(zip(equation.outvars, results, strict=True))
         return [read(atom) for atom in closed.jaxpr.outvars]
 
@@ -157,7 +132,7 @@ class Flattener:
         for given, atom in zip(inputs, equation.invars, strict=True):
             if isinstance(given, Drawn):
                 numbers.append(given)
-            elif all(int(v) in self.program.constants for v in given.ravel()):
+            elif self._is_known(given):
                 flat = [self.program.constants[int(v)] for v in given.ravel()]
                 numbers.append(jnp.asarray(np.array(flat).reshape(given.shape), atom.aval.dtype))
             else:
@@ -172,15 +147,19 @@ class Flattener:
         if called is not None:
             return self._run(called, inputs)
         inputs = [self._ask(given) for given in inputs]
-        if name in _ELEMENTWISE:
+        if name in ("div", "rem") and jnp.issubdtype(equation.invars[0].aval.dtype, jnp.integer):
+            return [self._elementwise(functools.partial(self._functions, f"whole_{name}"), *inputs)]
+        if name in ("gt", "ge"):
+            name, inputs = "l" + name[1], inputs[::-1]
+        if name in ELEMENTWISE:
             _refuse_other_than_floats(name, equation.invars[0].aval.dtype)
-            return [self._elementwise(functools.partial(self.program.apply, _ELEMENTWISE[name]), *inputs)]
-        if name in _FUNCTIONS:
-            return [self._elementwise(getattr(self._functions, _FUNCTIONS[name]), *inputs)]
-        if name in _REDUCTIONS:
-            _refuse_other_than_floats(_REDUCTIONS[name], equation.invars[0].aval.dtype)
-            return [self._reduce(_REDUCTIONS[name], inputs[0], primitives.axes(equation))]
-        if name in _MOVES:
+            return [self._elementwise(functools.partial(self.program.apply, ELEMENTWISE[name]), *inputs)]
+        if name in FUNCTIONS:
+            return [self._elementwise(functools.partial(self._functions, FUNCTIONS[name]), *inputs)]
+        if name in REDUCTIONS:
+            _refuse_other_than_floats(REDUCTIONS[name], equation.invars[0].aval.dtype)
+            return [self._reduce(REDUCTIONS[name], inputs[0], primitives.axes(equation))]
+        if name in MOVES:
             return self._move(equation, inputs)
         handler = getattr(self, f"_do_{name}", None)
         if handler is None:
@@ -219,40 +198,77 @@ class Flattener:
         """Let the operation move the numbers of the values."""
         return [np.asarray(result, np.int64) for result in primitives.moved(equation, inputs)]
 
-    def _known(self, values: Values, what: str) -> npt.NDArray[np.int64]:
+    def _known(self, values: Values) -> npt.NDArray[np.int64]:
+        if not self._is_known(values):
+            raise UnsupportedError("a place in an array that depends on what happens")
         constants = self.program.constants
-        if not all(int(v) in constants for v in values.ravel()):
-            raise UnsupportedError(f"{what} that depends on what happens")
         return np.array([int(constants[int(v)]) for v in values.ravel()], np.int64).reshape(values.shape)
 
+    def _is_known(self, values: Values) -> bool:
+        return all(int(v) in self.program.constants for v in values.ravel())
+
+    def _chosen(self, at: Value, rows: Sequence[Values]) -> Values:
+        """The array whose number, from 0 on, is computed; the first or last one beyond the ends."""
+        if len(rows) > LONGEST_TABLE:
+            raise UnsupportedError(f"a choice among {len(rows)} places in an array (at most {LONGEST_TABLE})")
+        p, found = self.program, rows[-1]
+        for i in reversed(range(len(rows) - 1)):
+            takes = p.apply("le", at, p.constant(float(i)))
+            found = self._elementwise(functools.partial(p.apply, "select", takes), rows[i], found)
+        return found
+
     def _do_gather(self, equation: Any, operand: Values, indices: Values) -> Values:
-        where = self._known(indices, "a place in an array")
-        with jax.ensure_compile_time_eval():
-            moved = primitives.gathered(equation, operand, where, _UNUSED)
-        if (moved == _UNUSED).any():
-            raise UnsupportedError("a place outside an array")
-        return moved
+        axis, p = primitives.gathered_axis(equation), self.program
+        if axis is None or self._is_known(indices):
+            where = self._known(indices)
+            with jax.ensure_compile_time_eval():
+                moved = primitives.gathered(equation, operand, where, _UNUSED)
+            if (moved == _UNUSED).any():
+                raise UnsupportedError("a place outside an array")
+            return moved
+        rows, fill = list(np.moveaxis(operand, axis, 0)), primitives.gathered_outside(equation)
+        taken = []
+        for at in indices.ravel().tolist():
+            row = self._chosen(at, rows)
+            if fill is not None:
+                outside = p.apply(
+                    "or", p.apply("lt", at, p.constant(0.0)), p.apply("lt", p.constant(len(rows) - 1.0), at)
+                )
+                row = self._elementwise(lambda x, o=outside: p.apply("select", o, p.constant(fill), x), row)
+            taken.append(row)
+        batch, of_row = indices.ndim - 1, operand.ndim - 1
+        found = np.array(taken, np.int64).reshape((*indices.shape[:-1], *rows[0].shape))
+        return np.moveaxis(found, range(batch, batch + of_row), primitives.gathered_offsets(equation))
 
     def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
-        (moved,) = self._move(equation, [operand, self._known(indices, "a place in an array"), updates])
+        (moved,) = self._move(equation, [operand, self._known(indices), updates])
         return moved
 
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
-        sizes = primitives.slice_sizes(equation)
-        at = [int(self._known(s, "a place in an array")) for s in starts]
-        at = [min(max(i, 0), n - size) for i, n, size in zip(at, operand.shape, sizes, strict=True)]
-        return operand[tuple(slice(i, i + size) for i, size in zip(at, sizes, strict=True))]
+        for axis, (start, size) in enumerate(zip(starts, primitives.slice_sizes(equation), strict=True)):
+            last = operand.shape[axis] - size
+            if self._is_known(start):
+                at = min(max(int(self._known(start)), 0), last)
+                operand = operand.take(range(at, at + size), axis)
+            else:
+                windows = [operand.take(range(at, at + size), axis) for at in range(last + 1)]
+                operand = self._chosen(int(start), windows)
+        return operand
 
     def _do_iota(self, equation: Any) -> Values:
         return self.constants(primitives.iota(equation))
 
-    def _do_gt(self, equation: Any, a: Values, b: Values) -> Values:
-        _refuse_other_than_floats("lt", equation.invars[0].aval.dtype)
-        return self._elementwise(lambda x, y: self.program.apply("lt", y, x), a, b)
+    def _do_lt_to(self, equation: Any, a: Values, b: Values) -> Values:
+        """Whether a stands before b where what is not a number stands last."""
+        del equation
+        do = self.program.apply
+        return self._elementwise(lambda x, y: do("or", do("lt", x, y), do("and", do("eq", x, x), do("ne", y, y))), a, b)
 
-    def _do_ge(self, equation: Any, a: Values, b: Values) -> Values:
-        _refuse_other_than_floats("le", equation.invars[0].aval.dtype)
-        return self._elementwise(lambda x, y: self.program.apply("le", y, x), a, b)
+    def _do_le_to(self, equation: Any, a: Values, b: Values) -> Values:
+        return self._elementwise(functools.partial(self.program.apply, "not"), self._do_lt_to(equation, b, a))
+
+    def _do_round(self, equation: Any, a: Values) -> Values:
+        return self._elementwise(functools.partial(self._functions, primitives.rounding(equation)), a)
 
     def _do_square(self, equation: Any, a: Values) -> Values:
         del equation
@@ -269,17 +285,6 @@ class Flattener:
 
         return self._elementwise(of, a)
 
-    def _do_sign(self, equation: Any, a: Values) -> Values:
-        del equation
-        p = self.program
-
-        def of(x: Value) -> Value:
-            below, above = p.apply("lt", x, p.constant(0.0)), p.apply("lt", p.constant(0.0), x)
-            low = p.apply("select", below, p.constant(-1.0), x)
-            return p.apply("select", above, p.constant(1.0), low)
-
-        return self._elementwise(of, a)
-
     def _do_clamp(self, equation: Any, low: Values, x: Values, high: Values) -> Values:
         del equation
         p = self.program
@@ -290,13 +295,14 @@ class Flattener:
         if equation.invars[0].aval.dtype == bool:  # False takes the first case
             return self._elementwise(lambda c, no, yes: p.apply("select", c, yes, no), which, *cases)
 
-        def of(w: Value, *options: Value) -> Value:
-            taken = options[-1]
-            for i, option in reversed(list(enumerate(options[:-1]))):
-                taken = p.apply("select", p.apply("eq", w, p.constant(float(i))), option, taken)
-            return taken
+        flat = zip(*(array.ravel() for array in (which, *cases)), strict=True)
+        found = [self._chosen(int(w), options) for w, *options in flat]
+        return np.array(found, np.int64).reshape(cases[0].shape)
 
-        return self._elementwise(of, which, *cases)
+    def _do_cond(self, equation: Any, which: Values, *arguments: Values) -> list[Values]:
+        """The results of one of several functions, all of which are computed."""
+        found = [self.run(branch, arguments) for branch in primitives.branches(equation)]
+        return [self._chosen(int(which), results) for results in zip(*found, strict=True)]
 
     def _do_argmax(self, equation: Any, a: Values) -> Values:
         (axis,), p = primitives.axes(equation), self.program
@@ -326,7 +332,7 @@ class Flattener:
         if source == np.bool_:
             return self._elementwise(lambda x: p.apply("number", x), a)
         if jnp.issubdtype(source, jnp.floating) and jnp.issubdtype(target, jnp.integer):
-            raise UnsupportedError("a number made whole")
+            return self._elementwise(self._functions.whole, a)
         return a  # whole numbers are held as numbers
 
     def _do_dot_general(self, equation: Any, a: Values, b: Values) -> Values:
@@ -377,7 +383,5 @@ def _refuse_other_than_floats(operation: str, dtype: Any) -> None:
     truths = jnp.issubdtype(dtype, jnp.bool_)
     if operation in ("and", "or", "xor", "not") and not truths:
         raise UnsupportedError("bits of whole numbers")
-    if operation == "div" and not jnp.issubdtype(dtype, jnp.floating):
-        raise UnsupportedError("a division of whole numbers")
     if operation in ("lt", "le", "max", "min") and truths:
         raise UnsupportedError("an order of truths")

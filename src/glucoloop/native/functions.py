@@ -1,8 +1,17 @@
 """Elementary functions as operations of a scalar program, so that a result is the same on every processor.
 
 `exp` and `expm1` take multiples of ln 2 off their argument and a polynomial of what is left, which is at most .3466;
-`tanh` is made of `expm1`, so that it is exact to rounding near zero too; `log` takes the exponent off and sums the
-series of the inverse hyperbolic tangent. Against NumPy they differ by a few units in the last place.
+`tanh` and `sinh` are made of `expm1`, so that they are exact to rounding near zero too; `log` takes the exponent off
+and sums the series of the inverse hyperbolic tangent. `sin` and `cos` take multiples of pi/2 off by products without
+rounding, `atan2` is a polynomial up to the tangent of pi/8, and `cbrt` two steps of Newton's method. Against NumPy they
+differ by a few units in the last place. `rem` and what makes numbers whole are exact.
+
+Arguments so large that more digits would be needed give what is not a number: `sin`, `cos` and `tan` beyond 2.2e14
+(4.1e5 in single precision), and `rem` with a quotient beyond 2^50 (2^21).
+
+References
+----------
+T. J. Dekker, "A floating-point technique for extending the available precision", Numer. Math. 18, 1971.
 """
 
 from __future__ import annotations
@@ -11,7 +20,7 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,17 +32,26 @@ SINGLE: Final = "float32"
 _LN2: Final = math.log(2.0)
 _PRODUCTS: Final = (1.0, 2.0, 3.0, 4.0)
 """Exponents for which a power is a product."""
+FURTHEST_WHOLE: Final = 2.0**30
+"""Bound on whole numbers that are made from real ones."""
 
 
-def _beyond_linear(degree: int) -> list[float]:
-    """Coefficients of ``(e^r - 1 - r) / r^2`` for ``|r| <= ln 2 / 2``, the highest power first."""
-
-    def wanted(r: np.ndarray) -> np.ndarray:
-        return sum((r**k / math.factorial(k + 2) for k in range(20)), start=np.zeros_like(r))
-
-    half = 0.5 * _LN2 * (1.0 + 1e-6)
-    found = np.polynomial.Chebyshev.interpolate(wanted, degree, [-half, half])
+def _polynomial(wanted: Callable[[np.ndarray], np.ndarray], degree: int, low: float, high: float) -> list[float]:
+    """Coefficients of a polynomial near a function between two bounds, the highest power first."""
+    found = np.polynomial.Chebyshev.interpolate(wanted, degree, [low, high])
     return [float(c) for c in found.convert(kind=np.polynomial.Polynomial).coef[::-1]]
+
+
+def _factorials(first: int, step: int) -> np.polynomial.Polynomial:
+    """The series ``1 / first! +- x / (first + |step|)! + ...``, whose signs alternate where the step is below zero."""
+    signs = [1.0 if step > 0 else (-1.0) ** k for k in range(20)]
+    return np.polynomial.Polynomial([sign / math.factorial(first + k * abs(step)) for k, sign in enumerate(signs)])
+
+
+_ATAN: Final = np.polynomial.Polynomial([(-1.0) ** (k + 1) / (2 * k + 3) for k in range(40)])
+"""The series ``(atan(t) / t - 1) / t^2`` of ``t^2``."""
+_TAN_EIGHTH: Final = math.sqrt(2.0) - 1.0
+"""Tangent of pi/8, the largest number whose inverse tangent is the polynomial."""
 
 
 @dataclass(frozen=True)
@@ -43,35 +61,67 @@ class _Precision:
     ln2_high: float
     """Leading part of ln 2 with few bits, so that its multiples are exact."""
     ln2_low: float
-    round_to_whole: float
-    """Number which, added to another, leaves the nearest whole number in the last bits."""
-    beyond_linear: Sequence[float]
+    bits: int
+    """Bits of a mantissa after its first."""
+    degrees: tuple[int, int, int]
+    """Degrees of the polynomials of exponential, sine, and inverse tangent."""
     log_terms: int
     largest: float
     """Largest argument of exp."""
     saturated: float
     """Argument from which tanh is one to rounding."""
+    half_pi: tuple[str, str, str]
+    """pi/2 as a sum."""
+
+    @property
+    def round_to_whole(self) -> float:
+        """Number which, added to another, leaves the nearest whole number in the last bits."""
+        return 1.5 * 2.0**self.bits
+
+    @functools.cached_property
+    def polynomials(self) -> dict[str, list[float]]:
+        """Coefficients of the polynomials that the functions are made of, the highest power first."""
+        half, eighth = 0.5 * _LN2 * (1.0 + 1e-6), (1.05 * math.pi / 4.0) ** 2
+        of_exp, of_sin, of_atan = self.degrees
+        return {
+            "exp": _polynomial(_factorials(2, 1), of_exp, -half, half),
+            "sin": [-c for c in _polynomial(_factorials(3, -2), of_sin, 0.0, eighth)],
+            "cos": _polynomial(_factorials(4, -2), of_sin, 0.0, eighth),
+            "atan": _polynomial(_ATAN, of_atan, 0.0, _TAN_EIGHTH**2),
+            "cbrt": _polynomial(np.cbrt, 4, 1.0, 2.0),
+        }
 
 
 _OF: Final = {
     DOUBLE: _Precision(
         ln2_high=float.fromhex("0x1.62e42fee00000p-1"),
         ln2_low=float.fromhex("0x1.a39ef35793c76p-33"),
-        round_to_whole=1.5 * 2.0**52,
-        beyond_linear=_beyond_linear(10),
+        bits=52,
+        degrees=(10, 6, 11),
         log_terms=11,
         largest=708.0,
         saturated=20.0,
+        half_pi=("0x1.921fb54442d18p+0", "0x1.1a62633145c07p-54", "-0x1.f1976b7ed8fbcp-110"),
     ),
     SINGLE: _Precision(
         ln2_high=0.693359375,
         ln2_low=-2.12194440e-4,
-        round_to_whole=1.5 * 2.0**23,
-        beyond_linear=_beyond_linear(4),
+        bits=23,
+        degrees=(4, 3, 5),
         log_terms=5,
         largest=87.0,
         saturated=10.0,
+        half_pi=("0x1.921fb6p+0", "-0x1.777a5cp-25", "-0x1.ee59dap-50"),
     ),
+}
+
+_OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
+    **{name: getattr(np, name) for name in ("exp", "expm1", "tanh", "log", "sin", "cos", "tan", "sinh", "cosh")},
+    "atan2": np.arctan2,
+    "cbrt": np.cbrt,
+    "rem": np.fmod,
+    "ceil": np.ceil,
+    "round_even": np.rint,
 }
 
 
@@ -81,82 +131,237 @@ class Functions:
     def __init__(self, program: Program, precision: str) -> None:
         self._p = program
         self._of = _OF[precision]
+        self._number = np.dtype(precision).type
 
-    def _of_constant(self, function: Callable[[float], float], x: Value) -> Value:
-        with np.errstate(all="ignore"):
-            return self._p.constant(float(function(float(self._p.constants[x]))))
+    def __call__(self, name: str, *arguments: Value) -> Value:
+        """The value of a function by name; of constants it is computed here."""
+        known = self._p.constants
+        if name in _OF_CONSTANTS and all(a in known for a in arguments):
+            with np.errstate(all="ignore"):
+                return self._p.constant(float(_OF_CONSTANTS[name](*(np.float64(known[a]) for a in arguments))))
+        value: Value = getattr(self, name)(*arguments)
+        return value
+
+    def _do(self, operation: str, *arguments: Value | float) -> Value:
+        """An operation on values and constants; a whole number among them is a value."""
+        given = (self._p.constant(a) if isinstance(a, float) else a for a in arguments)
+        return self._p.apply(operation, *given)
 
     def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
         """Horner's rule, the highest power first."""
-        p = self._p
-        total = p.constant(coefficients[0])
+        total = self._p.constant(coefficients[0])
         for coefficient in coefficients[1:]:
-            total = p.apply("add", p.apply("mul", total, x), p.constant(coefficient))
+            total = self._do("add", self._do("mul", total, x), coefficient)
         return total
 
     def _limited(self, x: Value, largest: float) -> Value:
-        p = self._p
-        return p.apply("max", p.apply("min", x, p.constant(largest)), p.constant(-largest))
+        return self._do("max", self._do("min", x, largest), -largest)
 
     def _reduced(self, x: Value) -> tuple[Value, Value]:
         """2^n and expm1(r) with ``x = n ln 2 + r``."""
-        p, of = self._p, self._of
-        magic = p.constant(of.round_to_whole)
-        shifted = p.apply("add", p.apply("mul", x, p.constant(1.0 / _LN2)), magic)
-        n = p.apply("exact_sub", shifted, magic)
-        r = p.apply("sub", x, p.apply("mul", n, p.constant(of.ln2_high)))
-        r = p.apply("sub", r, p.apply("mul", n, p.constant(of.ln2_low)))
-        beyond = self._polynomial(r, of.beyond_linear)
-        small = p.apply("add", p.apply("mul", p.apply("mul", r, r), beyond), r)
-        return p.apply("power_of_two", shifted), small
+        do, of = self._do, self._of
+        shifted = do("add", do("mul", x, 1.0 / _LN2), of.round_to_whole)
+        n = do("exact_sub", shifted, of.round_to_whole)
+        r = do("sub", x, do("mul", n, of.ln2_high))
+        r = do("sub", r, do("mul", n, of.ln2_low))
+        small = do("add", do("mul", do("mul", r, r), self._polynomial(r, of.polynomials["exp"])), r)
+        return do("power_of_two", shifted), small
 
     def exp(self, x: Value) -> Value:
         """e^x; beyond the range of numbers the largest or smallest of them."""
-        p = self._p
-        if x in p.constants:
-            return self._of_constant(np.exp, x)
         scale, small = self._reduced(self._limited(x, self._of.largest))
-        return p.apply("add", p.apply("mul", scale, small), scale)
+        return self._do("add", self._do("mul", scale, small), scale)
+
+    def _grown(self, x: Value) -> Value:
+        scale, small = self._reduced(x)
+        return self._do("add", self._do("mul", scale, small), self._do("sub", scale, 1.0))
 
     def expm1(self, x: Value) -> Value:
         """``e^x - 1``, exact to rounding near zero too."""
-        p = self._p
-        if x in p.constants:
-            return self._of_constant(np.expm1, x)
-        scale, small = self._reduced(self._limited(x, self._of.largest))
-        return p.apply("add", p.apply("mul", scale, small), p.apply("sub", scale, p.constant(1.0)))
+        return self._grown(self._limited(x, self._of.largest))
 
     def tanh(self, x: Value) -> Value:
         """``expm1(2 x) / (expm1(2 x) + 2)``."""
-        p = self._p
-        if x in p.constants:
-            return self._of_constant(np.tanh, x)
         limited = self._limited(x, self._of.saturated)
-        scale, small = self._reduced(p.apply("add", limited, limited))
-        grown = p.apply("add", p.apply("mul", scale, small), p.apply("sub", scale, p.constant(1.0)))
-        return p.apply("ratio", grown, p.apply("add", grown, p.constant(2.0)))
+        grown = self._grown(self._do("add", limited, limited))
+        return self._do("ratio", grown, self._do("add", grown, 2.0))
+
+    def sinh(self, x: Value) -> Value:
+        """``(e + e / (e + 1)) / 2`` with ``e = expm1(|x|)``."""
+        e = self("expm1", self._do("abs", x))
+        half = self._do("mul", self._do("add", e, self._do("div", e, self._do("add", e, 1.0))), 0.5)
+        return self._do("copy_sign", half, x)
+
+    def cosh(self, x: Value) -> Value:
+        """``(e + 1 / e) / 2`` with ``e = exp(|x|)``."""
+        e = self("exp", self._do("abs", x))
+        return self._do("mul", self._do("add", e, self._do("div", 1.0, e)), 0.5)
+
+    def logistic(self, x: Value) -> Value:
+        """``1 / (1 + exp(-x))``."""
+        return self._do("div", 1.0, self._do("add", self("exp", self._do("neg", x)), 1.0))
 
     def log(self, x: Value) -> Value:
         """Natural logarithm of a number of full precision; NaN below zero, minus infinity at zero."""
-        p = self._p
-        if x in p.constants:
-            return self._of_constant(np.log, x)
-        mantissa, exponent = p.apply("mantissa", x), p.apply("exponent", x)
-        high = p.apply("lt", p.constant(math.sqrt(2.0)), mantissa)
-        m = p.apply("select", high, p.apply("mul", mantissa, p.constant(0.5)), mantissa)
-        e = p.apply("select", high, p.apply("add", exponent, p.constant(1.0)), exponent)
-        one = p.constant(1.0)
-        s = p.apply("ratio", p.apply("sub", m, one), p.apply("add", m, one))
+        do = self._do
+        mantissa, exponent = do("mantissa", x), do("exponent", x)
+        high = do("lt", math.sqrt(2.0), mantissa)
+        m = do("select", high, do("mul", mantissa, 0.5), mantissa)
+        e = do("select", high, do("add", exponent, 1.0), exponent)
+        s = do("ratio", do("sub", m, 1.0), do("add", m, 1.0))
         series = [2.0 / (2 * k + 1) for k in range(self._of.log_terms, -1, -1)]
-        rest = p.apply("mul", s, self._polynomial(p.apply("mul", s, s), series))
-        found = p.apply("add", p.apply("mul", e, p.constant(_LN2)), rest)
-        positive = p.apply("lt", p.constant(0.0), x)
-        limit = p.apply("select", p.apply("eq", x, p.constant(0.0)), p.constant(-math.inf), p.constant(math.nan))
-        return p.apply("select", positive, found, limit)
+        rest = do("mul", s, self._polynomial(do("mul", s, s), series))
+        found = do("add", do("mul", e, _LN2), rest)
+        limit = do("select", do("eq", x, 0.0), -math.inf, math.nan)
+        return do("select", do("lt", 0.0, x), found, limit)
 
     def power(self, x: Value, exponent: Value) -> Value:
         """``x^y`` for x above zero; for any x where y is known to be a small whole number."""
         y = self._p.constants.get(exponent, 0.0)
         if y in _PRODUCTS:
             return functools.reduce(functools.partial(self._p.apply, "mul"), [x] * int(y))
-        return self.exp(self._p.apply("mul", exponent, self.log(x)))
+        return self("exp", self._do("mul", exponent, self("log", x)))
+
+    def _nearest(self, x: Value) -> Value:
+        """The whole number nearest to an x that is not below zero nor too large for this."""
+        return self._do("exact_sub", self._do("add", x, 2.0**self._of.bits), 2.0**self._of.bits)
+
+    def _rounded(self, x: Value, size: Value) -> Value:
+        """A whole number with the sign of x; x itself where all its bits are of whole numbers."""
+        fraction = self._do("lt", self._do("abs", x), 2.0**self._of.bits)
+        return self._do("select", fraction, self._do("copy_sign", size, x), x)
+
+    def round_even(self, x: Value) -> Value:
+        """The nearest whole number; of two, the even one."""
+        return self._rounded(x, self._nearest(self._do("abs", x)))
+
+    def round_away(self, x: Value) -> Value:
+        """The nearest whole number; of two, that further from zero."""
+        size = self._do("abs", x)
+        below = self._do("floor", size)
+        up = self._do("number", self._do("le", 0.5, self._do("exact_sub", size, below)))
+        return self._rounded(x, self._do("add", below, up))
+
+    def sign(self, x: Value) -> Value:
+        """1 or -1, or x itself if it is zero or not a number."""
+        low = self._do("select", self._do("lt", x, 0.0), -1.0, x)
+        return self._do("select", self._do("lt", 0.0, x), 1.0, low)
+
+    def ceil(self, x: Value) -> Value:
+        """The smallest whole number that is not below x."""
+        return self._do("neg", self._do("floor", self._do("neg", x)))
+
+    def whole(self, x: Value) -> Value:
+        """The whole number next to x towards zero, within `FURTHEST_WHOLE`; zero of what is not a number."""
+        near = self._do("select", self._do("eq", x, x), self._limited(x, FURTHEST_WHOLE), 0.0)
+        below = self._do("floor", near)
+        cut = self._do("and", self._do("lt", near, 0.0), self._do("ne", below, near))
+        return self._do("add", below, self._do("number", cut))
+
+    def _halves(self, x: Value) -> tuple[Value, Value]:
+        """Two numbers of half as many bits, whose sum is x (Dekker)."""
+        factor = 2.0 ** ((self._of.bits + 2) // 2) + 1.0
+        if x in self._p.constants:  # in the precision of the target
+            known = self._number(self._p.constants[x])
+            high = self._number(factor) * known - (self._number(factor) * known - known)
+            return self._p.constant(float(high)), self._p.constant(float(known - high))
+        scaled = self._do("mul", x, factor)
+        first = self._do("exact_sub", scaled, self._do("exact_sub", scaled, x))
+        return first, self._do("exact_sub", x, first)
+
+    def _less(self, x: Value, n: Value, y: Value) -> Value:
+        """``x - n y``, without rounding of the product."""
+        do, (n1, n2), (y1, y2) = self._do, self._halves(n), self._halves(y)
+        product = do("mul", n, y)
+        lost = do("exact_sub", do("mul", n1, y1), product)
+        for a, b in ((n1, y2), (n2, y1), (n2, y2)):
+            lost = do("add", lost, do("mul", a, b))
+        return do("exact_sub", do("exact_sub", x, product), lost)
+
+    def rem(self, x: Value, y: Value) -> Value:
+        """Remainder of ``x / y``, exact, with the sign of x."""
+        do, a, b = self._do, self._do("abs", x), self._do("abs", y)
+        n = self._nearest(do("div", a, b))
+        rest = self._less(a, n, b)
+        rest = do("select", do("lt", rest, 0.0), do("add", rest, b), rest)
+        rest = do("select", do("lt", a, b), a, rest)
+        known = do("lt", n, 2.0 ** (self._of.bits - 2))
+        return do("copy_sign", do("select", known, rest, math.nan), x)
+
+    def whole_rem(self, x: Value, y: Value) -> Value:
+        """Remainder of whole numbers; x where y is zero."""
+        return self._do("select", self._do("eq", y, 0.0), x, self("rem", x, y))
+
+    def whole_div(self, x: Value, y: Value) -> Value:
+        """Quotient of whole numbers, towards zero; -1 where y is zero."""
+        exact = self._do("div", self._do("sub", x, self("rem", x, y)), y)
+        return self._do("select", self._do("eq", y, 0.0), -1.0, self("round_even", exact))
+
+    def _turned(self, x: Value) -> tuple[Value, Value, Value]:
+        """Sine and cosine of x without its multiples n of pi/2, and n modulo four; x not below zero."""
+        do, of = self._do, self._of
+        first, second, third = (self._p.constant(float.fromhex(part)) for part in of.half_pi)
+        n = self._nearest(do("mul", x, 2.0 / math.pi))
+        r = self._less(self._less(x, n, first), n, second)
+        r = do("sub", r, do("mul", n, third))
+        r = do("select", do("lt", n, 2.0 ** (of.bits - 5)), r, math.nan)
+        u = do("mul", r, r)
+        sine = do("add", r, do("mul", do("mul", r, u), self._polynomial(u, of.polynomials["sin"])))
+        cosine = do("mul", do("mul", u, u), self._polynomial(u, of.polynomials["cos"]))
+        cosine = do("add", do("sub", 1.0, do("mul", u, 0.5)), cosine)
+        turns = do("mul", do("floor", do("mul", n, 0.25)), 4.0)
+        return sine, cosine, do("exact_sub", n, turns)
+
+    def sin(self, x: Value) -> Value:
+        """The sine of an angle."""
+        do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
+        size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), cosine, sine)
+        size = do("select", do("lt", n, 2.0), size, do("neg", size))
+        return do("mul", size, do("copy_sign", 1.0, x))
+
+    def cos(self, x: Value) -> Value:
+        """The cosine of an angle."""
+        do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
+        size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), sine, cosine)
+        return do("select", do("or", do("eq", n, 1.0), do("eq", n, 2.0)), do("neg", size), size)
+
+    def tan(self, x: Value) -> Value:
+        """The tangent of an angle."""
+        return self._do("div", self("sin", x), self("cos", x))
+
+    def atan2(self, y: Value, x: Value) -> Value:
+        """The angle from the first axis to the point (x, y), from -pi to pi."""
+        do, a, b = self._do, self._do("abs", x), self._do("abs", y)
+        large, small = do("max", a, b), do("min", a, b)
+        t = do("select", do("eq", large, small), 1.0, do("div", small, large))  # infinite ones as well
+        t = do("select", do("eq", large, 0.0), 0.0, t)
+        far = do("lt", _TAN_EIGHTH, t)
+        s = do("select", far, do("div", do("sub", t, 1.0), do("add", t, 1.0)), t)
+        u = do("mul", s, s)
+        angle = do("add", s, do("mul", do("mul", s, u), self._polynomial(u, self._of.polynomials["atan"])))
+        angle = do("select", far, do("add", angle, math.pi / 4.0), angle)
+        angle = do("select", do("lt", a, b), do("sub", math.pi / 2.0, angle), angle)
+        left = do("lt", do("copy_sign", 1.0, x), 0.0)
+        return do("copy_sign", do("select", left, do("sub", math.pi, angle), angle), y)
+
+    def cbrt(self, x: Value) -> Value:
+        """The cube root of a number."""
+        do, of, size = self._do, self._of, self._do("abs", x)
+        tiny = do("lt", size, float(np.finfo(self._number).tiny))
+        size = do("select", tiny, do("mul", size, 2.0**54), size)
+        e, m = do("exponent", size), do("mantissa", size)
+        thirds = do("floor", do("mul", do("add", e, 0.5), 1.0 / 3.0))
+        rest = do("exact_sub", e, do("mul", thirds, 3.0))
+        root = self._polynomial(m, of.polynomials["cbrt"])
+        for k, of_k in ((1.0, 2.0), (2.0, 4.0)):
+            here = do("eq", rest, k)
+            m = do("select", here, do("mul", m, of_k), m)
+            root = do("select", here, do("mul", root, of_k ** (1.0 / 3.0)), root)
+        for _ in range(2):
+            square = do("mul", root, root)
+            wrong = do("sub", do("mul", square, root), m)
+            root = do("sub", root, do("ratio", wrong, do("mul", square, 3.0)))
+        scale = do("power_of_two", do("add", thirds, of.round_to_whole))
+        root = do("mul", root, do("mul", scale, do("select", tiny, 2.0**-18, 1.0)))
+        ordinary = do("and", do("is_finite", x), do("ne", x, 0.0))
+        return do("select", ordinary, do("copy_sign", root, x), x)

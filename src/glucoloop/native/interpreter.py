@@ -15,40 +15,22 @@ from glucoloop.native.program import BOOL, Program, Value
 
 Array = npt.NDArray[Any]
 
-_DOES: Final[dict[str, Callable[..., Any]]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "exact_sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "neg": np.negative,
-    "abs": np.abs,
-    "sqrt": np.sqrt,
-    "floor": np.floor,
-    "copy_sign": np.copysign,
-    "lt": np.less,
-    "le": np.less_equal,
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "is_finite": np.isfinite,
-    "and": np.logical_and,
-    "or": np.logical_or,
-    "xor": np.logical_xor,
-    "not": np.logical_not,
-    "select": np.where,
-}
+DOES: Final[dict[str, Callable[..., Any]]] = {
+    "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
+    "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "copy_sign": np.copysign, "lt": np.less,
+    "le": np.less_equal, "eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite, "and": np.logical_and,
+    "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not, "select": np.where,
+}  # fmt: skip
+"""The operations of a program that NumPy has as they are."""
 
 
-def larger(a: Array, b: Array) -> Array:
-    """The larger of two numbers, the second of two equal ones; NaN if either is NaN."""
-    found: Array = np.where(a != a, a, np.where(a > b, a, b))
+def _extreme(better: Callable[..., Any], a: Array, b: Array) -> Array:
+    found: Array = np.where(a != a, a, np.where(better(a, b), a, b))
     return found
 
 
-def smaller(a: Array, b: Array) -> Array:
-    """The smaller of two numbers, the second of two equal ones; NaN if either is NaN."""
-    found: Array = np.where(a != a, a, np.where(a < b, a, b))
-    return found
+larger, smaller = (functools.partial(_extreme, better) for better in (np.greater, np.less))
+"""The larger or smaller of two numbers, the second of two equal ones; NaN if either is NaN."""
 
 
 def interpret(lowered: Lowered, **groups: Array) -> tuple[Array, Array]:
@@ -146,7 +128,7 @@ def _operation(
         return functools.partial(np.asarray, dtype=precision), given
     if operation in ("mantissa", "exponent", "power_of_two"):
         return functools.partial(_bits, operation, precision), given
-    return _DOES[operation], given
+    return DOES[operation], given
 
 
 def _bits(operation: str, precision: str, x: Array) -> Array:

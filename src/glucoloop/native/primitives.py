@@ -7,6 +7,7 @@ the test traces a public function of JAX and names the primitive if a new JAX ke
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+from jax import lax
 from jax.extend import core
 
 CALLS: Final = {
@@ -29,6 +31,13 @@ CALLS: Final = {
 
 class UnsupportedError(ValueError):
     """The function has an operation that a scalar program cannot express."""
+
+    part: str | None = None
+    """Name of the outermost `jax.named_scope` of the operation."""
+
+    def __str__(self) -> str:
+        """The operation, and whose code it stands in."""
+        return f"{super().__str__()} in the {self.part}" if self.part else super().__str__()
 
 
 def _unknown(equation: Any) -> UnsupportedError:
@@ -49,6 +58,12 @@ def _parameter(equation: Any, name: str) -> Any:
 def _closed(function: Any) -> Any:
     """The function with its constants."""
     return function if hasattr(function, "consts") else core.ClosedJaxpr(function, ())
+
+
+def part(equation: Any) -> str | None:
+    """Name of the outermost `jax.named_scope` around an equation, within the function that it stands in."""
+    stack = str(getattr(getattr(equation, "source_info", None), "name_stack", ""))
+    return next((name for name in stack.split("/") if name and "(" not in name), None)
 
 
 def bind(equation: Any, inputs: Sequence[Any], **changed: Any) -> list[Any]:
@@ -194,6 +209,22 @@ def gathered_axis(equation: Any) -> int | None:
     return int(axis)
 
 
+def gathered_outside(equation: Any) -> float | None:
+    """The number that a ``gather`` gives for a place outside the array; None where it takes the nearest inside."""
+    if "FILL" not in str(_parameter(equation, "mode")):
+        return None
+    fill = _parameter(equation, "fill_value")
+    if fill is None and not jnp.issubdtype(equation.invars[0].aval.dtype, jnp.floating):
+        raise UnsupportedError("a place outside an array of whole numbers or truths")
+    return math.nan if fill is None else float(fill)
+
+
+def rounding(equation: Any) -> str:
+    """The way in which a ``round`` takes one of two whole numbers that are equally near."""
+    away = _parameter(equation, "rounding_method") == lax.RoundingMethod.AWAY_FROM_ZERO
+    return "round_away" if away else "round_even"
+
+
 def gathered_offsets(equation: Any) -> tuple[int, ...]:
     """The axes of the result of a ``gather`` that are those of the slices which it takes."""
     return tuple(int(i) for i in _parameter(equation, "dimension_numbers").offset_dims)
@@ -221,11 +252,12 @@ def triangular(equation: Any) -> Triangular:
     return Triangular(*(bool(_parameter(equation, name)) for name in names))
 
 
-def solver(equation: Any) -> tuple[Any, int, int]:
-    """The function by which a ``custom_linear_solve`` solves, and the first of its constants and of the right sides."""
+def solver(equation: Any) -> tuple[Any, list[int]]:
+    """The function by which a ``custom_linear_solve`` solves, and which of the equation's inputs it takes."""
     lengths, functions = _parameter(equation, "const_lengths"), _parameter(equation, "jaxprs")
     first = lengths.matvec + lengths.vecmat
-    return _closed(functions.solve), first, first + lengths.solve + lengths.transpose_solve
+    right = first + lengths.solve + lengths.transpose_solve
+    return _closed(functions.solve), [*range(first, first + lengths.solve), *range(right, len(equation.invars))]
 
 
 def branches(equation: Any) -> list[Any]:

@@ -28,6 +28,7 @@ operation                              value
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterable
 from typing import Final
 
@@ -46,30 +47,19 @@ Value = int
 
 _COMPARISONS: Final = ("lt", "le", "eq", "ne")
 _OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "exact_sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
+    "add": operator.add, "sub": operator.sub, "exact_sub": operator.sub, "mul": operator.mul,
+    "neg": operator.neg, "abs": abs, "copy_sign": math.copysign, "lt": operator.lt, "le": operator.le,
+    "eq": operator.eq, "ne": operator.ne, "and": operator.and_, "or": operator.or_, "xor": operator.ne,
+    "not": operator.not_, "is_finite": math.isfinite,
     "div": lambda a, b: float(np.float64(a) / np.float64(b)),
     "ratio": lambda a, b: float(np.float64(a) / np.float64(b)),
-    "neg": lambda a: -a,
-    "abs": abs,
     "max": lambda a, b: float(np.maximum(a, b)),
     "min": lambda a, b: float(np.minimum(a, b)),
     "sqrt": lambda a: float(np.sqrt(np.float64(a))),
     "floor": lambda a: float(np.floor(a)),
-    "lt": lambda a, b: bool(a < b),
-    "le": lambda a, b: bool(a <= b),
-    "eq": lambda a, b: bool(a == b),
-    "ne": lambda a, b: bool(a != b),
-    "and": lambda a, b: a and b,
-    "or": lambda a, b: a or b,
-    "xor": lambda a, b: a != b,
-    "not": lambda a: not a,
-    "is_finite": lambda a: math.isfinite(a),
     "select": lambda condition, a, b: a if condition else b,
     "number": lambda a: 1.0 if a else 0.0,
-}
+}  # fmt: skip
 
 
 class Program:
@@ -160,12 +150,9 @@ class Program:
             case "div" if self.levels[a] == SAMPLE and self.levels[b] == PERSON:
                 # divided once, not at every sample
                 return self.apply("mul", a, self.apply("div", self.constant(1.0), b))
-            case "and" if of_a is not None or of_b is not None:
+            case "and" | "or" if of_a is not None or of_b is not None:
                 known, other = (of_a, b) if of_a is not None else (of_b, a)
-                return other if known else self.constant(False)
-            case "or" if of_a is not None or of_b is not None:
-                known, other = (of_a, b) if of_a is not None else (of_b, a)
-                return self.constant(True) if known else other
+                return other if known == (operation == "and") else self.constant(operation == "or")
             case "select" if of_a is not None:
                 return arguments[1] if of_a else arguments[2]
             case "select" if arguments[1] == arguments[2]:

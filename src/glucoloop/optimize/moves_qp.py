@@ -25,6 +25,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.optimize.two_moves import minimise_one_move, minimise_two_moves
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -136,7 +137,7 @@ def solve_qp(
     H, f, G, h = jnp.asarray(H), jnp.asarray(f), jnp.asarray(G), jnp.asarray(h)
     n, k = f.shape[0], h.shape[0]
     if H.shape != (n, n) or G.shape != (k, n) or k == 0:
-        raise ValueError(
+        raise Refusal(
             "H must be (n, n), f (n,), G (k, n) and h (k,) with k >= 1; "
             f"got {H.shape}, {f.shape}, {G.shape} and {h.shape}."
         )
@@ -356,7 +357,7 @@ def minimise_moves(
     H, f = jnp.asarray(H), jnp.asarray(f)
     m = f.shape[0]
     if H.shape[:2] != (m, m) or f.ndim not in (1, 2) or H.ndim not in (2, 3):
-        raise ValueError(f"H must be (m, m) or (m, m, B) and f (m,) or (m, B); got {H.shape} and {f.shape}.")
+        raise Refusal(f"H must be (m, m) or (m, m, B) and f (m,) or (m, B); got {H.shape} and {f.shape}.")
     limits = {"max_move": max_move, "u_min": u_min, "u_max": u_max}
     if m <= 2:
         moves = (minimise_one_move if m == 1 else minimise_two_moves)(H, f, u_prev, **limits)

@@ -28,6 +28,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.optimize.moves_qp import MovesSolution, limit_moves, minimise_moves
+from glucoloop.refusal import Refusal
 
 ROUNDS: Final = 10
 
@@ -120,7 +121,7 @@ def minimise_moves_above_floor(
     H, f, A, short = jnp.asarray(H), jnp.asarray(f), jnp.asarray(response), jnp.asarray(short)
     m, p = f.shape[0], short.shape[0]
     if A.shape[:2] != (p, m) or short.ndim != f.ndim or A.ndim not in (2, f.ndim + 1):
-        raise ValueError(
+        raise Refusal(
             "the response must be (p, m) or (p, m, B) and short (p,) or (p, B) like f; "
             f"got {A.shape}, {short.shape} and {f.shape}."
         )

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.patients.protocol import Patient
+from glucoloop.registry.routes import INTRAVENOUS, PumpRange, route_of
 
 USUAL_SITE: Final = "plasma"
 
@@ -24,6 +25,18 @@ def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
     """
     limit: jax.Array | float = getattr(patient, "lowest_valid_glucose_mg_dl", 0.0)
     return limit
+
+
+def insulin_route(patient: Patient) -> str:
+    """Route by which insulin enters the body, one of `registry.routes.ROUTES`; by default it enters a vein."""
+    told: str = getattr(patient, "insulin_route", INTRAVENOUS)
+    return told
+
+
+def usual_pump(patient: Patient) -> PumpRange:
+    """Rates of the pump that is usual for a patient; by default those that are usual for its route of insulin."""
+    told: PumpRange | None = getattr(patient, "usual_pump", None)
+    return route_of(insulin_route(patient)).pump if told is None else told
 
 
 def sites(patient: Patient) -> tuple[str, ...]:

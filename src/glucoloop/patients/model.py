@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from glucoloop.arguments import checked
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.patients.variation import Distribution
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import PatientEntry, patient_entry
 
 Values = Mapping[str, Any]
@@ -79,11 +80,11 @@ class PatientModel:
         if parameter in self.nominal:
             return
         if parameter in self.follows:
-            raise ValueError(f"{parameter} follows from {' and '.join(self.follows[parameter])}; vary these instead")
+            raise Refusal(f"{parameter} follows from {' and '.join(self.follows[parameter])}; vary these instead")
         close = difflib.get_close_matches(parameter, self.nominal, n=1)
         meant = f"did you mean {close[0]!r}? " if close else ""
         known = self.hint or f"the known ones are: {', '.join(self.nominal) or 'none, since nothing can vary'}"
-        raise ValueError(f"unknown parameter {parameter!r}; {meant}{known}")
+        raise Refusal(f"unknown parameter {parameter!r}; {meant}{known}")
 
 
 @functools.cache

@@ -22,6 +22,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient, patient_model
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.patients.variation import Distribution, Values, Variation
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import NOMINAL
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 
@@ -47,15 +48,15 @@ class Population:
 
     def __post_init__(self) -> None:
         if not self.name.strip():
-            raise ValueError("a population has no name; give it one")
+            raise Refusal("a population has no name; give it one")
         if len(self.variations) > MOST_VARIATIONS:
-            raise ValueError(f"{len(self.variations)} variations are too many; give at most {MOST_VARIATIONS}")
+            raise Refusal(f"{len(self.variations)} variations are too many; give at most {MOST_VARIATIONS}")
         model = patient_model(self.patient)
         seen: set[str] = set()
         for variation in self.variations:
             model.refuse_unknown(variation.parameter)
             if variation.parameter in seen:
-                raise ValueError(f"{variation.parameter} is varied twice; leave one out")
+                raise Refusal(f"{variation.parameter} is varied twice; leave one out")
             seen.add(variation.parameter)
         model.refuse(self.distributions())
 
@@ -89,7 +90,7 @@ def population(name: str, *, patient: str = "parker-1999") -> Population:
     """
     known = populations_of(patient)
     if name not in known:
-        raise ValueError(f"unknown population {name!r} of {patient}; the known ones are: {', '.join(known)}")
+        raise Refusal(f"unknown population {name!r} of {patient}; the known ones are: {', '.join(known)}")
     return known[name]
 
 
@@ -194,7 +195,7 @@ def virtual_people(
     if setpoint_mg_dl is None:
         setpoint_mg_dl = _usual_setpoint(population.patient)
     if not 0.0 < setpoint_mg_dl < np.inf:
-        raise ValueError(f"a setpoint of {setpoint_mg_dl:g} mg/dl is not possible; give a finite value above 0 mg/dl")
+        raise Refusal(f"a setpoint of {setpoint_mg_dl:g} mg/dl is not possible; give a finite value above 0 mg/dl")
     drawn = draw(population, seed, person)
     with jax.default_device(jax.devices("cpu")[0]):
         basal, rest = _at_rest(population.patient, drawn, setpoint_mg_dl)

@@ -14,6 +14,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, is_traced
+from glucoloop.refusal import Refusal
 
 P = TypeVar("P")
 Constants = Any
@@ -51,14 +52,14 @@ class Rest:
             u = np.asarray(insulin_mU_min, float)
             possible = np.isfinite(u) & (u >= 0.0)
             if not np.all(possible):
-                raise ValueError(
+                raise Refusal(
                     f"an insulin infusion of {u[~possible].flat[0]:g} mU/min is not possible; "
                     "give a finite rate of 0 or more"
                 )
             x = self.under(p, jnp.asarray(u))
             above = np.asarray(self.glucose_mg_dl(p, x)) > 0.0
             if not np.all(above):
-                raise ValueError(
+                raise Refusal(
                     f"no physiological steady state exists at {_first(u, ~above):g} mU/min: {self.beyond}; "
                     f"give less than {np.min(np.asarray(self.largest_mU_min(p))):.2f} mU/min"
                 )
@@ -79,7 +80,7 @@ class Rest:
             u = self.holding(p, jnp.asarray(glucose))
             held = np.isfinite(np.asarray(u)) & (glucose > 0.0)
             if not np.all(held):
-                raise ValueError(
+                raise Refusal(
                     f"no insulin infusion holds glucose at {_first(glucose, ~held):g} mg/dl; give a value above 0 and "
                     f"at most {np.min(np.asarray(self.highest_mg_dl(p))):.2f} mg/dl, where this patient rests without "
                     "insulin"

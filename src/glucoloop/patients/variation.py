@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
+from glucoloop.refusal import Refusal
+
 Values = npt.NDArray[np.float64]
 
 DISTRIBUTIONS: Final = ("uniform", "normal", "lognormal")
@@ -64,21 +66,21 @@ class Variation:
         name = self.parameter
         if self.distribution not in DISTRIBUTIONS:
             known = ", ".join(DISTRIBUTIONS)
-            raise ValueError(f"unknown distribution {self.distribution!r} of {name}; the known ones are: {known}")
+            raise Refusal(f"unknown distribution {self.distribution!r} of {name}; the known ones are: {known}")
         if (self.spread_pct is None) == (self.spread is None):
-            raise ValueError(f"{name} needs one spread; give spread_pct, in percent of its centre, or spread")
+            raise Refusal(f"{name} needs one spread; give spread_pct, in percent of its centre, or spread")
         if self.distribution == "lognormal" and self.spread_pct is None:
-            raise ValueError(f"{name} is lognormal; give its coefficient of variation as spread_pct instead of spread")
+            raise Refusal(f"{name} is lognormal; give its coefficient of variation as spread_pct instead of spread")
         if self.spread_pct is not None and not 0.0 < self.spread_pct <= LARGEST_SPREAD_PCT:
-            raise ValueError(
+            raise Refusal(
                 f"spread_pct of {name} is {self.spread_pct:g}; give more than 0 and at most {LARGEST_SPREAD_PCT:g}"
             )
         if self.spread is not None and not 0.0 < self.spread < math.inf:
-            raise ValueError(f"spread of {name} is {self.spread:g}; give a finite value above 0")
+            raise Refusal(f"spread of {name} is {self.spread:g}; give a finite value above 0")
         for what in ("centre", "lower", "upper"):
             value = getattr(self, what)
             if value is not None and not math.isfinite(value):
-                raise ValueError(f"{what} of {name} is {value:g}; give a finite value, or leave it out")
+                raise Refusal(f"{what} of {name} is {value:g}; give a finite value, or leave it out")
 
     def around(self, nominal: float) -> Distribution:
         """Distribution of the values about a nominal one, or about the centre if that is given.
@@ -93,21 +95,19 @@ class Variation:
         name, relative = self.parameter, self.spread_pct or 0.0
         if self.distribution == "lognormal":
             if not centre > 0.0:
-                raise ValueError(
-                    f"{name} is lognormal about {centre:g}; give a centre above 0, or another distribution"
-                )
+                raise Refusal(f"{name} is lognormal about {centre:g}; give a centre above 0, or another distribution")
             scale = math.sqrt(math.log1p((relative / 100.0) ** 2))
             low, high = (centre * math.exp(sign * TRUNCATION_SD * scale) for sign in (-1.0, 1.0))
         else:
             if self.spread is None and centre == 0.0:
-                raise ValueError(f"{name} varies about 0, of which a percentage is nothing; give spread instead")
+                raise Refusal(f"{name} varies about 0, of which a percentage is nothing; give spread instead")
             scale = self.spread if self.spread is not None else abs(centre) * relative / 100.0
             reach = scale if self.distribution == "uniform" else TRUNCATION_SD * scale
             low, high = centre - reach, centre + reach
         lower = low if self.lower is None else max(low, self.lower)
         upper = high if self.upper is None else min(high, self.upper)
         if not lower < upper:
-            raise ValueError(
+            raise Refusal(
                 f"{name} varies from {low:g} to {high:g}, of which its bounds leave nothing; move lower or upper"
             )
         return Distribution(self.distribution, centre, scale, lower, upper)

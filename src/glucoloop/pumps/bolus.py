@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.refusal import Refusal
 from glucoloop.units import MU_PER_U
 
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
@@ -64,12 +65,12 @@ def bolus_limits(*, max_U: float = 25.0, min_U: float = 0.05, step_U: float = 0.
         Unless ``0 < step <= max`` and ``0 <= min <= max``, all finite.
     """
     if not is_traced(max_U, step_U) and not 0.0 < step_U <= max_U < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"boluses in steps of {step_U:g} U up to {max_U:g} U are not possible; "
             "give a step above 0 U and a finite largest bolus of at least one step"
         )
     if not is_traced(min_U, max_U) and not 0.0 <= min_U <= max_U:
-        raise ValueError(
+        raise Refusal(
             f"a least bolus of {min_U:g} U is not possible; give 0 U or more, and at most the largest, {max_U:g} U"
         )
     return BolusLimits(max_mU=MU_PER_U * max_U, min_mU=MU_PER_U * min_U, step_mU=MU_PER_U * step_U)

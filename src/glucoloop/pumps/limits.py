@@ -10,15 +10,17 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.refusal import Refusal
+from glucoloop.registry.routes import PUMP_OF_1999
 
 
 @pytree
 class DoseLimits:
     """Bounds on the infusion and on its change from one sample to the next."""
 
-    max_change_mU_min: jax.Array | float = 16.7
-    min_mU_min: jax.Array | float = 0.0
-    max_mU_min: jax.Array | float = 66.9
+    max_change_mU_min: jax.Array | float = PUMP_OF_1999.max_change_mU_min
+    min_mU_min: jax.Array | float = PUMP_OF_1999.min_mU_min
+    max_mU_min: jax.Array | float = PUMP_OF_1999.max_mU_min
 
     def clip(self, insulin_mU_min: jax.Array, previous_mU_min: jax.Array) -> jax.Array:
         """Clip the change first and the magnitude second, as the paper does."""
@@ -36,14 +38,17 @@ class DoseLimits:
 
 
 PARKER_1999_LIMITS: Final = DoseLimits()
-"""Limits of the paper: the full range in four moves; 66.9 is three times the nominal rate and keeps plasma insulin
-below 100 mU/l.
-"""
+"""Limits of the paper."""
 
 
 @checked
-def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max_mU_min: float = 66.9) -> DoseLimits:
-    """Limits with the given bounds.
+def dose_limits(
+    *,
+    max_change_mU_min: float = PUMP_OF_1999.max_change_mU_min,
+    min_mU_min: float = PUMP_OF_1999.min_mU_min,
+    max_mU_min: float = PUMP_OF_1999.max_mU_min,
+) -> DoseLimits:
+    """Limits with the given bounds; those of Parker et al. (1999) for the others.
 
     Raises
     ------
@@ -51,11 +56,11 @@ def dose_limits(*, max_change_mU_min: float = 16.7, min_mU_min: float = 0.0, max
         Unless ``0 < max_change`` and ``0 <= min < max``, all finite.
     """
     if not is_traced(max_change_mU_min) and not 0.0 < max_change_mU_min < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a rate limit of {max_change_mU_min:g} mU/min per sample is not possible; give a finite value above 0"
         )
     if not is_traced(min_mU_min, max_mU_min) and not 0.0 <= min_mU_min < max_mU_min < math.inf:
-        raise ValueError(
+        raise Refusal(
             f"a dose range of {min_mU_min:g} to {max_mU_min:g} mU/min is not possible; "
             "give 0 or more as the lower and a larger finite value as the upper bound"
         )

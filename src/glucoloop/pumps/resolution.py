@@ -14,6 +14,7 @@ from glucoloop.arguments import checked, is_traced
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
+from glucoloop.refusal import Refusal
 from glucoloop.registry.fault_settings import ResolutionSettings
 
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
@@ -95,7 +96,7 @@ def with_resolution(
     whole = jnp.ceil if traced else np.ceil
     least = whole(least_mU_min / step_mU_min - _HAIR) * step_mU_min
     if not traced and not jnp.all(least <= kept.max_mU_min):
-        raise ValueError(
+        raise Refusal(
             f"a least dose of {least_mU_min:g} mU/min is not possible; give whole steps that stay within the largest "
             "dose"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 
@@ -18,7 +19,7 @@ def parse_time_of_day(text: str) -> float:
     found = re.fullmatch(r"([0-9]{1,2}):([0-5][0-9])", text.strip())
     minutes = float("nan") if found is None else int(found[1]) * MIN_PER_H + int(found[2])
     if not minutes < MIN_PER_DAY:
-        raise ValueError(f"{text!r} is no time of day; write it like 07:30, from 00:00 to 23:59")
+        raise Refusal(f"{text!r} is no time of day; write it like 07:30, from 00:00 to 23:59")
     return minutes
 
 

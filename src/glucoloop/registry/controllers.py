@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.entries import Entry
 from glucoloop.registry.patients import PatientEntry
 from glucoloop.registry.plugins import Catalogue, loaded
@@ -65,7 +66,7 @@ class ControllerEntry(Entry):
         super().__post_init__()
         lacking = set(_TUNED) - {setting.name for setting in self.settings} if isinstance(self.record, type) else set()
         if self.tunable and lacking:
-            raise ValueError(f"the controller {self.name} cannot be tunable: it has no setting {min(lacking)!r}")
+            raise Refusal(f"the controller {self.name} cannot be tunable: it has no setting {min(lacking)!r}")
 
     @property
     def places(self) -> tuple[object, ...]:
@@ -173,7 +174,7 @@ CONTROLLERS: Final = Catalogue(
         ),
         ControllerEntry(
             name="pid",
-            summary="PID in velocity form, tuned on a first-order model with dead time",
+            summary="PID whose integral waits at limits, tuned on a first-order model with dead time",
             design="glucoloop.control.pid:design",
             record="glucoloop.control.settings:PIDSettings",
             uses_model=False,

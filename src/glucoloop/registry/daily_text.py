@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.clock_text import parse_time_of_day
+from glucoloop.registry.number_text import number_of
 from glucoloop.units import MIN_PER_H
 
 DailyValues = tuple[tuple[float, float], ...]
@@ -26,31 +28,31 @@ def parse_daily(text: str) -> DailyValues:
     """
     parts = text.split()
     if not parts:
-        raise ValueError(f"there is no value for any time of day; {_EXAMPLE}")
+        raise Refusal(f"there is no value for any time of day; {_EXAMPLE}")
     timed = ["@" in part for part in parts]
     if not any(timed):
         numbers = [_number(part) for part in parts]
         if len(numbers) != _HOURS:
             count = "1 number is" if len(numbers) == 1 else f"{len(numbers)} numbers are"
-            raise ValueError(f"{count} not one for each hour of the day; {_EXAMPLE}")
+            raise Refusal(f"{count} not one for each hour of the day; {_EXAMPLE}")
         return tuple((hour * MIN_PER_H, number) for hour, number in enumerate(numbers))
     if not all(timed):
-        raise ValueError(f"{parts[timed.index(False)]!r} has no time of day, unlike others; {_EXAMPLE}")
+        raise Refusal(f"{parts[timed.index(False)]!r} has no time of day, unlike others; {_EXAMPLE}")
     values: dict[float, float] = {}
     for part in parts:
         value, _, time = part.partition("@")
         start_min = parse_time_of_day(time)
         if start_min in values:
-            raise ValueError(f"the time {time} has two values; leave one out")
+            raise Refusal(f"the time {time} has two values; leave one out")
         values[start_min] = _number(value)
     return tuple(sorted(values.items()))
 
 
 def _number(text: str) -> float:
     try:
-        value = float(text)
+        value = number_of(text, float)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"{text!r} is no finite number; {_EXAMPLE}")
+        raise Refusal(f"{text!r} is no finite number; {_EXAMPLE}")
     return value

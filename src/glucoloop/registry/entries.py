@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.keyed_values import keyed_values
 from glucoloop.registry.plugins import Catalogue, loaded, made_by
 from glucoloop.registry.settings import Setting, Value, known_names, settings_of
@@ -38,15 +39,15 @@ class Entry:
     def __post_init__(self) -> None:
         for place in (*self.places, self.record):
             if isinstance(place, str) and not all(place.partition(":")):
-                raise ValueError(f"{place!r} of the {self.kind} {self.name} is no place; write it like module:function")
+                raise Refusal(f"{place!r} of the {self.kind} {self.name} is no place; write it like module:function")
         if not isinstance(self.record, type):
             return
         for setting in self.settings:
             for noisy in (False, True):
                 try:
                     setting.check(setting.default.value(noisy=noisy))
-                except ValueError as error:
-                    raise ValueError(f"a default of the {self.kind} {self.name} is not allowed: {error}") from None
+                except Refusal as error:
+                    raise Refusal(f"a default of the {self.kind} {self.name} is not allowed: {error}") from None
 
     @property
     def places(self) -> tuple[object, ...]:
@@ -93,7 +94,7 @@ class Entry:
         """
         known = {setting.name: setting for setting in self.settings}
         if name not in known:
-            raise ValueError(f"the {self.kind} {self.name} has no setting {name!r}; {known_names(name, known)}")
+            raise Refusal(f"the {self.kind} {self.name} has no setting {name!r}; {known_names(name, known)}")
         return known[name]
 
     def complete(self, given: Mapping[str, object]) -> dict[str, Value]:
@@ -204,7 +205,7 @@ def parsed(text: str, what: str, example: str) -> tuple[str, dict[str, object]]:
     """
     name, _, rest = text.partition(",")
     if not name.strip() or "=" in name:
-        raise ValueError(f"{text!r} is not a {what}; write one like {example!r}")
+        raise Refusal(f"{text!r} is not a {what}; write one like {example!r}")
     parts = [part.strip() for part in rest.split(",")] if rest.strip() else []
     return name.strip(), keyed_values(parts, f"{what} {text!r}", example.partition(", ")[2].partition(",")[0])
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import About, settings_record
 
 Noticed = Annotated[bool, About("Whether the pump reports the fault: true or false.")]
@@ -108,7 +109,7 @@ class SaturationSettings:
 
     def __post_init__(self) -> None:
         if not self.low_mg_dl < self.high_mg_dl:
-            raise ValueError(
+            raise Refusal(
                 f"a sensor range of {self.low_mg_dl:g} to {self.high_mg_dl:g} mg/dl is not possible; "
                 "give an upper end above the lower one"
             )

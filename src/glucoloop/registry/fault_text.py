@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.entries import parsed, part_text
 from glucoloop.registry.faults import Fault, fault
 
@@ -17,8 +18,8 @@ def parse_fault(text: str) -> Fault:
     name, given = parsed(text, "fault", "missing, start_min=120, duration_min=30")
     try:
         return fault(name, given)
-    except ValueError as error:
-        raise ValueError(f"{error} (in {text!r})") from None
+    except Refusal as error:
+        raise Refusal(f"{error} (in {text!r})") from None
 
 
 def fault_text(told: Fault) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, Literal
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry import fault_settings as declared
 from glucoloop.registry.entries import PartEntry
 from glucoloop.registry.fault_settings import FaultKey, FaultTimes
@@ -252,7 +253,7 @@ def fault(name: str, given: Mapping[str, object] | None = None) -> Fault:
     settings = entry.all_settings
     for key in given:
         if key not in settings:
-            raise ValueError(f"the fault {name} has no setting {key!r}; {known_names(key, settings)}")
+            raise Refusal(f"the fault {name} has no setting {key!r}; {known_names(key, settings)}")
     checked = {key: settings[key].check(value) for key, value in given.items()}
     _check_times(name, checked)
     own = {setting.name: checked.get(setting.name, setting.default.noise_free) for setting in entry.settings}
@@ -266,14 +267,12 @@ def _check_times(name: str, given: Mapping[str, Value]) -> None:
         value = float(given.get(key, 0.0))
         least = "above 0" if key in (DURATION, PER_DAY) and key in given else "of 0 or more"
         if not (0.0 <= value < float("inf")) or (least == "above 0" and value == 0.0):
-            raise ValueError(f"{key} of the fault {name} is {value:g}; give a finite value {least}")
+            raise Refusal(f"{key} of the fault {name} is {value:g}; give a finite value {least}")
     if PER_DAY in given and (START in given or LATEST in given):
         other = START if START in given else LATEST
-        raise ValueError(
-            f"the fault {name} has both {PER_DAY} and {other}; it is either random or planned, leave one out"
-        )
+        raise Refusal(f"the fault {name} has both {PER_DAY} and {other}; it is either random or planned, leave one out")
     if float(given.get(LATEST, float("inf"))) < float(given.get(START, 0.0)):
-        raise ValueError(
+        raise Refusal(
             f"the fault {name} is to begin from {given[START]:g} to {given[LATEST]:g} min; "
             f"give a {LATEST} of {given[START]:g} or more"
         )

@@ -6,6 +6,9 @@ import contextlib
 from collections.abc import Iterable
 from typing import Final
 
+from glucoloop.refusal import Refusal
+from glucoloop.registry.number_text import number_of, with_minutes
+
 _TRUTHS: Final = {"true": True, "false": False}
 
 
@@ -21,10 +24,10 @@ def keyed_values(parts: Iterable[str], of: str, example: str) -> dict[str, objec
     for part in parts:
         key, _, value = (piece.strip() for piece in part.partition("="))
         if not key or not value:
-            raise ValueError(f"{part!r} in the {of} is not a key with a value; write it like {example}")
+            raise Refusal(f"{part!r} in the {of} is not a key with a value; write it like {example}")
         if key in keys:
-            raise ValueError(f"{key} is given twice in the {of}; leave one out")
-        keys[key] = value_of(value)
+            raise Refusal(f"{key} is given twice in the {of}; leave one out")
+        keys[key] = with_minutes(key, value_of(value))
     return keys
 
 
@@ -34,6 +37,6 @@ def value_of(text: str) -> object:
         return _TRUTHS[text]
     for kind in (int, float):
         with contextlib.suppress(ValueError):
-            return kind(text)
+            return number_of(text, kind)
     quoted = len(text) >= 2 and text[0] == text[-1] and text[0] in "'\""
     return text[1:-1] if quoted else text

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
+from glucoloop.refusal import Refusal
 from glucoloop.registry.entries import Choice, PartCatalogue, PartEntry
 from glucoloop.registry.plugins import made_by
 from glucoloop.units import MU_PER_U
@@ -19,10 +21,9 @@ from glucoloop.units import MU_PER_U
 REGULATION: Final = "Regulation"
 GLYCEMIA: Final = "Glycemia"
 INSULIN: Final = "Insulin"
-CONSTRAINTS: Final = "Constraints kept"
+CONSTRAINTS: Final = "Bounds of Parker et al. (1999)"
 SAMPLES: Final = "Samples"
 FURTHER: Final = "Further metrics"
-NOT_AVAILABLE: Final = "n/a"
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,16 @@ class Result:
     """Result that says whether the value is more than a lower bound."""
     seldom: bool = False
     """Whether tables leave it out if it is 0 in all runs."""
+    concentration: bool = False
+    """Whether it is a concentration of glucose; one below 0 is not valid."""
+    fall: bool = False
+    """Whether it is a fall of glucose below the setpoint; one to below 0 is not valid."""
     everyday: bool = False
     """Whether it is in the short table of ``print(metrics)``."""
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
-            raise ValueError(
+            raise Refusal(
                 f"{self.name!r} cannot name the result of a metric; use letters, digits and underscores only, "
                 "as in 'time_70_140_pct'"
             )
@@ -59,8 +64,10 @@ class Result:
         """Name and unit in tables."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
-    def text(self, value: float) -> str:
-        """Text of a value in the unit of tables, without the unit."""
+    def text(self, value: float, setpoint_mg_dl: float = math.inf) -> str:
+        """Text of a value in the unit of tables, without the unit; the setpoint is that of a fall."""
+        if (self.concentration and value < 0.0) or (self.fall and value > setpoint_mg_dl):
+            return NOT_VALID
         return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
 
 
@@ -117,6 +124,78 @@ METRICS: Final = PartCatalogue(
     MetricEntry,
     (
         MetricEntry(
+            name="time-in-ranges",
+            summary="times in ranges of glucose, and the risk index that follows from them",
+            make=f"{_METRICS}.time_in_ranges:TimeInRanges",
+            section=GLYCEMIA,
+            results=(
+                _share(
+                    "time_70_180_pct",
+                    "from 70 to 180 mg/dl",
+                    "Time from 70 to 180 mg/dl",
+                    everyday=True,
+                    more=", both included; with those below 70 and above 180 it makes 100",
+                ),
+                _share("time_above_180_pct", "above 180 mg/dl", "Time above 180 mg/dl", everyday=True),
+                _share("time_above_250_pct", "above 250 mg/dl", "Time above 250 mg/dl", everyday=True),
+                _share("time_below_70_pct", "below 70 mg/dl", "Time below 70 mg/dl", everyday=True),
+                _share("time_below_60_pct", "below 60 mg/dl", "Time below 60 mg/dl"),
+                _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
+                _share(
+                    "time_below_validity_pct",
+                    "below the valid range of the patient's model",
+                    "Time below the model's validity",
+                    seldom=True,
+                    more="; a value above 0 means severe hypoglycemia",
+                ),
+                Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
+            ),
+        ),
+        MetricEntry(
+            name="low-events",
+            summary="events of low glucose",
+            make=f"{_METRICS}.low_events:LowEvents",
+            section=GLYCEMIA,
+            results=(
+                _events("low_events", 70),
+                _events("very_low_events", 54),
+            ),
+        ),
+        MetricEntry(
+            name="mean-and-variation",
+            summary="mean glucose and its variation",
+            make=f"{_METRICS}.mean_and_variation:MeanAndVariation",
+            section=GLYCEMIA,
+            results=(
+                Result(
+                    "mean_mg_dl",
+                    "Mean glucose over the grid.",
+                    "Mean glucose",
+                    "mg/dl",
+                    concentration=True,
+                    everyday=True,
+                ),
+                Result(
+                    "cv_pct",
+                    "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
+                    "Coefficient of variation",
+                    "%",
+                    everyday=True,
+                ),
+                Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
+            ),
+        ),
+        MetricEntry(
+            name="risk-indices",
+            summary="risk of low and of high glucose",
+            make=f"{_METRICS}.risk_indices:RiskIndices",
+            section=GLYCEMIA,
+            results=(
+                Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
+                Result("hbgi", "High blood glucose index.", "High blood glucose index", "", 2),
+            ),
+        ),
+        MetricEntry(
             name="extremes",
             summary="least and greatest glucose",
             make=f"{_METRICS}.extremes:Extremes",
@@ -127,9 +206,17 @@ METRICS: Final = PartCatalogue(
                     "Setpoint minus the least glucose.",
                     "Undershoot",
                     "mg/dl",
+                    fall=True,
                     everyday=True,
                 ),
-                Result("minimum_mg_dl", "Least glucose of the run.", "Least glucose", "mg/dl", everyday=True),
+                Result(
+                    "minimum_mg_dl",
+                    "Least glucose of the run.",
+                    "Least glucose",
+                    "mg/dl",
+                    concentration=True,
+                    everyday=True,
+                ),
                 Result(
                     "minimum_t_min",
                     "Time from the start of the run at which the minimum is first reached.",
@@ -143,6 +230,7 @@ METRICS: Final = PartCatalogue(
                     "Greatest glucose of the run.",
                     "Greatest glucose",
                     "mg/dl",
+                    concentration=True,
                     everyday=True,
                 ),
                 Result(
@@ -195,71 +283,6 @@ METRICS: Final = PartCatalogue(
             ),
         ),
         MetricEntry(
-            name="time-in-ranges",
-            summary="times in ranges of glucose, and the risk index that follows from them",
-            make=f"{_METRICS}.time_in_ranges:TimeInRanges",
-            section=GLYCEMIA,
-            results=(
-                _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
-                _share("time_below_60_pct", "below 60 mg/dl", "Time below 60 mg/dl"),
-                _share("time_below_70_pct", "below 70 mg/dl", "Time below 70 mg/dl", everyday=True),
-                _share(
-                    "time_below_validity_pct",
-                    "below the valid range of the patient's model",
-                    "Time below the model's validity",
-                    seldom=True,
-                    more="; a value above 0 means severe hypoglycemia",
-                ),
-                _share(
-                    "time_70_180_pct",
-                    "from 70 to 180 mg/dl",
-                    "Time from 70 to 180 mg/dl",
-                    everyday=True,
-                    more=", both included; with those below 70 and above 180 it makes 100",
-                ),
-                _share("time_above_180_pct", "above 180 mg/dl", "Time above 180 mg/dl", everyday=True),
-                _share("time_above_250_pct", "above 250 mg/dl", "Time above 250 mg/dl"),
-                Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
-            ),
-        ),
-        MetricEntry(
-            name="low-events",
-            summary="events of low glucose",
-            make=f"{_METRICS}.low_events:LowEvents",
-            section=GLYCEMIA,
-            results=(
-                _events("low_events", 70),
-                _events("very_low_events", 54),
-            ),
-        ),
-        MetricEntry(
-            name="mean-and-variation",
-            summary="mean glucose and its variation",
-            make=f"{_METRICS}.mean_and_variation:MeanAndVariation",
-            section=GLYCEMIA,
-            results=(
-                Result("mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", everyday=True),
-                Result(
-                    "cv_pct",
-                    "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
-                    "Coefficient of variation",
-                    "%",
-                    everyday=True,
-                ),
-                Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
-            ),
-        ),
-        MetricEntry(
-            name="risk-indices",
-            summary="risk of low and of high glucose",
-            make=f"{_METRICS}.risk_indices:RiskIndices",
-            section=GLYCEMIA,
-            results=(
-                Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
-                Result("hbgi", "High blood glucose index.", "High blood glucose index", "", 2),
-            ),
-        ),
-        MetricEntry(
             name="insulin",
             summary="insulin delivered and its changes",
             make=f"{_METRICS}.insulin:Insulin",
@@ -275,24 +298,27 @@ METRICS: Final = PartCatalogue(
                     everyday=True,
                 ),
                 Result(
+                    "insulin_off_min",
+                    "Time of the samples at which the pump delivered no insulin at all.",
+                    "Time without insulin",
+                    "min",
+                    0,
+                    everyday=True,
+                ),
+                Result(
+                    "longest_insulin_off_min",
+                    "Longest time without insulin that no delivery interrupts.",
+                    "  longest",
+                    "min",
+                    0,
+                ),
+                Result(
                     "insulin_total_variation_mU_min",
                     "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
                     "Total variation",
                     "mU/min",
                 ),
                 Result("largest_change_mU_min", "Largest of these changes.", "Largest change", "mU/min"),
-            ),
-        ),
-        MetricEntry(
-            name="constraints",
-            summary="constraints of Parker, Doyle and Peppas (1999)",
-            make=f"{_METRICS}.constraints:Constraints",
-            section=CONSTRAINTS,
-            results=(
-                Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Rate of change"),
-                Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Magnitude"),
-                Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Least glucose"),
-                Result("constraints_satisfied", "Whether all three constraints hold.", "All"),
             ),
         ),
         MetricEntry(
@@ -330,6 +356,20 @@ METRICS: Final = PartCatalogue(
                 ),
             ),
         ),
+        MetricEntry(
+            name="constraints",
+            summary="constraints of Parker, Doyle and Peppas (1999)",
+            make=f"{_METRICS}.constraints:Constraints",
+            section=CONSTRAINTS,
+            results=(
+                Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
+                Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
+                Result(
+                    "glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"
+                ),
+                Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
+            ),
+        ),
     ),
     example="NAME, setting=value",
 )
@@ -353,7 +393,7 @@ def metrics_with(further: Iterable[str] = ()) -> Iterator[MetricChoice]:
     for metric in (*_USUAL, *others):
         for result in metric.results:
             if result.name in seen:
-                raise ValueError(
+                raise Refusal(
                     f"the metric {metric.entry.name} gives {result.name}, which the metric {seen[result.name]} gives "
                     "already; leave one of them out, or rename it"
                 )
@@ -371,5 +411,5 @@ def described(name: str, further: Iterable[str] = ()) -> Result:
     """
     known = {result.name: result for metric in metrics_with(further) for result in metric.results}
     if name not in known:
-        raise ValueError(f"unknown metric {name!r}; use one of {', '.join(known)}")
+        raise Refusal(f"unknown metric {name!r}; use one of {', '.join(known)}")
     return known[name]

@@ -6,18 +6,16 @@ point of another package in the group ``glucoloop.patients``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.plugins import Catalogue, loaded
+from glucoloop.registry.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, pole_at, samples_of_memory
 from glucoloop.registry.settings import Default, Tunings, known_names
 
-_PRINTED_SAMPLE_TIME_MIN: Final = 5.0
-INTRAVENOUS: Final = "intravenous"
-SUBCUTANEOUS: Final = "subcutaneous"
-ROUTES: Final = (INTRAVENOUS, SUBCUTANEOUS)
-"""Routes of insulin."""
 NOMINAL: Final = "nominal"
 """Name of the population of nominal patients, which every patient model has."""
 
@@ -46,29 +44,44 @@ class PatientEntry:
     populations: Mapping[str, str] = field(default_factory=dict)
     """Summary of each population by name besides the nominal one; the first is the usual one."""
     insulin_route: str = INTRAVENOUS
-    """Way of insulin into the body, one of `ROUTES`: it decides on the usual limits of a guard, and on units."""
-    max_change_mU_min: float = 16.7
-    """Largest change of the rate of a usual pump, from one sample to the next."""
-    min_insulin_mU_min: float = 0.0
-    max_insulin_mU_min: float = 66.9
+    """Way of insulin into the body, one of `registry.routes.ROUTES`: it decides on units, and on all that is usual and
+    that the entry does not tell: pump, identification, tunings and the limits of a guard."""
+    max_change_mU_min: float = math.nan
+    """Largest change of the rate of a usual pump, from one sample to the next; NaN: that of the route."""
+    min_insulin_mU_min: float = math.nan
+    max_insulin_mU_min: float = math.nan
     pulse_mU_min: float
     """Height of the pulses from which a model is identified; at most the basal rate."""
-    memory_min: float = 180.0
-    """Time after which the effect of a dose has died out."""
-    laguerre_pole: float = 0.84
-    """Usual pole of the Laguerre functions, at 5-min samples."""
-    laguerre_functions: int = 2
+    memory_min: float = math.nan
+    """Time after which the effect of a dose has died out; NaN: that of the route."""
+    laguerre_pole: float = math.nan
+    """Usual pole of the Laguerre functions, at 5-min samples; NaN: that of the route."""
+    laguerre_functions: int = -1
+    """Usual number of Laguerre functions; -1: that of the route."""
     tunings: Tunings = field(default_factory=dict)
-    """Settings of controllers that are usual for this patient."""
+    """Settings of controllers that are usual for this patient, where they differ from those of the route."""
     guard: Mapping[str, float] = field(default_factory=dict)
     """Limits of a guard that are usual for this patient, where they differ from those of the route."""
 
     def __post_init__(self) -> None:
         if self.insulin_route not in ROUTES:
-            raise ValueError(
+            raise Refusal(
                 f"the patient {self.name} has insulin by the route {self.insulin_route!r}; the known ones are: "
                 f"{', '.join(ROUTES)}"
             )
+        route = ROUTES[self.insulin_route]
+        usual = {
+            "max_change_mU_min": route.pump.max_change_mU_min,
+            "min_insulin_mU_min": route.pump.min_mU_min,
+            "max_insulin_mU_min": route.pump.max_mU_min,
+            "memory_min": route.memory_min,
+            "laguerre_pole": route.laguerre_pole,
+        }
+        for name, value in usual.items():
+            if math.isnan(getattr(self, name)):
+                object.__setattr__(self, name, value)
+        if self.laguerre_functions < 0:
+            object.__setattr__(self, "laguerre_functions", route.laguerre_functions)
 
     @property
     def under_the_skin(self) -> bool:
@@ -85,7 +98,7 @@ class PatientEntry:
         """
         points = {point.name: point for point in self.operating_points}
         if name not in points:
-            raise ValueError(f"unknown operating point {name!r} of {self.name}; {known_names(name, points)}")
+            raise Refusal(f"unknown operating point {name!r} of {self.name}; {known_names(name, points)}")
         return points[name]
 
     @property
@@ -106,14 +119,15 @@ class PatientEntry:
         ValueError
             For an unknown operating point.
         """
+        of_route = ROUTES[self.insulin_route].tunings
         own = self.operating_point(operating_point).tunings.get(controller, {})
-        return {**self.tunings.get(controller, {}), **own}
+        return {**of_route.get(controller, {}), **self.tunings.get(controller, {}), **own}
 
     def identification(self, sample_time_min: float) -> dict[str, Any]:
         """Usual identification of a model at a sample time: memory in samples, and the Laguerre functions."""
         return {
-            "memory": max(2, round(self.memory_min / sample_time_min)),
-            "laguerre_pole": float(self.laguerre_pole ** (sample_time_min / _PRINTED_SAMPLE_TIME_MIN)),
+            "memory": samples_of_memory(self.memory_min, sample_time_min),
+            "laguerre_pole": pole_at(self.laguerre_pole, sample_time_min),
             "laguerre_functions": self.laguerre_functions,
         }
 
@@ -140,38 +154,18 @@ def _process_noise(glucose: Default, other: Default, glucagon: Default) -> dict[
 _OF_NOMINAL_22: Final = _process_noise(Default(10.0, noisy=0.9), Default(0.01), Default(0.1, noisy=0.003))
 _OF_FASTING_81: Final = _process_noise(Default(10.0, noisy=0.3), Default(0.01, noisy=0.1), Default(0.1, noisy=0.03))
 
-# Insulin under the skin acts for hours: horizons of three and four hours. A step larger than 1 mU/min would be fitted
-# to glucose so low that less of it is taken up.
-_SMALL_STEP: Final = Default(1.0)
-_SLOW_TUNINGS: Final = {
-    "mpc": {"prediction_horizon": Default(36), "output_weight": Default(1.0), "move_weight": Default(3.0)},
-    "mpc-se": {
-        "prediction_horizon": Default(48),
-        "move_weight": Default(3.0),
-        "reference_start": Default(1),
-        "glucose_process_noise": Default(30.0),
-        "other_process_noise": Default(1.0),
-        "offset_free": Default("output-disturbance"),
-    },
-    "nlqdmc-se": {
-        "prediction_horizon": Default(48),
-        "move_weight": Default(10.0),
-        "glucose_process_noise": Default(0.01),
-        "other_process_noise": Default(1e-6),
-    },
-    "meal-mpc": {"prediction_horizon": Default(48), "move_weight": Default(3.0)},
-    "imc": {"filter_min": Default(120.0), "delay_min": Default(100.0), "step_mU_min": _SMALL_STEP},
-    "pid": {"closed_loop_min": Default(120.0), "step_mU_min": _SMALL_STEP},
-}
-
 _UNDER_THE_SKIN: Final[dict[str, Any]] = {
     "insulin_route": SUBCUTANEOUS,
-    # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
-    # would hide half of the gain.
-    "memory_min": 1440.0,
-    "laguerre_pole": 0.98,
-    "laguerre_functions": 4,
-    "tunings": _SLOW_TUNINGS,
+    # The pump of 1999, 4 U/h, is ample for people who need 0.4 and 0.9 U/h.
+    "max_change_mU_min": PUMP_OF_1999.max_change_mU_min,
+    "max_insulin_mU_min": PUMP_OF_1999.max_mU_min,
+    # Horizons of three and four hours, with which the numbers of the guide were made.
+    "tunings": {
+        "mpc": {"prediction_horizon": Default(36)},
+        "mpc-se": {"prediction_horizon": Default(48)},
+        "nlqdmc-se": {"prediction_horizon": Default(48)},
+        "meal-mpc": {"prediction_horizon": Default(48)},
+    },
 }
 
 PATIENTS: Final = Catalogue(
@@ -240,7 +234,7 @@ def patient_entry(name: str) -> PatientEntry:
     """
     of = next((entry for entry in PATIENTS.values() if name in [point.name for point in entry.operating_points]), None)
     if of is not None and name not in PATIENTS.names():
-        raise ValueError(f"{name!r} is an operating point of {of.name} and no patient; give it as the operating point")
+        raise Refusal(f"{name!r} is an operating point of {of.name} and no patient; give it as the operating point")
     return PATIENTS.find(name)
 
 

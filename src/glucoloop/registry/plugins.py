@@ -1,17 +1,23 @@
-"""Parts from other packages: by an entry point, or named as ``module:attribute``."""
+"""Parts from other packages: by an entry point, or named as ``module:attribute``.
+
+A name of the second form is code wherever it stands. In Python all are taken; the command line takes those that were
+typed, and not those of files, see `only_code`.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib
 import importlib.metadata
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import known_names
 
 
@@ -54,7 +60,7 @@ class Catalogue(dict[str, E]):
         """
         entry: E | None = self.get(name) or added(self._group, name, self._kind)
         if entry is None:
-            raise ValueError(f"unknown {self._what} {name!r}; {known_names(name, self.names())}")
+            raise Refusal(f"unknown {self._what} {name!r}; {known_names(name, self.names())}")
         return entry
 
     def names(self) -> list[str]:
@@ -66,10 +72,26 @@ _CODE: dict[str, tuple[str, str]] = {}
 """Package or module of each part that was found elsewhere, and the digest of its code, by the name of the part."""
 
 
-def code_of(names: Iterable[str]) -> dict[str, str]:
-    """Digests of the code of other packages from which parts of these names were loaded; other names are left out."""
-    found = dict(_CODE[name] for name in names if name in _CODE)
+def outside_code(config: object) -> dict[str, str]:
+    """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
+    found = dict(_CODE[name] for name in _parts_in(config))
     return {f"code of {package}": digest for package, digest in sorted(found.items())}
+
+
+def names_code(config: object) -> bool:
+    """Whether a configuration names code as ``module:attribute``."""
+    return any(":" in name for name in _parts_in(config))
+
+
+def _parts_in(config: object) -> Iterator[str]:
+    """Names of the parts of other packages in a configuration."""
+    if isinstance(config, str):
+        name = config.partition(",")[0].strip()
+        if name in _CODE:
+            yield name
+    elif isinstance(config, Mapping | list | tuple):
+        for inner in config.values() if isinstance(config, Mapping) else config:
+            yield from _parts_in(inner)
 
 
 def _note_code(name: str, value: str) -> None:
@@ -94,11 +116,32 @@ def added_names(group: str) -> list[str]:
     return sorted(point.name for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"))
 
 
-@functools.cache
+_allowed: Callable[[str], bool] | None = None
+"""Whether a name ``module:attribute`` may be imported; None: any."""
+_from_here = False
+"""Whether a part was found by such a name, so that what it names may lie in the current folder too."""
+
+
+@contextlib.contextmanager
+def only_code(allowed: Callable[[str], bool]) -> Iterator[None]:
+    """Import only some names ``module:attribute`` in the block; those of entry points are always imported.
+
+    It holds for the process, since designs are made in threads.
+    """
+    global _allowed, _from_here
+    before = _allowed, _from_here
+    _allowed = allowed
+    try:
+        yield
+    finally:
+        _allowed, _from_here = before
+
+
 def added(group: str, name: str, kind: type) -> Any | None:
     """Object that a package adds under a name, or that ``module:attribute`` names; None if there is none.
 
-    What was found is kept, so that a module is looked for once.
+    What was found is kept, so that a module is looked for once. The current folder is searched only for a module that
+    is named as ``module:attribute``.
 
     Parameters
     ----------
@@ -113,12 +156,26 @@ def added(group: str, name: str, kind: type) -> Any | None:
     Raises
     ------
     ValueError
-        For a module that cannot be imported, a missing attribute, or one of another type.
+        For a module that cannot be imported, a missing attribute, one of another type, or code that only a file names.
     """
+    if ":" in name and _allowed is not None and not _allowed(name) and name not in added_names(group):
+        raise Refusal(
+            f"{name!r} names code that would be imported and run, and it stands in a file; give it on the command "
+            "line too, or add --allow-code if you trust the file and the module"
+        )
+    return _added(group, name, kind)
+
+
+@functools.cache
+def _added(group: str, name: str, kind: type) -> Any | None:
     for point in importlib.metadata.entry_points(group=f"glucoloop.{group}"):
         if point.name == name:
             return _found(name, point.value, kind)
-    return _found(name, name, kind) if ":" in name else None
+    if ":" not in name:
+        return None
+    global _from_here
+    _from_here = True
+    return _found(name, name, kind)
 
 
 def _found(name: str, value: str, kind: type) -> Any:
@@ -128,7 +185,10 @@ def _found(name: str, value: str, kind: type) -> Any:
 
 
 def loaded(value: str) -> Any:
-    """Object that ``module:attribute`` names, in a module that Python finds or that lies in the current folder.
+    """Object that ``module:attribute`` names, in a module that Python finds.
+
+    The current folder is searched too, last, once a part was found by such a name: nothing that lies there takes the
+    place of an installed module.
 
     Raises
     ------
@@ -141,9 +201,9 @@ def loaded(value: str) -> Any:
         for part in attribute.split("."):
             found = getattr(found, part)
     except AttributeError:
-        raise ValueError(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
+        raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
     except Exception as error:  # whatever somebody else's module does when it is imported
-        raise ValueError(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
+        raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
     return found
 
 
@@ -158,19 +218,21 @@ def made_by(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     """
     try:
         return function(*args, **kwargs)
+    except Refusal:
+        raise
     except ValueError as error:
         [*_, (frame, _)] = traceback.walk_tb(error.__traceback__)
-        raised_by = str(frame.f_globals.get("__name__"))
-        if raised_by.partition(".")[0] != function.__module__.partition(".")[0]:
+        raised_by = str(frame.f_globals.get("__name__")).partition(".")[0]
+        if raised_by != function.__module__.partition(".")[0] or raised_by == __name__.partition(".")[0]:
             raise
-        raise ValueError(str(error)) from error
+        raise Refusal(str(error)) from error
 
 
 def _imported(module: str) -> Any:
     here = str(Path.cwd())
-    if here in sys.path:
+    if not _from_here or here in sys.path:
         return importlib.import_module(module)
-    sys.path.insert(0, here)
+    sys.path.append(here)
     try:
         return importlib.import_module(module)
     finally:
@@ -179,5 +241,5 @@ def _imported(module: str) -> Any:
 
 def _of_kind(found: Any, name: str, kind: type) -> Any:
     if not isinstance(found, kind):
-        raise ValueError(f"{name} is an instance of {type(found).__name__}; it has to be one of {kind.__name__}")
+        raise Refusal(f"{name} is an instance of {type(found).__name__}; it has to be one of {kind.__name__}")
     return found

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.entries import PartCatalogue, PartEntry
 from glucoloop.registry.fault_settings import ResolutionSettings
 from glucoloop.registry.settings import About, known_names, settings_record
@@ -50,7 +51,7 @@ class PumpEntry(PartEntry):
         super().__post_init__()
         for key in self.limits:
             if key not in LIMITS:
-                raise ValueError(f"the pump {self.name} has a limit {key!r}; {known_names(key, LIMITS)}")
+                raise Refusal(f"the pump {self.name} has a limit {key!r}; {known_names(key, LIMITS)}")
 
 
 @settings_record

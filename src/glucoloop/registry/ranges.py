@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.refusal import Refusal
+from glucoloop.registry.number_text import number_of
+
 DIGITS: Final = 4
 """Significant digits of a tuned number; more make no difference to a loop."""
 
@@ -39,11 +42,11 @@ class Tuned:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise ValueError(
+            raise Refusal(
                 f"{self.name} is searched from {self.low:g} to {self.high:g}; give two finite numbers, the lower first"
             )
         if self.log and not self.low > 0.0:
-            raise ValueError(
+            raise Refusal(
                 f"{self.name} is searched from {self.low:g} on, but by its logarithm; give a lower bound above 0"
             )
 
@@ -85,14 +88,14 @@ def parse_range(text: str, usual: Tuned, called: str | None = None) -> Tuned | f
     """
     called = usual.name if called is None else called
     try:
-        numbers = [float(part) for part in text.split(":")]
+        numbers = [number_of(part, float) for part in text.split(":")]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{called} is {text!r}; write it like .1:2, or one number that is kept")
+        raise Refusal(f"{called} is {text!r}; write it like .1:2, or one number that is kept")
     if len(numbers) == 1:
         return numbers[0]
     try:
         return Tuned(usual.name, numbers[0], numbers[1], log=usual.log)
-    except ValueError as error:
-        raise ValueError(f"{called} is {text!r}: {error}") from None
+    except Refusal as error:
+        raise Refusal(f"{called} is {text!r}: {error}") from None

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeVar, dataclass_transform
 
 from glucoloop.plausible import Quantity
+from glucoloop.refusal import Refusal
 
 Value = int | float | str
 
@@ -81,7 +82,7 @@ class Setting:
             For a value of another type, or one that is not among the choices.
         """
         if self.choices and value not in self.choices:
-            raise ValueError(f"{self.name} is {value!r}; the known ones are: {', '.join(self.choices)}")
+            raise Refusal(f"{self.name} is {value!r}; the known ones are: {', '.join(self.choices)}")
         if isinstance(value, bool):
             if self.type is bool:
                 return value
@@ -91,7 +92,7 @@ class Setting:
         elif isinstance(value, self.type):
             return value
         kinds: dict[type, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-        raise ValueError(f"{self.name} is {value!r}; give {kinds[self.type]}")
+        raise Refusal(f"{self.name} is {value!r}; give {kinds[self.type]}")
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,23 @@ class About:
 
 
 Record = TypeVar("Record")
-_UNITS: Final = {"mg_dl_h": " mg/dl per hour", "_mg_dl": " mg/dl", "_mU_min": " mU/min", "_min": " min", "_g": " g"}
+_UNITS: Final = {
+    "mg_dl_h": " mg/dl per hour",
+    "_mg_dl_U": " mg/dl per U",
+    "_mg_dl_min": " mg/dl per min",
+    "_mg_dl": " mg/dl",
+    "_mU_min": " mU/min",
+    "_mg_min": " mg/min",
+    "_g_U": " g/U",
+    "_per_h": " per hour",
+    "_per_day": " per day",
+    "_min": " min",
+    "_g": " g",
+}
+"""Unit of a value in words, by the end of its setting's name."""
+_MOST: Final = 1e30
+_SHORTEST_OF_WORDS: Final = 3
+"""Least length of each part of a name that is told in words; others hold units that are not known here."""
 
 
 def usual(*, default: Any, noisy: Any) -> Any:
@@ -186,7 +203,7 @@ def declarations(record: type) -> dict[str, tuple[Any, About]]:
         hint = hints[field.name]
         about = next((part for part in getattr(hint, "__metadata__", ()) if isinstance(part, About)), None)
         if about is None:
-            raise ValueError(
+            raise Refusal(
                 f"the setting {field.name} of {record.__name__} does not say what it means; annotate it, like "
                 f'{field.name}: Annotated[float, About("Gain, in mU/min per mg/dl.")] = 1.0'
             )
@@ -206,7 +223,7 @@ def settings_of(record: type) -> tuple[Setting, ...]:
     declared, settings = declarations(record), []
     for field in dataclasses.fields(record):
         if field.default is dataclasses.MISSING:
-            raise ValueError(f"the setting {field.name} of {record.__name__} has no default; give it one")
+            raise Refusal(f"the setting {field.name} of {record.__name__} has no default; give it one")
         kind, about = declared[field.name]
         choices = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
         default = Default(field.default, field.metadata.get("noisy"))
@@ -222,13 +239,29 @@ def _check_bounds(record: Any) -> None:
         value = getattr(record, name)
         if typing.get_origin(kind) is Literal:
             if value not in typing.get_args(kind):
-                raise ValueError(f"{name} is {value!r}; the known ones are: {', '.join(typing.get_args(kind))}")
-        elif kind in (int, float) and not is_traced(value) and not about.allows(value):
-            unit = next((of for ending, of in _UNITS.items() if name.endswith(ending)), "")
-            words = about.called or name.removesuffix(unit.strip().replace("/", "_")).replace("_", " ").strip()
-            many = words.endswith("s") and not about.called
-            article, verb = ("", "are") if many else ("an " if words[0] in "aeiou" else "a ", "is")
-            raise ValueError(f"{article}{words} of {value:g}{unit} {verb} not possible; give {about.possible(kind)}")
+                raise Refusal(f"{name} is {value!r}; the known ones are: {', '.join(typing.get_args(kind))}")
+        elif kind in (int, float) and not is_traced(value):
+            mend = (
+                about.possible(kind)
+                if not about.allows(value)
+                else f"a number of a size up to {_MOST:g}"
+                if about.finite and abs(value) > _MOST
+                else ""
+            )
+            if mend:
+                ending, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
+                raise Refusal(f"{_named(name, ending, about, f'{value:g}{unit}')} not possible; give {mend}")
+
+
+def _named(name: str, ending: str, about: About, value: str) -> str:
+    """A setting and its value, to the verb of a sentence: ``a move weight of -1 is``."""
+    parts = name.removesuffix(ending).strip("_").split("_")
+    if not about.called and any(len(part) < _SHORTEST_OF_WORDS for part in parts):
+        return f"{name} of {value} is"
+    words = about.called or " ".join(parts)
+    if words.endswith("s") and not about.called:
+        return f"{words} of {value} are"
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words} of {value} is"
 
 
 def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "") -> None:
@@ -237,7 +270,7 @@ def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "")
     for key in keys:
         if key not in names:
             told = known_names(key, names, where=AMONG_OPTIONS)
-            raise ValueError(f"unknown key {key!r}{of}; {told}")
+            raise Refusal(f"unknown key {key!r}{of}; {told}")
 
 
 def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:

@@ -16,8 +16,8 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import glucoloop
-from glucoloop.config.toml import toml_text
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.config.toml import toml_text, with_code
+from glucoloop.printable import glucose_text
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 _LAB: Final = "lab.html"
@@ -36,6 +36,13 @@ class Repeat:
     """Configuration of the command."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Files beside the page, each with what it holds."""
+    given: Mapping[str, Any] | None = None
+    """Keys from which the configuration follows, if it was read from fewer."""
+
+    @property
+    def text(self) -> str:
+        """Text of the configuration file."""
+        return toml_text(self.keys, self.command, self.given)
 
 
 def page(title: str, main: str, style: str = "", script: bool = False) -> str:
@@ -91,12 +98,12 @@ def situation(told: Mapping[str, str], repeat: Repeat | None) -> str:
     parts = [facts({**told, "Version": f"glucoloop {glucoloop.__version__}"})]
     if repeat is not None:
         name = repeat.command.split()[-1]
-        command = f"glucoloop {repeat.command} --out again"
+        command = f"glucoloop {with_code(repeat.command, repeat.keys)} --out again"
         parts += [
             "<p>In the folder of this page, this command repeats it:</p>\n"
             f"<pre><code>{html.escape(command)}</code></pre>",
             f"<details><summary>The whole configuration, <code>{html.escape(name)}</code></summary>"
-            f"<pre><code>{html.escape(toml_text(repeat.keys, repeat.command))}</code></pre></details>",
+            f"<pre><code>{html.escape(repeat.text)}</code></pre></details>",
         ]
         if "controller" in repeat.keys or "case" in repeat.keys:
             opened = f"{_LAB}#configuration={quote(toml_text(repeat.keys, repeat.command), safe='')}"
@@ -135,8 +142,8 @@ def either(mg_dl: str, mmol_l: str) -> str:
 
 def glucose(mg_dl: float, digits: int = 1) -> str:
     """HTML of a glucose, with its unit."""
-    if not math.isfinite(mg_dl):
-        return NOT_AVAILABLE
+    if not mg_dl >= 0.0 or math.isinf(mg_dl):
+        return glucose_text(mg_dl)
     return either(f"{mg_dl:.{digits}f} mg/dl", f"{mg_dl / MG_DL_PER_MMOL_L:.2f} mmol/l")
 
 
@@ -180,18 +187,6 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, kind: str = ""
 def count(people: int) -> str:
     """Text of a number of people, with its thousands separated."""
     return f"{people:,}".replace(",", "\u202f")
-
-
-def percent(share: float) -> str:
-    """Shortest text of a percentage that does not round a few to none."""
-    if not math.isfinite(share):
-        return NOT_AVAILABLE
-    if 0.0 < share < 0.01:
-        return "< 0.01 %"
-    if 99.99 < share < 100.0:
-        return "> 99.99 %"
-    digits = 2 if 0.0 < share < 1.0 or 99.0 < share < 100.0 else 1
-    return f"{share:.{digits}f} %" if share not in (0.0, 100.0) else f"{share:.0f} %"
 
 
 _PAGE: Final = Template("""<!doctype html>

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Status
-from glucoloop.report.validity import validity_note
+from glucoloop.refusal import Refusal
+from glucoloop.report.validity import concentrations, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
@@ -47,6 +48,7 @@ class PlottedRun:
     """(samples + 1,) rates delivered from each of these times on; the last repeats that of the last sample."""
     fine_t_min: Floats
     fine_glucose_mg_dl: Floats
+    """Glucose of the model, which may be below 0 where the model is not valid."""
     reading_t_min: Floats
     """Times of valid readings; empty if all of them equal the patient's glucose."""
     reading_mg_dl: Floats
@@ -66,6 +68,11 @@ class PlottedRun:
     """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
     meals: tuple[tuple[float, float], ...]
     """Time in min and carbohydrate in g of each meal."""
+
+    @property
+    def shown_glucose_mg_dl(self) -> Floats:
+        """Glucose to be drawn; NaN where it is below 0."""
+        return concentrations(self.fine_glucose_mg_dl)
 
     @property
     def horizon_min(self) -> float:
@@ -89,11 +96,11 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
     """
     named = {label: traces} if isinstance(traces, Trace) else dict(traces)
     if not named:
-        raise ValueError("there is no trace to show; give at least one")
+        raise Refusal("there is no trace to show; give at least one")
     runs = [_run(str(name), trace) for name, trace in named.items()]
     for run in runs[1:]:
         if run.meals != runs[0].meals:
-            raise ValueError(
+            raise Refusal(
                 f"{run.label!r} and {runs[0].label!r} have different meals; show runs of one scenario together, "
                 "and others apart"
             )
@@ -103,7 +110,7 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
 def _run(label: str, trace: Trace) -> PlottedRun:
     fine_glucose = np.asarray(trace.fine_glucose_mg_dl, float)
     if fine_glucose.ndim != 1:
-        raise ValueError(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
+        raise Refusal(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
     t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
     insulin, reading = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.reading_mg_dl, float)
     carbs_g, command = np.asarray(trace.carbs_g, float), np.asarray(trace.command_mU_min, float)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def new_figure(width: Width, height_mm: float, title: str | None) -> Figure:
     from glucoloop.report.print_figure import print_figure
 
     if width not in WIDTHS_MM:
-        raise ValueError(f"unknown width {width!r}; use one of {', '.join(map(repr, WIDTHS_MM))}")
+        raise Refusal(f"unknown width {width!r}; use one of {', '.join(map(repr, WIDTHS_MM))}")
     size = (WIDTHS_MM[width] / _MM_PER_INCH, height_mm / _MM_PER_INCH)
     figure = print_figure(size, dpi=300)
     if title:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.refusal import Refusal
 from glucoloop.tuning.surface import TuningSurface
 
 MOST_PANELS: Final = 12
@@ -92,7 +93,7 @@ def layout(surface: TuningSurface) -> SurfaceLayout:
     )
     needed = len(found.combinations())
     if needed > MOST_PANELS:
-        raise ValueError(
+        raise Refusal(
             f"the surface would need {needed} panels, at most {MOST_PANELS} can be seen; "
             f"give fewer values of {' and '.join(found.panels)}"
         )

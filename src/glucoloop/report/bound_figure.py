@@ -10,6 +10,7 @@ import numpy as np
 from glucoloop.bounds import HedgedDoses, OptimalDoses
 from glucoloop.meals import Meal
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 
@@ -60,7 +61,7 @@ def plot_bound(
     """
     drawn = {**plans, **{label: of.meal for label, of in (hedged or {}).items()}}
     if not drawn:
-        raise ValueError("there is no bound to show; give at least one plan")
+        raise Refusal("there is no bound to show; give at least one plan")
     figure = _style.new_figure(width, _PANELS_MM.get(width, 0.0), title)
     above, below = figure.subplots(2, 1, height_ratios=[1.4, 1.0])
     entries: dict[str, Artist] = {}

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 from polars import selectors
 
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE, glucose_text
+from glucoloop.printable import percent as percent_text
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -31,17 +32,22 @@ _ANY_WIDTH: Final = 10_000
 
 
 def percent(value: float) -> str:
+    """Text of a percentage without its unit, where the heading has it."""
+    return percent_text(value).removesuffix(" %")
+
+
+def terse_percent(value: float) -> str:
     """Text of a percentage in at most four characters; a small value is not rounded to 0, nor a large one to 100."""
     if value in (0.0, 100.0):
         return f"{value:.0f}"
     if value < 0.05:
         return "<0.1"
-    return "99.9" if value > 99.9 else f"{value:.1f}"
+    return f"{value:.1f}" if value < 9.95 else f"{min(value, 99.0):.0f}"
 
 
-def terse_percent(value: float) -> str:
-    """Text of a percentage with a decimal only for small values, in at most three characters below 100."""
-    return f"{min(value, 99.0):.0f}" if 9.95 <= value < 100.0 else percent(value)
+def whole_glucose(value: float) -> str:
+    """Text of a concentration of glucose without decimals."""
+    return glucose_text(value, 0)
 
 
 def whole(value: float) -> str:
@@ -74,6 +80,8 @@ class Column:
     """Text in the terminal, if it is another."""
     left: bool = False
     """Whether it is aligned on the left, as a text is."""
+    missing: Callable[[Row], str] = lambda row: NOT_AVAILABLE
+    """Text where there is no number."""
     only: Callable[[Row], bool] = lambda row: True
     """Cells that have the number; in the terminal it is left out in the others."""
     strong: Callable[[Row], bool] = lambda row: False
@@ -90,7 +98,7 @@ class Column:
     def _text(self, row: Row, text: Callable[[Any], str]) -> str:
         value = row[self.name]
         missing = value is None or (isinstance(value, float) and not math.isfinite(value))
-        return NOT_AVAILABLE if missing else text(value)
+        return self.missing(row) if missing else text(value)
 
 
 def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column]) -> pl.DataFrame:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import jax
 
@@ -13,6 +14,7 @@ from glucoloop.config.run import Run
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
+from glucoloop.printable import the_first
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.registry.pumps import USUAL_PUMP
@@ -22,15 +24,25 @@ from glucoloop.report.fault_words import setting_in_words, settings_in_words, wh
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
 
 
-def run_facts(run: Run) -> dict[str, str]:
-    """Settings of a run."""
-    return {"Controller": case_in_words(run.case.case()), **_of_run(run.situation)}
+def run_facts(run: Run, settled: Mapping[str, float] | None = None) -> dict[str, str]:
+    """Settings of a run, and those that were settled when its controller was designed."""
+    return {"Controller": case_in_words(run.case.case()), **_settled("", settled or {}), **_of_run(run.situation)}
 
 
-def comparison_facts(asked: Comparison) -> dict[str, str]:
-    """Settings of a comparison."""
-    cases = {label: case_in_words(run.case.case()) for label, run in asked.runs().items()}
-    return {**{f"Case {label}": text for label, text in cases.items()}, **_of_run(asked.situation)}
+def _settled(label: str, settled: Mapping[str, float]) -> dict[str, str]:
+    numbers = {key: float(f"{value:.4g}") for key, value in settled.items()}
+    return {f"As designed{label}": _settings(numbers)} if settled else {}
+
+
+def comparison_facts(asked: Comparison, settled: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, str]:
+    """Settings of a comparison, and those that were settled when its controllers were designed, by label."""
+    told: dict[str, str] = {}
+    for label, run in asked.runs().items():
+        told |= {
+            f"Case {label}": case_in_words(run.case.case()),
+            **_settled(f", {label}", (settled or {}).get(label, {})),
+        }
+    return {**told, **_of_run(asked.situation)}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:
@@ -54,6 +66,31 @@ def trial_facts(trial: Trial) -> dict[str, str]:
 def controllers_facts(cases: Iterable[Case]) -> dict[str, str]:
     """Controllers with their settings, by label."""
     return {f"Controller {case.label}": case_in_words(case) for case in cases}
+
+
+def engine_facts(engines: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """The engines that run the loops of controllers, by their labels, and what native code lacks for the others."""
+    of: dict[str, list[str]] = {}
+    for label, told in engines.items():
+        lacking = told.get("not_native", "it was asked for")
+        of.setdefault("native code" if told["engine"] == "native" else f"JAX (xla): {lacking}", []).append(label)
+    if len(of) == 1:
+        return {"Engine": next(iter(of))}
+    return {"Engine": "; ".join(f"{the_first(labels)}: {text}" for text, labels in of.items())}
+
+
+def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Notes on loops that native code could not take, by the labels of their controllers."""
+    of: dict[str, list[str]] = {}
+    for label, told in engines.items():
+        if told.get("not_native") is not None:
+            of.setdefault(told["not_native"], []).append(label)
+    for lacking, labels in of.items():
+        which = "this loop, which has" if len(labels) == 1 else "these loops, which have"
+        yield (
+            f"{the_first(labels)}: native code cannot take {which} {lacking}; JAX ran "
+            f"{'it' if len(labels) == 1 else 'them'}, to the same result but for rounding, and more slowly."
+        )
 
 
 def case_in_words(case: Case) -> str:

@@ -143,7 +143,7 @@ def _draw_glucose(
             alpha=0.55,
             zorder=2,
         )
-        glucose = axes.plot(run.fine_t_min / divisor, run.fine_glucose_mg_dl, **style, zorder=3)[0]
+        glucose = axes.plot(run.fine_t_min / divisor, run.shown_glucose_mg_dl, **style, zorder=3)[0]
         entries[run.label] = glucose
     if any(run.reading_t_min.size for run in runs):
         entries["sensor readings"] = _dot()
@@ -163,7 +163,7 @@ def _draw_glucose(
         entries[f"model not valid, below {limit:.1f} mg/dl"] = area
     axes.set_ylabel("Glucose (mg/dl)")
     shown = [np.array([*setpoints, lowest_mg_dl])]
-    shown += [values for run in runs for values in (run.fine_glucose_mg_dl, run.reading_mg_dl)]
+    shown += [values for run in runs for values in (run.shown_glucose_mg_dl, run.reading_mg_dl)]
     low, high = _extent(shown)
     axes.set_ylim(low - 0.12 * (high - low), high + 0.05 * (high - low))
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 

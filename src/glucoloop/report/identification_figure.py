@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from glucoloop.identification import Identification, Validation
+from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, Width
 
@@ -118,7 +119,7 @@ def _draw_response(
     if truth is not None:
         known = np.asarray(truth, float)
         if known.shape != estimate.shape:
-            raise ValueError(
+            raise Refusal(
                 f"a true impulse response of shape {known.shape} cannot stand beside {estimate.size} coefficients; "
                 "give as many"
             )
@@ -164,7 +165,7 @@ def _draw_validation(
     if insulin is not None:
         u = np.asarray(insulin, float)
         if u.shape != (predicted.size - 1,):
-            raise ValueError(
+            raise Refusal(
                 f"an input of shape {u.shape} cannot belong to {predicted.size} readings; give one value per sample, "
                 f"{predicted.size - 1}"
             )

@@ -8,8 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics
+from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
+from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import _page
 from glucoloop.report._page import FOOTER as FOOTER
@@ -38,6 +40,7 @@ from glucoloop.simulation import Trace
 TARGET_MG_DL: Final = (70.0, 180.0)
 """Range of glucose that plots mark."""
 _LOW_MG_DL: Final = (54.0, 70.0)
+_HIGH_MG_DL: Final = (250.0, 180.0)
 _MOST_POINTS: Final = 40_000
 """Largest number of points of all curves of a page, but for `_LEAST_POINTS` of each."""
 _LEAST_POINTS: Final = 200
@@ -61,8 +64,8 @@ def interactive_page(
     """One run, or several of the same scenario, as a self-contained HTML page.
 
     Glucose and insulin share their time axis. A moment, chosen by pointing or by a slider, tells glucose in mg/dl and
-    mmol/l and insulin in mU/min and U/h; time can be zoomed. Below stand the events in words, the metrics, numbers of
-    the picture, and the situation.
+    mmol/l and insulin in mU/min and U/h; time can be zoomed. Above stands a summary in the order in which a clinician
+    reads it, below the events in words, the metrics, numbers of the picture, and the situation.
 
     Parameters
     ----------
@@ -100,12 +103,13 @@ def interactive_page(
     single = isinstance(traces, Trace)
     by_label = {labels[0]: metrics} if isinstance(metrics, Metrics) else dict(metrics)
     if isinstance(metrics, Metrics) != single or list(by_label) != labels:
-        raise ValueError(
+        raise Refusal(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )
     parts = [
         _page.units(mmol),
+        _page.section("Summary", "", _summary(traces, by_label)),
         _picture(runs, limits, lowest_glucose_mg_dl, faults),
         _page.section("What happened", "", _events(runs, faults)),
         _page.section("Metrics", "", _metrics_table(by_label, ["Value"] if single else labels)),
@@ -139,7 +143,7 @@ def _named(runs: Sequence[PlottedRun], run: PlottedRun, what: str) -> str:
 def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, end_min: float, most: int) -> Panel:
     setpoints = [run.setpoint_mg_dl for run in runs]
     low, high = extent(
-        [*setpoints, lowest_mg_dl], *(part for run in runs for part in (run.fine_glucose_mg_dl, run.reading_mg_dl))
+        [*setpoints, lowest_mg_dl], *(part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl))
     )
     alt = "; ".join(f"{run.label}: {_course(run)}" if len(runs) > 1 else _course(run) for run in runs)
     panel = Panel(
@@ -164,20 +168,20 @@ def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, end_min: flo
             )
             panel.line(x, y, f'class="run-{index} dots" style="stroke: {colour(index)}"')
         panel.line(
-            *thinned(run.fine_t_min, run.fine_glucose_mg_dl, most),
+            *thinned(run.fine_t_min, run.shown_glucose_mg_dl, most),
             f"{_style(index)} {_named(runs, run, 'glucose')}",
         )
     return panel
 
 
 def _course(run: PlottedRun) -> str:
-    glucose = run.fine_glucose_mg_dl
+    glucose = run.shown_glucose_mg_dl
     if not np.isfinite(glucose).any():
         return "no finite glucose"
     least, most = int(np.nanargmin(glucose)), int(np.nanargmax(glucose))
     return (
-        f"from {glucose[0]:.1f} mg/dl at the start to {glucose[-1]:.1f} at the end, "
-        f"least {glucose[least]:.1f} at {run.fine_t_min[least]:g} min, "
+        f"from {glucose[0]:.1f} mg/dl at the start to {glucose_text(run.fine_glucose_mg_dl[-1])} at the end, "
+        f"least {glucose_text(np.min(run.fine_glucose_mg_dl))} at {run.fine_t_min[least]:g} min, "
         f"greatest {glucose[most]:.1f} at {run.fine_t_min[most]:g} min"
     )
 
@@ -308,26 +312,34 @@ def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{size:.4g} U at {t_min:g} min" for t_min, size in boluses)
 
 
+def _summary(traces: Trace | Mapping[str, Trace], metrics: Mapping[str, Metrics]) -> str:
+    """Times in ranges, extremes of glucose and insulin of each run, in words."""
+    named = dict.fromkeys(metrics, traces) if isinstance(traces, Trace) else traces
+    told = {label: clinical_summary(named[label], of_run).sentences() for label, of_run in metrics.items()}
+    lists = {
+        html.escape(label): f"<ul>{''.join(f'<li>{in_both_units(html.escape(text))}</li>' for text in texts)}</ul>"
+        for label, texts in told.items()
+    }
+    return next(iter(lists.values())) if len(lists) == 1 else _page.cards(lists, min(3, len(lists)))
+
+
 def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> str:
-    """Meals, faults, boluses, low glucose and what the guard did, in words."""
+    """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
     meals = runs[0].meals
     told = [f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in meals) or 'none'}."]
     told += [f"Fault: {fault_in_words(fault)}." for fault in faults]
     for run in runs:
         before = f"{run.label}: " if len(runs) > 1 else ""
-        for limit in _LOW_MG_DL:
-            low = periods_below(run.fine_t_min, run.fine_glucose_mg_dl, limit)
-            if low:
-                told.append(f"{before}Glucose below {limit:g} mg/dl {in_words(low)}.")
+        for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
+            for limit in limits:
+                beyond = periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit)
+                if beyond:
+                    told.append(f"{before}Glucose {where} {limit:g} mg/dl {in_words(beyond)}.")
         if run.boluses or run.command_boluses:
             told.append(f"{before}Boluses delivered: {_boluses_told(run.boluses)}.")
         told += [f"{before}{name} {in_words(periods)}." for name, periods in run.periods.items()]
         if run.validity_note is not None:
             told.append(f"{before}{run.validity_note}")
-    if not any(
-        np.nanmin(run.fine_glucose_mg_dl) < max(_LOW_MG_DL) for run in runs if np.isfinite(run.fine_glucose_mg_dl).any()
-    ):
-        told.append(f"Glucose was never below {max(_LOW_MG_DL):g} mg/dl.")
     return f"<ul>{''.join(f'<li>{in_both_units(html.escape(text))}</li>' for text in told)}</ul>"
 
 
@@ -363,7 +375,7 @@ def _numbers(runs: Sequence[PlottedRun]) -> str:
         for run in runs:
             if place < run.t_min.size:
                 glucose = np.interp(run.t_min[place], run.fine_t_min, run.fine_glucose_mg_dl)
-                row += [f"{glucose:.1f}", f"{run.insulin_mU_min[place]:.2f}"]
+                row += [glucose_text(float(glucose)), f"{run.insulin_mU_min[place]:.2f}"]
         rows.append(row)
     body = _page.scrolling(_page.table(heads, rows), "Numbers of the picture")
     return (

@@ -9,6 +9,7 @@ import numpy as np
 
 from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._runs import Floats
 from glucoloop.report._style import GREY, Width
@@ -37,7 +38,7 @@ def bands(values: Floats) -> Floats:
     """
     finite = values[:, np.isfinite(values).all(axis=0)]
     if finite.shape[1] == 0:
-        raise ValueError("no person has a finite course to show; draw people who have a basal rate")
+        raise Refusal("no person has a finite course to show; draw people who have a basal rate")
     percentiles: Floats = np.percentile(finite, PERCENTILES, axis=1)
     return percentiles
 
@@ -66,7 +67,7 @@ def plot_people(
         If there is no run, no person has a finite course, or the width is unknown.
     """
     if not runs:
-        raise ValueError("there is no run to show; give at least one")
+        raise Refusal("there is no run to show; give at least one")
     figure = _style.new_figure(width, _HEIGHTS_MM.get(width, 0.0), title)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
     first = next(iter(runs.values()))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from glucoloop.metrics import Metrics
-from glucoloop.registry.metrics import NOT_AVAILABLE, Result, metrics_with
+from glucoloop.printable import NOT_AVAILABLE
+from glucoloop.refusal import Refusal
+from glucoloop.registry.metrics import Result, metrics_with
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 
@@ -32,7 +35,7 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
         If there are no metrics, or some are of many people.
     """
     if not metrics:
-        raise ValueError("there are no metrics to show; give those of at least one run")
+        raise Refusal("there are no metrics to show; give those of at least one run")
     plain = [of_run.as_dict() for of_run in metrics.values()]
     return [
         _row(metric.entry.section, result, plain)
@@ -55,4 +58,6 @@ def _cell(result: Result, metrics: Mapping[str, float | int | bool | None]) -> s
     value = metrics[result.name]
     if value is None or isinstance(value, bool):
         return NOT_AVAILABLE if value is None else "yes" if value else "no"
-    return result.text(value) + ("+" if result.settled and not metrics[result.settled] else "")
+    least, fall = metrics["minimum_mg_dl"], metrics["undershoot_mg_dl"]
+    setpoint = math.inf if least is None or fall is None else least + fall
+    return result.text(value, setpoint) + ("+" if result.settled and not metrics[result.settled] else "")

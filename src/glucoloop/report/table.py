@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from glucoloop.bounds import Distance
 from glucoloop.metrics import Metrics
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.report.rows import metric_rows
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ import jinja2
 from markupsafe import Markup
 
 import glucoloop
-from glucoloop.config.toml import toml_text
+from glucoloop.config.toml import toml_text, with_code
 from glucoloop.report._page import FOOTER, Repeat, count
 from glucoloop.report.columns import headings
 from glucoloop.report.fault_words import settings_in_words, when_in_words
@@ -95,6 +95,7 @@ def _environment(folder: Path) -> jinja2.Environment:
         "thousands": count,
         "toml": toml_text,
         "when_in_words": when_in_words,
+        "with_code": with_code,
     }
     return environment
 

@@ -15,8 +15,8 @@ from glucoloop.metrics.control_variability import (
     region_pct,
     zone_pct,
 )
+from glucoloop.printable import percent
 from glucoloop.report import _style
-from glucoloop.report._page import percent
 from glucoloop.report._plot import extent
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport

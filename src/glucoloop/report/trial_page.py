@@ -10,15 +10,16 @@ from typing import Final
 import numpy as np
 
 from glucoloop.cohorts.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
-from glucoloop.printable import how_many
-from glucoloop.registry.metrics import NOT_AVAILABLE, described
+from glucoloop.printable import NOT_AVAILABLE, glucose_text, how_many, percent
+from glucoloop.registry.metrics import described
 from glucoloop.report import _page
-from glucoloop.report._page import count, either, in_both_units, percent, scrolling
+from glucoloop.report._page import count, either, in_both_units, scrolling
 from glucoloop.report._plot import GLUCOSE, INSULIN, Panel, colour, extent, linked, plot, thinned
 from glucoloop.report._style import RANGE_COLOURS
 from glucoloop.report._trial_people import distribution_picture, grid_picture
 from glucoloop.report.page import TARGET_MG_DL, mark_faults
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport, WorstPerson
+from glucoloop.report.validity import concentrations
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
@@ -306,12 +307,12 @@ def _worst(report: TrialReport) -> str:
     people = [person for case in report.cases.values() for person in case.worst[:shown]]
     if not people:
         return ""
-    glucose, insulin = [p.glucose_mg_dl for p in people], [p.insulin_mU_min for p in people]
+    glucose, insulin = [concentrations(p.glucose_mg_dl) for p in people], [p.insulin_mU_min for p in people]
     most = max(_LEAST_TIMES, _WORST_TIMES // len(report.cases))
 
     def body(label: str, index: int) -> str:
         worst = report.cases[label].worst[:shown]
-        alt = ", ".join(f"person {one.person} {one.minimum_mg_dl:.1f} mg/dl" for one in worst)
+        alt = ", ".join(f"person {one.person} {glucose_text(one.minimum_mg_dl)} mg/dl" for one in worst)
         panels = _frame(
             report, glucose, insulin, (f"Glucose under {label} of the worst: least {alt}", f"Insulin under {label}")
         )
@@ -320,7 +321,7 @@ def _worst(report: TrialReport) -> str:
                 f'class="thin" style="stroke: {colour(index)}" data-person="{one.person}" '
                 f'data-name="person {one.person}"'
             )
-            panels[0].line(*thinned(one.t_min, one.glucose_mg_dl, most), style)
+            panels[0].line(*thinned(one.t_min, concentrations(one.glucose_mg_dl), most), style)
             kept = _every(len(one.insulin_t_min), most)
             rate = one.insulin_mU_min[kept]
             panels[1].steps(np.append(one.insulin_t_min[kept], one.t_min[-1]), np.append(rate, rate[-1:]), style)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.refusal import Refusal
 from glucoloop.registry.metrics import described
 from glucoloop.report._page import Repeat
 
@@ -117,7 +118,7 @@ class TrialReport:
     def __post_init__(self) -> None:
         """Refuse a report that cannot be shown."""
         if not self.cases:
-            raise ValueError("the trial has no controller to show; give at least one")
+            raise Refusal("the trial has no controller to show; give at least one")
         first_label, first = next(iter(self.cases.items()))
         for label, case in self.cases.items():
             _check(label, case)
@@ -126,13 +127,13 @@ class TrialReport:
                 ("distributions", list(case.metric_counts), list(first.metric_counts)),
             ):
                 if of_case != of_first:
-                    raise ValueError(
+                    raise Refusal(
                         f"{label!r} has the {name} {of_case} but {first_label!r} has {of_first}; give the same for "
                         "all, in the same order"
                     )
             for metric, distribution in case.metric_counts.items():
                 if not np.array_equal(distribution.edges, first.metric_counts[metric].edges):
-                    raise ValueError(
+                    raise Refusal(
                         f"{metric} of {label!r} and of {first_label!r} are counted between different edges; "
                         "use the same for all"
                     )
@@ -150,21 +151,21 @@ def _check(label: str, case: CaseReport) -> None:
     ):
         for quantile in QUANTILES:
             if quantile not in quantiles:
-                raise ValueError(f"{label!r} lacks the quantile {quantile:g} of {kind}; give {_listed(QUANTILES)}")
+                raise Refusal(f"{label!r} lacks the quantile {quantile:g} of {kind}; give {_listed(QUANTILES)}")
             if np.shape(quantiles[quantile]) != np.shape(t_min):
-                raise ValueError(
+                raise Refusal(
                     f"{label!r} has {np.size(quantiles[quantile])} values of the quantile {quantile:g} of {kind} at "
                     f"{np.size(t_min)} times; give one at each"
                 )
     for metric, distribution in case.metric_counts.items():
         described(metric)
         if np.size(distribution.edges) != np.size(distribution.counts) + 1:
-            raise ValueError(
+            raise Refusal(
                 f"{metric} of {label!r} has {np.size(distribution.counts)} bins between "
                 f"{np.size(distribution.edges)} edges; give one edge more than bins"
             )
     if set(case.time_in_range_pct) != set(RANGES):
-        raise ValueError(f"{label!r} has times in {_listed(case.time_in_range_pct)}; give {_listed(RANGES)}")
+        raise Refusal(f"{label!r} has times in {_listed(case.time_in_range_pct)}; give {_listed(RANGES)}")
 
 
 def _listed(values: Any) -> str:

@@ -34,6 +34,11 @@ def periods_below(
     return [(float(t[first]), float(t[after - 1])) for first, after in edges.reshape(-1, 2)]
 
 
+def concentrations(glucose_mg_dl: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Glucose to be shown: NaN below 0, which is no concentration; the valid range of the model ended above it."""
+    return np.where(glucose_mg_dl < 0.0, np.nan, glucose_mg_dl)
+
+
 def validity(trace: Trace) -> dict[str, Any]:
     """Plain values for JSON: the limit of one patient's model, and the periods below it."""
     periods = periods_below(trace.fine_t_min, trace.fine_glucose_mg_dl, trace.lowest_valid_mg_dl)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -89,14 +90,14 @@ def erring(
     """
     each, first = np.asarray(errors, float), np.asarray(stuck_from, float)
     if each.ndim == 0 or not each.shape[0]:
-        raise ValueError("there is no error for any sample; give at least one, which then holds for all")
+        raise Refusal("there is no error for any sample; give at least one, which then holds for all")
     if not np.all(np.isfinite(each) & (each >= -1.0)):
         worst = each[~(np.isfinite(each) & (each >= -1.0))].flat[0]
-        raise ValueError(f"a relative error of {worst:g} is not possible; give finite numbers of -1 or more")
+        raise Refusal(f"a relative error of {worst:g} is not possible; give finite numbers of -1 or more")
     if not np.all(np.isfinite(first) & (first >= 0.0) & (first == np.floor(first))):
-        raise ValueError(f"{stuck_from!r} are no numbers of samples; give whole numbers of 0 or more")
+        raise Refusal(f"{stuck_from!r} are no numbers of samples; give whole numbers of 0 or more")
     if isinstance(stuck_samples, bool) or not isinstance(stuck_samples, int) or stuck_samples < 1:
-        raise ValueError(f"{stuck_samples!r} readings of a stretch are not possible; give a whole number of 1 or more")
+        raise Refusal(f"{stuck_samples!r} readings of a stretch are not possible; give a whole number of 1 or more")
     return Erring(
         inner=IdealSensor() if inner is None else inner,
         errors=jnp.asarray(each),

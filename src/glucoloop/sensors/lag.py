@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.refusal import Refusal
 from glucoloop.registry.sensors import LagSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -96,5 +97,5 @@ def lag(lag_min: float = 10.0, inner: Sensor | None = None, *, sample_time_min: 
     """
     LagSettings(lag_min)
     if not 0.0 < sample_time_min < float("inf"):
-        raise ValueError(f"a sample time of {sample_time_min:g} min is not possible; give a finite time above 0")
+        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite time above 0")
     return Lag(inner=IdealSensor() if inner is None else inner, lag_min=lag_min, sample_time_min=sample_time_min)

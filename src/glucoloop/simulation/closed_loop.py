@@ -18,12 +18,15 @@ from glucoloop.meals.scenario import Scenario, announced_g
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.simulation.two_forms import follows_the_clock
+from glucoloop.simulation.usual_limits import usual_limits
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
@@ -73,6 +76,19 @@ class Trace:
     announced_carbs_g: jax.Array | None = None
     """(samples,) announced carbohydrate; None where meals were not announced."""
 
+    @property
+    def glucose_valid(self) -> jax.Array:
+        """(samples, ...) whether glucose at each sample is in the valid range of the patient's model.
+
+        Lower glucose, which may even be below zero, means only that it is very low, and what is not a number nothing.
+        """
+        return jnp.asarray(self.glucose_mg_dl) >= self.lowest_valid_mg_dl
+
+    @property
+    def fine_glucose_valid(self) -> jax.Array:
+        """(points, ...) the same on the fine grid."""
+        return jnp.asarray(self.fine_glucose_mg_dl) >= self.lowest_valid_mg_dl
+
     def to_polars(self) -> pl.DataFrame:
         """One row per sample, as a data frame of Polars.
 
@@ -91,7 +107,7 @@ class Trace:
         import polars as pl
 
         if np.ndim(self.glucose_mg_dl) != 1:
-            raise ValueError(
+            raise Refusal(
                 f"this trace is of people of shape {np.shape(self.glucose_mg_dl)[1:]}, not of one; "
                 "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
             )
@@ -212,7 +228,7 @@ def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
     samples = round(horizon_min / sample_time_min)
     if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
         nearest = max(1, samples) * sample_time_min
-        raise ValueError(
+        raise Refusal(
             f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
             f"{nearest:g} min would be"
         )
@@ -220,8 +236,9 @@ def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
 
 
 def default_integrator(patient: Patient) -> Integrator:
-    """The fast integrator if the patient's structure allows it, otherwise the adaptive one."""
-    return Exponential() if isinstance(patient, SemilinearPatient) else Adaptive()
+    """The fast integrator if the patient's structure allows it and the clock plays no part, otherwise the adaptive."""
+    fast = isinstance(patient, SemilinearPatient) and not follows_the_clock(patient)
+    return Exponential() if fast else Adaptive()
 
 
 def start_of(patient: Patient, scenario: Scenario) -> Start:
@@ -258,13 +275,14 @@ def simulate(
     sensor : Sensor, optional
         Sensor; an ideal one by default.
     pump : Pump, optional
-        Pump; by default one with the limits of Parker et al. (1999).
+        Pump; by default one with the limits that are usual for the patient, see `simulation.usual_limits`.
     scenario : Scenario, optional
         The 50 g oral glucose test at 50 min over 600 min by default.
     key : JAX key or int
         Source of all randomness: the same key gives the same trace.
     integrator : Integrator, optional
-        Integrator; by default `Exponential` if the patient allows it, else `Adaptive`.
+        Integrator; by default `Exponential` if the patient allows it, else `Adaptive`, as for one whose constants
+        follow the clock.
 
     Returns
     -------
@@ -277,7 +295,7 @@ def simulate(
         initial glucose.
     """
     sensor = IdealSensor() if sensor is None else sensor
-    pump = LimitedPump() if pump is None else pump
+    pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
     scenario = Scenario() if scenario is None else scenario
     integrator = default_integrator(patient) if integrator is None else integrator
     key = random_key(key)

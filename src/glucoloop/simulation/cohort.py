@@ -17,18 +17,21 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller
 from glucoloop.meals.absorption import absorb
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.people import MOMENTS, digest, digestion_matrices, jump_table
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
 from glucoloop.simulation.exponential import meal_moments, substeps_for
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
+from glucoloop.simulation.parts import NEED_VALUES, needs_values
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.units import MIN_PER_DAY
@@ -83,6 +86,9 @@ class CohortRun:
     """The fold's state at the end, ``(..., people)``, float64."""
     glucose_mg_dl: Array
     """(samples + 1, people) noise-free glucose at each sample and at the horizon, in the engine's precision."""
+    glucose_valid: Array
+    """(samples + 1, people) whether that glucose is in the valid range of the person's model: lower glucose, which may
+    even be below zero, means only that it is very low."""
     insulin_mU_min: Array
     """(samples, people) all insulin delivered from each sample to the next, as a rate: a bolus counts evenly."""
     reading_mg_dl: Array | None = None
@@ -208,13 +214,18 @@ class Cohort:
         if start_min is not None:
             self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
-        self._glucose_people = jax.jit(jax.vmap(self._glucose, in_axes=-1))
+        self._end_people = jax.jit(jax.vmap(self._end, in_axes=-1))
         self._engine = self._make_engine(engine, precision, products)
 
     @property
     def engine(self) -> str:
         """Name of the engine."""
         return self._engine.name
+
+    @property
+    def not_native(self) -> str | None:
+        """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
+        return self._engine.not_native
 
     @property
     def precision(self) -> str:
@@ -242,10 +253,12 @@ class Cohort:
         glucose, delivered, *decisions = outputs
         reading, status = decisions or (None, None)
         with one_at_a_time:
-            end = np.asarray(self._glucose_people(own, last.loop.x))
+            end, lowest = map(np.asarray, self._end_people(own, last.loop.x))
+        whole = np.concatenate([glucose, end[None]])
         return CohortRun(
             fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
-            glucose_mg_dl=np.concatenate([glucose, end[None]]),
+            glucose_mg_dl=whole,
+            glucose_valid=whole >= lowest,
             insulin_mU_min=delivered,
             reading_mg_dl=reading,
             status=None if status is None else status.astype(int),
@@ -258,8 +271,10 @@ class Cohort:
         parts = {name: replaced(getattr(self._single, name), v, getattr(own, name)) for name, v in self._varies.items()}
         return dataclasses.replace(self._single, plant=self._plants.of(own.plant), **parts)
 
-    def _glucose(self, own: _Own, x: Any) -> jax.Array:
-        return self._loop(own).plant.patient.glucose_mg_dl(x)
+    def _end(self, own: _Own, x: Any) -> tuple[jax.Array, jax.Array]:
+        """Glucose of a state, and the lower end of the valid range of the model."""
+        patient = self._loop(own).plant.patient
+        return patient.glucose_mg_dl(x), jnp.asarray(lowest_valid_glucose_mg_dl(patient))
 
     def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
         """State before the first sample, and the key of the person's readings."""
@@ -276,13 +291,15 @@ class Cohort:
         if digestion is not None:
             matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, own.digestion), []
             for jumps in reaching["jumps"]:
-                digestion, of_step = digest(digestion, matrices, jumps)
+                with jax.named_scope("meals"):
+                    digestion, of_step = digest(digestion, matrices, jumps)
                 of_steps.append(of_step)
             moments = jnp.stack(of_steps)
         told = (reaching if self._own_told else shared)["told"] if self._announced else jnp.zeros(())
         (key, index), time = rng, shared.get("time_of_day_min")
         state, happened = sample(self._loop(own), carry.loop, moments, told, key, index, time)
-        fold = self._fold.step(carry.fold, happened, shared["t_min"])
+        with jax.named_scope("metrics"):
+            fold = self._fold.step(carry.fold, happened, shared["t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._tells_decisions:
             outputs += happened.reading.glucose_mg_dl, happened.decision.status
@@ -301,9 +318,12 @@ class Cohort:
         if self._own_meals or self._own_told:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
-        return make_engine(
-            self._step, own, carry, reaching, shared, key, name=name, precision=precision, products=products
-        )
+        try:
+            return make_engine(
+                self._step, own, carry, reaching, shared, key, name=name, precision=precision, products=products
+            )
+        except NEED_VALUES as error:
+            raise ArgumentTypeError(needs_values(type(self._single.controller).__name__, error)) from None
 
     # many people
 

@@ -27,6 +27,7 @@ from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.simulation.parts import compiled_by_class
 
 Matrix = npt.NDArray[np.float64]
 
@@ -52,7 +53,7 @@ def doublings_for(single: SemilinearPatient, step_min: float) -> int:
     return max(0, math.ceil(math.log2(4.0 * norm / _SHORT)))
 
 
-@jax.jit
+@compiled_by_class
 def _driven_norm(single: SemilinearPatient, z: jax.Array) -> jax.Array:
     A = jax.jacfwd(lambda z: single.driven_derivative(z, jnp.zeros(())))(z)
     return jnp.abs(A).sum(axis=0).max()
@@ -84,7 +85,7 @@ def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
     return compile_kernel(series, products=products), compile_kernel(doubling, products=products)
 
 
-@functools.partial(jax.jit, static_argnames="states")
+@functools.partial(compiled_by_class, static=(0,))
 def rates(patient: SemilinearPatient, states: int) -> jax.Array:
     """A with b beside it and a row of zeros below, ``(d + 1, d + 1, people)``."""
     people = patient.basal_insulin_mU_min.shape[0]

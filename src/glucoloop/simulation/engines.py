@@ -29,6 +29,7 @@ from glucoloop.native.lower import lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT
+from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
@@ -50,6 +51,11 @@ class Engine(Protocol):
     @property
     def precision(self) -> str:
         """Precision, ``"float64"`` or ``"float32"``."""
+        ...
+
+    @property
+    def not_native(self) -> str | None:
+        """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
         ...
 
     def run(
@@ -92,27 +98,30 @@ def make_engine(
         For an unknown engine, or native code or strict products that are asked for and not possible.
     """
     if name not in (None, *ENGINES):
-        raise ValueError(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
+        raise Refusal(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
+    lacking = None
     if name != "xla":
         try:
             return NativeEngine(step, own, carry, reaching, shared, key, precision, products)
         except UnsupportedError as error:
+            lacking = str(error)
             if name == "native":
-                raise ValueError(f"native code cannot take this loop, which has {error}; use xla") from None
+                raise Refusal(f"native code cannot take this loop, which has {error}; use xla") from None
             if products == STRICT:
-                raise ValueError(
+                raise Refusal(
                     f"native code cannot take this loop, which has {error}, and no other engine has portable "
                     "arithmetic; use fused arithmetic, or another controller"
                 ) from None
     if products == STRICT:
-        raise ValueError("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
-    return MappedEngine(step)
+        raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
+    return MappedEngine(step, lacking)
 
 
 class NativeEngine:
     """Engine with straight-line vector code, several people in each vector."""
 
     name: Final = "native"
+    not_native: Final = None
 
     def __init__(
         self,
@@ -165,7 +174,9 @@ class MappedEngine:
     name: Final = "xla"
     precision: Final = "float64"
 
-    def __init__(self, step: Step) -> None:
+    def __init__(self, step: Step, not_native: str | None = None) -> None:
+        self.not_native = not_native
+
         def scan(own: Any, carry: Any, reaching: Any, shared: Any, keys: Any) -> tuple[Any, Any]:
             def one(carry: Any, entry: Any) -> tuple[Any, Any]:
                 reaching, shared, index = entry

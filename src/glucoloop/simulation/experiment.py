@@ -22,18 +22,27 @@ from glucoloop.identification import (
     random_binary_sequence,
     validate,
 )
+from glucoloop.identification.basis import usual_bases
 from glucoloop.meals import fasting, meal_model_of
+from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients.capabilities import seen_mg_dl
+from glucoloop.patients.capabilities import insulin_route, seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.refusal import Refusal
+from glucoloop.registry.routes import SUBCUTANEOUS
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.internal_model import linear_model
 from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
 
 LARGEST_PULSE_MU_MIN: Final = 22.33
 """Amplitude of the pulses in the paper, its nominal rate."""
+SETTLED: Final = 0.7
+"""Share of its gain that a response has at the end of a memory that is long enough for it: .8 and more of the paper's
+patient at its operating points, at most .11 with insulin under the skin.
+"""
 
 
 @jax.jit
@@ -102,7 +111,7 @@ def excite(
     rates = np.asarray(insulin_mU_min, float)
     if not np.all(np.isfinite(rates) & (rates >= 0.0)):
         worst = rates[~(np.isfinite(rates) & (rates >= 0.0))].flat[0]
-        raise ValueError(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
+        raise Refusal(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
     if integrator is None:
         integrator = Exponential(substeps=8, near_rest=True) if isinstance(patient, SemilinearPatient) else Adaptive()
     key = random_key(key)
@@ -120,11 +129,12 @@ def identify(
     sensor: Sensor | None = None,
     key: jax.Array | int = 0,
     *,
-    memory: int = 36,
+    memory: int | None = None,
     amplitude_mU_min: float | None = None,
     samples: int | None = None,
-    laguerre_pole: float = 0.84,
-    laguerre_functions: int | None = 2,
+    laguerre_pole: float | None = None,
+    laguerre_functions: int | str | None = "usual",
+    under_the_skin: bool | None = None,
     sample_time_min: float = 5.0,
 ) -> Identification:
     """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III).
@@ -135,17 +145,29 @@ def identify(
     sensor : Sensor, optional
         Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
     key : JAX key or int
-    memory : int
-        Samples M after which the response has died out.
+    memory : int, optional
+        Samples M after which the response has died out; by default what is usual for the route: 3 h for a vein, 24 h
+        under the skin.
     amplitude_mU_min : float, optional
         Height of the pulses, at most the basal rate; by default the paper's 22.33 mU/min, or the basal rate where that
         is less.
     samples : int, optional
         Length of the record; the shortest, ``2 M``, by default.
-    laguerre_pole : float
-    laguerre_functions : int or None
-        Functions that smooth the impulse response; None leaves it as it is.
+    laguerre_pole : float, optional
+        Pole, by default that of the route: 0.84 or 0.96 at 5-min samples.
+    laguerre_functions : int, None or "usual"
+        Functions that smooth the impulse response; None leaves it as it is. By default as many as the route has: 2 or
+        8.
+    under_the_skin : bool, optional
+        Whether the response begins at 0 with a slope of 0 and is never above 0; see `identification.skin_response`.
+        By default it follows from the patient's route of insulin.
     sample_time_min : float
+
+    Notes
+    -----
+    Memory, pole, functions and route that are not given are those for insulin under the skin if the patient has it so,
+    or if its response to a small step has less than `SETTLED` of its gain at the end of the paper's memory, and else
+    the paper's.
 
     Returns
     -------
@@ -157,23 +179,39 @@ def identify(
     ValueError
         For an amplitude above the basal rate, a record that is too short, or a setting out of bounds.
     """
+    check_sample_time(sample_time_min)
     basal = float(patient.basal_insulin_mU_min)
     if amplitude_mU_min is None:
         amplitude_mU_min = min(LARGEST_PULSE_MU_MIN, basal)
     if not amplitude_mU_min <= basal:
-        raise ValueError(
+        raise Refusal(
             f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
+    check_sample_time(sample_time_min)
+    paper, *_, slow = usual_bases(sample_time_min)
+    if under_the_skin is None:
+        of_route = insulin_route(patient) == SUBCUTANEOUS
+        under_the_skin = of_route or _is_slow(patient, sample_time_min, paper.memory)
+    usual = slow if under_the_skin else paper
+    memory = usual.memory if memory is None else memory
     sequence = design_csrs(memory, amplitude_mU_min, samples)
     record = excite(patient, basal + np.asarray(sequence), sensor, key, sample_time_min=sample_time_min)
     return identify_record(
         record,
         memory=memory,
-        laguerre_pole=laguerre_pole,
-        laguerre_functions=laguerre_functions,
+        laguerre_pole=usual.pole if laguerre_pole is None else laguerre_pole,
+        laguerre_functions=usual.functions if laguerre_functions == "usual" else laguerre_functions,
+        under_the_skin=under_the_skin,
         basal_insulin_mU_min=basal,
     )
+
+
+def _is_slow(patient: Patient, sample_time_min: float, memory: int) -> bool:
+    """Whether the response of a patient to a small step of insulin is far from settled after a memory."""
+    model = linear_model(patient, sample_time_min=sample_time_min)
+    gain = model.C @ jnp.linalg.solve(jnp.eye(model.Gamma.size) - model.Phi, model.Gamma)
+    return not float(step_response(model, memory)[-1] / gain) >= SETTLED
 
 
 @checked

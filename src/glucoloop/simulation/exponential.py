@@ -32,7 +32,10 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.refusal import Refusal
+from glucoloop.simulation.parts import compiled_by_class
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.two_forms import refuse_two_patients
 
 Matrix = npt.NDArray[np.float64]
 
@@ -99,7 +102,7 @@ def _quadratic_weights(L: Matrix, h: float, theta: float) -> Matrix:
     return np.stack([phi_0, a - 3.0 * b + 2.0 * c, 4.0 * b - 4.0 * c, -b + 2.0 * c])
 
 
-@jax.jit
+@compiled_by_class
 def _linearisation(patient: SemilinearPatient, x: jax.Array) -> tuple[jax.Array, ...]:
     """Transport T, Jacobian of the kinetics at x, A, b, and the row that reads glucose from the slow block."""
     y, z = patient.split(x)
@@ -299,7 +302,7 @@ def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_
         For an accuracy that is not positive.
     """
     if not 0.0 < accuracy_mg_dl < math.inf:
-        raise ValueError(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")
+        raise Refusal(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")
     step_min = _USUAL_STEP_MIN * math.pow(accuracy_mg_dl / USUAL_ACCURACY_MG_DL, 1.0 / _ROUGH_ORDER)
     return max(1, math.ceil(sample_time_min / step_min - 1e-9))
 
@@ -326,7 +329,7 @@ class Exponential:
 
     def __post_init__(self) -> None:
         if self.substeps is not None and self.substeps < 1:
-            raise ValueError(f"substeps of {self.substeps} are not possible; give 1 or more")
+            raise Refusal(f"substeps of {self.substeps} are not possible; give 1 or more")
         substeps_for(_USUAL_STEP_MIN, self.accuracy_mg_dl)
 
     def steps_of(self, grid: SampleGrid) -> int:
@@ -340,6 +343,8 @@ class Exponential:
         ------
         TypeError
             For a patient that is not semilinear.
+        ValueError
+            For a patient whose derivative is not what its parts make, such as one that follows the clock.
         """
         if not isinstance(patient, SemilinearPatient):
             raise TypeError(f"{type(patient).__name__} has no linear driven block; use the adaptive integrator for it")
@@ -348,6 +353,7 @@ class Exponential:
                 "the patient is traced by JAX, but the matrices that carry the patient are exponentials that SciPy "
                 "computes; make the patient outside of the transformation, and use simulate_people for many"
             )
+        refuse_two_patients(patient)
         substeps = self.steps_of(grid)
         h, dense = substeps_of(grid, substeps)
         with at_once():

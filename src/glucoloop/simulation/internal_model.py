@@ -14,6 +14,7 @@ from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.protocol import Inputs, Patient
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant
 from glucoloop.simulation.plant import SampleGrid
 
@@ -61,7 +62,7 @@ def linear_model(
         sample time is not positive, or the lag is negative or not finite.
     """
     if insulin_mU_min is not None and setpoint_mg_dl is not None:
-        raise ValueError("an infusion and a setpoint were given, of which each tells where the model rests; give one")
+        raise Refusal("an infusion and a setpoint were given, of which each tells where the model rests; give one")
     if insulin_mU_min is None:
         insulin, state = _at_rest(patient, setpoint_mg_dl)
     else:
@@ -78,7 +79,7 @@ def _at_rest(patient: Patient, setpoint_mg_dl: float | None) -> tuple[jax.Array,
     if setpoint_mg_dl is not None and setpoint_mg_dl != patient.glucose_mg_dl(state):
         insulin, state = rest_at(patient, jnp.asarray(setpoint_mg_dl, float))
         if not jnp.isfinite(insulin):
-            raise ValueError(
+            raise Refusal(
                 f"no infusion holds the patient at {setpoint_mg_dl:g} mg/dl, so that no model rests there; "
                 "choose a setpoint nearer to the patient's own"
             )

@@ -168,8 +168,13 @@ def sample(
     """
     apart: Callable[[Any], Any] = jax.lax.optimization_barrier
     glucose = loop.plant.patient.glucose_mg_dl(state.x)
-    in_sensor, reading, observation = apart(look(loop, state, announced_g, reading_key, index, time_of_day_min))
-    in_controller, decision = apart(loop.controller.step(state.in_controller, observation))
+    # Native code names the part that holds an operation which it lacks.
+    with jax.named_scope("sensor"):
+        looked = look(loop, state, announced_g, reading_key, index, time_of_day_min)
+    in_sensor, reading, observation = apart(looked)
+    with jax.named_scope("controller"):
+        decided = loop.controller.step(state.in_controller, observation)
+    in_controller, decision = apart(decided)
     _check_boluses(loop.controller, decision)
     finite = jnp.isfinite(decision.insulin_mU_min)
     if decision.bolus_mU is not None:
@@ -180,11 +185,15 @@ def sample(
     command, bolus = jax.tree.map(
         lambda asked: jnp.where(finite, asked, 0.0), (decision.insulin_mU_min, decision.bolus_mU)
     )
-    in_pump, delivery = apart(deliver(loop.pump, state.in_pump, command, pump_key, bolus))
+    with jax.named_scope("pump"):
+        given = deliver(loop.pump, state.in_pump, command, pump_key, bolus)
+    in_pump, delivery = apart(given)
     infused = delivery.insulin_mU_min
     if delivery.bolus_mU is not None:
         infused = infused + delivery.bolus_mU / loop.controller.sample_time_min
-    x, inside = apart(loop.plant.advance(state.x, infused, exogenous))
+    with jax.named_scope("patient"):
+        advanced = loop.plant.advance(state.x, infused, exogenous)
+    x, inside = apart(advanced)
     happened = Sampled(
         x=state.x,
         glucose_mg_dl=glucose,

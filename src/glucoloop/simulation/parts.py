@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+import functools
+import traceback
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import jax
@@ -13,6 +16,7 @@ from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.control.tuning import check_sample_time
 
+NEED_VALUES = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 _NUMBERS = (jax.Array, np.ndarray, np.generic, float, complex, int)
 
 
@@ -86,11 +90,30 @@ def _kinds(structure: Any) -> Iterator[Any]:
         yield from _kinds(inside)
 
 
+def needs_values(name: str, error: BaseException) -> str:
+    """Sentence for code of a user that asks for the value of a number that is traced, with the place in the code."""
+    package = str(Path(__file__).resolve().parents[1])
+    others = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if "jax" not in Path(frame.filename).parts and not str(Path(frame.filename).resolve()).startswith(package)
+    ]
+    place = f" (line {others[-1].lineno} of {Path(others[-1].filename).name})" if others else ""
+    return (
+        f"{name} asks for the value of a number{place}, as `if`, `and`, `float` or NumPy do, while the loop is "
+        "compiled and no number has a value; write jnp.where(condition, a, b) or jax.lax.cond in place of an `if`, `&` "
+        "and `|` in place of `and` and `or`, and jax.numpy in place of numpy and math"
+    )
+
+
 def wrong_with(controller: Controller, observation: Observation) -> str | None:
     """Reason why a user's controller cannot be stepped in a loop, or None."""
-    state = jax.eval_shape(controller.init, observation)
-    answer = jax.eval_shape(lambda state: controller.step(state, observation), state)
     name = type(controller).__name__
+    try:
+        state = jax.eval_shape(lambda observation: controller.init(observation), observation)
+        answer = jax.eval_shape(lambda state, seen: controller.step(state, seen), state, observation)
+    except NEED_VALUES as error:
+        return needs_values(name, error)
     if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], Decision):
         return f"{name}.step has to return its new state and a Decision, (state, decision), and nothing else"
     after, decision = answer
@@ -112,3 +135,25 @@ def wrong_with(controller: Controller, observation: Observation) -> str | None:
 def _place(path: tuple[Any, ...]) -> str:
     place: str = jax.tree_util.keystr(path)
     return place.removeprefix(".")
+
+
+def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()) -> Callable[..., Any]:
+    """`jax.jit` of a function of a patient, which also keeps apart classes that have the same fields (see `Fixed`).
+
+    Parameters
+    ----------
+    function : callable
+    static : tuple of int
+        Places of the arguments after the patient, from 0 on, that are part of the program.
+    """
+
+    @functools.partial(jax.jit, static_argnums=(0, *(place + 2 for place in static)))
+    def run(fixed: Fixed, numbers: list[Any], *others: Any) -> Any:
+        return function(fixed.joined(numbers), *others)
+
+    @functools.wraps(function)
+    def call(patient: Any, *others: Any) -> Any:
+        numbers, fixed = apart(patient)
+        return run(fixed, numbers, *others)
+
+    return call

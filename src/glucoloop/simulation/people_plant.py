@@ -17,9 +17,12 @@ import numpy.typing as npt
 
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
+from glucoloop.simulation.parts import compiled_by_class
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.two_forms import refuse_two_patients
 
 
 class PeoplePlant:
@@ -46,6 +49,7 @@ class PeoplePlant:
         substeps: int,
         products: str = FUSED,
     ) -> None:
+        refuse_two_patients(nominal)
         self._products = products
         self.step_min, dense = substeps_of(grid, substeps)
         matrices = design(nominal, self.step_min, dense, nominal.working_state(), nominal.stiff_couplings())
@@ -91,7 +95,7 @@ class PeoplePlant:
         return plant
 
 
-@jax.jit
+@compiled_by_class
 def _transport(patient: SemilinearPatient, y: jax.Array) -> jax.Array:
     matrix: jax.Array = jax.jacfwd(patient.transport)(y)
     return matrix
@@ -120,7 +124,7 @@ def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
     scale = read(probe)
     for block, of_nominal in zip(blocks, row, strict=True):
         if not np.allclose(read(block), of_nominal * scale, rtol=1e-9, atol=0.0):
-            raise ValueError(
+            raise Refusal(
                 "glucose of these people is not in proportion to that of the nominal patient in the same state, so it "
                 "cannot be read between samples; write the patient's slow block as concentrations"
             )

@@ -21,11 +21,13 @@ from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.protocol import gives_bolus
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import default_integrator, start_of
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import Fixed, apart
 from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
+from glucoloop.simulation.usual_limits import usual_limits
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 
@@ -184,7 +186,7 @@ class Stepper:
         self.start: Final = start_of(patient, fasting)
         self._meal_model = meal_model_of(patient, meal_model)
         plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
-        pump = LimitedPump() if pump is None else pump
+        pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
         self._no_bolus = 0.0 if gives_bolus(pump) else None
         loop = Loop(
             plant=plant,
@@ -284,7 +286,7 @@ class Stepper:
             For a meal that is not possible, or one that begins outside of the sample.
         """
         if not 0.0 <= after_min < self.sample_time_min:
-            raise ValueError(
+            raise Refusal(
                 f"a meal {after_min:g} min into a sample of {self.sample_time_min:g} min is not possible; "
                 f"give 0 or more and less than {self.sample_time_min:g}"
             )
@@ -321,9 +323,9 @@ class Stepper:
             For a meal that is not possible, a bolus where the pump can give none, or after a year.
         """
         if bolus_mU is not None and self._no_bolus is None:
-            raise ValueError("the pump of this stepper cannot give a bolus; leave it out, or take another pump")
+            raise Refusal("the pump of this stepper cannot give a bolus; leave it out, or take another pump")
         if self.t_min >= LONGEST_RUN_MIN:
-            raise ValueError(f"a run of more than {LONGEST_RUN_MIN:g} min is not possible; reset the stepper")
+            raise Refusal(f"a run of more than {LONGEST_RUN_MIN:g} min is not possible; reset the stepper")
         if carbs_g != 0.0:
             self.eat(carbs_g)
         self._now, self.last = _step(

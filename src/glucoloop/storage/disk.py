@@ -21,12 +21,26 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from glucoloop.refusal import Refusal
+
 try:
     import fcntl
 except ImportError:  # Windows, where nothing is locked
     fcntl = None  # type: ignore[assignment]
 
-_FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+_MENDS: Final = {
+    errno.ENOSPC: "free some space",
+    getattr(errno, "EDQUOT", errno.ENOSPC): "free some space",
+    errno.EACCES: "change its permissions",
+    errno.EPERM: "change its permissions",
+    errno.EROFS: "mount the disk for writing",
+    errno.EFBIG: "allow larger files",
+    errno.EIO: "check the disk",
+    errno.EMFILE: "allow more open files",
+    errno.ENFILE: "close other programs",
+    errno.ENAMETOOLONG: "give a shorter name",
+}
+"""Remedies of a person for errors of the system."""
 SUMS: Final = "SHA256SUMS"
 PART: Final = ".part"
 LARGEST_BYTES: Final = 4_000_000_000
@@ -54,9 +68,9 @@ _KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
 )
 
 
-def is_full(error: OSError) -> bool:
-    """Whether there was no space left for what was to be written."""
-    return error.errno in _FULL
+def mend(error: OSError) -> str:
+    """Remedy of a person for an error of the system, as an imperative; the empty text where nothing is known."""
+    return _MENDS.get(error.errno or 0, "")
 
 
 def kind(path: Path) -> str:
@@ -120,7 +134,7 @@ def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
     with _opened(path) as descriptor:
         size = os.fstat(descriptor).st_size
         if size > most:
-            raise ValueError(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
+            raise Refusal(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
         return b"".join(_chunks(descriptor, most))
 
 
@@ -295,7 +309,7 @@ def read_sums(folder: Path) -> dict[str, str]:
     except UnicodeDecodeError:
         found = {}
     if not found or sums_text(found) != text:
-        raise ValueError(f"{place} was changed since glucoloop wrote it; move it away and run the same command again")
+        raise Refusal(f"{place} was changed since glucoloop wrote it; move it away and run the same command again")
     return found
 
 
@@ -356,8 +370,8 @@ def _is(path: Path, wanted: str) -> bool:
     raise _refused(path, there, wanted)
 
 
-def _refused(path: Path, there: str, wanted: str) -> ValueError:
-    return ValueError(f"{path} is {there}, not {wanted}; move it away and run the same command again")
+def _refused(path: Path, there: str, wanted: str) -> Refusal:
+    return Refusal(f"{path} is {there}, not {wanted}; move it away and run the same command again")
 
 
 @contextlib.contextmanager
@@ -381,7 +395,7 @@ def _chunks(descriptor: int, most: int | None = None) -> Iterator[bytes]:
     while chunk := os.read(descriptor, _CHUNK):
         read += len(chunk)
         if most is not None and read > most:
-            raise ValueError(f"a file grew beyond {most} bytes while it was read; run the same command again")
+            raise Refusal(f"a file grew beyond {most} bytes while it was read; run the same command again")
         yield chunk
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 
 LARGEST_TEXT_BYTES: Final = 200_000_000
@@ -25,18 +26,18 @@ def read_text(path: Path, what: str) -> str:
         If it cannot be read, is empty, far too large, or not text.
     """
     if "\0" in str(path):
-        raise ValueError(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
+        raise Refusal(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ValueError(f"{path} is a folder, not {what}; name a file in it")
+            raise Refusal(f"{path} is a folder, not {what}; name a file in it")
         if size > LARGEST_TEXT_BYTES:
-            raise ValueError(f"{path} is too large for {what}: {size} bytes, at most {LARGEST_TEXT_BYTES} will do")
+            raise Refusal(f"{path} is too large for {what}: {size} bytes, at most {LARGEST_TEXT_BYTES} will do")
         with path.open("rb") as file:
             # A device or a pipe tells no size beforehand.
             data = file.read(LARGEST_TEXT_BYTES + 1)
     except OSError as error:
-        raise ValueError(f"{path} cannot be read as {what}: {error.strerror}") from None
+        raise _unread(path, what, error) from None
     return _text(data, path, what)
 
 
@@ -45,19 +46,24 @@ def kept_text(path: Path, what: str) -> str:
     try:
         data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
     except OSError as error:
-        raise ValueError(f"{path} cannot be read as {what}: {error.strerror}") from None
+        raise _unread(path, what, error) from None
     return _text(data, path, what)
+
+
+def _unread(path: Path, what: str, error: OSError) -> Refusal:
+    ways = " or ".join(filter(None, (disk.mend(error), f"give the path of {what}")))
+    return Refusal(f"{path} cannot be read as {what}: {error.strerror}; {ways}")
 
 
 def _text(data: bytes, path: Path, what: str) -> str:
     if len(data) > LARGEST_TEXT_BYTES:
-        raise ValueError(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
+        raise Refusal(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
     if not data.strip():
-        raise ValueError(f"{path} is empty; give the path of {what}")
+        raise Refusal(f"{path} is empty; give the path of {what}")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ValueError(f"{path} is not text; give the path of {what}") from None
+        raise Refusal(f"{path} is not text; give the path of {what}") from None
     if "\0" in text:
-        raise ValueError(f"{path} is not text; give the path of {what}")
+        raise Refusal(f"{path} is not text; give the path of {what}")
     return text

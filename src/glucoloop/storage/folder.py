@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 
@@ -73,8 +74,11 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             building = stack.enter_context(_new_folder(place))
         except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, in Python before 3.13
             disk.remove_empty(made)
-            told = error.strerror if isinstance(error, OSError) else "it is a loop of symbolic links"
-            raise ValueError(f"the output folder {path} cannot be made: {told}; choose another with --out") from None
+            told, own = "it is a loop of symbolic links", ""
+            if isinstance(error, OSError):
+                told, own = str(error.strerror), disk.mend(error)
+            ways = " or ".join(filter(None, (own, "choose another with --out")))
+            raise Refusal(f"the output folder {path} cannot be made: {told}; {ways}") from None
         except ValueError:
             disk.remove_empty(made)
             raise
@@ -99,24 +103,25 @@ def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
     if not there:
         return
     if there != "a folder":
-        raise ValueError(f"{path} is {there}, not a folder; choose another place with --out")
+        raise Refusal(f"{path} is {there}, not a folder; choose another place with --out")
     if Path.cwd().is_relative_to(place):
-        raise ValueError(f"{path} is the folder you are in, which cannot be replaced; choose another with --out")
+        raise Refusal(f"{path} is the folder you are in, which cannot be replaced; choose another with --out")
     try:
         holds = disk.names(place)
     except OSError as error:
-        raise ValueError(f"the output folder {path} cannot be read: {error.strerror}; choose another") from None
+        ways = " or ".join(filter(None, (disk.mend(error), "choose another")))
+        raise Refusal(f"the output folder {path} cannot be read: {error.strerror}; {ways}") from None
     if not holds:
         return
     foreign = _not_ours(place, holds)
     if foreign and overwrite:
-        raise ValueError(
+        raise Refusal(
             f"{path} holds {foreign}, so it is not replaced; move that away, or choose another folder with --out"
         )
     if foreign:
-        raise ValueError(f"{path} is not empty; choose another folder with --out")
+        raise Refusal(f"{path} is not empty; choose another folder with --out")
     if not overwrite:
-        raise ValueError(f"{path} holds an earlier result; choose another folder with --out, or add --overwrite")
+        raise Refusal(f"{path} holds an earlier result; choose another folder with --out, or add --overwrite")
 
 
 def _not_ours(place: Path, holds: list[str]) -> str:

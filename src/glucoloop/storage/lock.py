@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 
 LOCK: Final = "lock"
@@ -29,7 +30,7 @@ def locked(folder: Path) -> Iterator[None]:
     place = folder / LOCK
     with disk.flocked(place, create=True) as descriptor:
         if descriptor is None:
-            raise ValueError(
+            raise Refusal(
                 f"another run writes to {folder}{_whose(place)}; wait for it, or choose another folder with --out"
             )
         try:

@@ -18,6 +18,7 @@ from glucoloop.config.sentences import one_sentence
 from glucoloop.config.toml import deeper_than
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
+from glucoloop.refusal import Refusal
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
 
@@ -83,7 +84,7 @@ class Recursion(BaseModel):
     @model_validator(mode="after")
     def _square(self) -> Self:
         if {len(self.start), len(self.output), *map(len, self.transition)} != {len(self.transition)}:
-            raise ValueError("a realisation whose transition, start and output do not have the same number of states")
+            raise Refusal("a realisation whose transition, start and output do not have the same number of states")
         return self
 
     def value(self) -> Realisation:
@@ -125,18 +126,18 @@ class ModelFile(BaseModel):
     def _agree(self) -> Self:
         step, impulse = np.array(self.step_response), np.array(self.impulse_response)
         if step.size != impulse.size:
-            raise ValueError(f"{step.size} values of the step response and {impulse.size} of the impulse response")
+            raise Refusal(f"{step.size} values of the step response and {impulse.size} of the impulse response")
         if deeper_than(self.provenance.settings, _DEEPEST):
-            raise ValueError(f"settings in its provenance that are nested more than {_DEEPEST} times")
+            raise Refusal(f"settings in its provenance that are nested more than {_DEEPEST} times")
         if not _is_finite(self.provenance.settings):
-            raise ValueError("a setting in its provenance that is not finite, which JSON does not have")
+            raise Refusal("a setting in its provenance that is not finite, which JSON does not have")
         largest = np.abs(step).max()
         if largest > _LARGEST_RESPONSE:
-            raise ValueError(f"a step response of {largest:g} mg/dl per mU/min, above {_LARGEST_RESPONSE:g}")
+            raise Refusal(f"a step response of {largest:g} mg/dl per mU/min, above {_LARGEST_RESPONSE:g}")
         with np.errstate(over="ignore"):
             total = np.cumsum(impulse)
         if not np.allclose(total, step, rtol=0.0, atol=_ROUNDING * largest):
-            raise ValueError("a step response that is not the running sum of the impulse response")
+            raise Refusal("a step response that is not the running sum of the impulse response")
         if self.realisation is not None:
             refuse_other_response(self.realisation.value(), impulse)
         return self
@@ -219,7 +220,7 @@ def read_model(path: Path) -> ModelFile:
     try:
         return ModelFile.model_validate_json(text)
     except ValidationError as error:
-        raise ValueError(f"{path} is not a model that can be used: {_sentence(error)}") from None
+        raise Refusal(f"{path} is not a model that can be used: {_sentence(error)}") from None
 
 
 def _is_finite(value: object) -> bool:

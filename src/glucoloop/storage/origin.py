@@ -10,7 +10,8 @@ from typing import Any, Final, TypeGuard
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.config.cases import CASES_KEY
-from glucoloop.registry.plugins import code_of
+from glucoloop.refusal import Refusal
+from glucoloop.registry.plugins import outside_code
 from glucoloop.storage.strict_json import json_text
 
 ARITHMETIC: Final = "arithmetic.json"
@@ -40,30 +41,17 @@ class Origin:
         return Origin(self.version, left, self.arithmetic)
 
 
-def outside_code(config: object) -> dict[str, str]:
-    """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
-    return code_of(text.partition(",")[0].strip() for text in _texts(config))
-
-
-def _texts(value: object) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping | list | tuple):
-        for inner in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(inner)
-
-
 def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:
     """Raise ValueError, with the first difference, if a folder holds work of another version or configuration."""
     if there.version != here.version:
-        raise ValueError(
+        raise Refusal(
             f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
             f"go on with {there.version}, or choose another folder with --out"
         )
-    found = _first_difference(there.config, here.config)
+    found = next(differences(there.config, here.config), None)
     if found is not None:
         name, before, now = found
-        raise ValueError(
+        raise Refusal(
             f"{folder} holds another {what}: {name} is {before} there and {now} here; choose another folder with "
             "--out, or add --overwrite to replace it"
         )
@@ -78,7 +66,7 @@ def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
         If it is not known with which arithmetic the folder was computed.
     """
     if there.arithmetic is None or here.arithmetic is None:
-        raise ValueError(
+        raise Refusal(
             f"{folder / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
             "choose another folder with --out, or add --overwrite to begin again"
         )
@@ -89,30 +77,28 @@ def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
     return f"{folder} was computed with {name} {before}, and here it is {now}"
 
 
-def _first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> tuple[str, object, object] | None:
+def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
+    """Name, value there and value here of each key of two configurations that differs; cases by their labels."""
     for key in dict.fromkeys([*here, *there]):
         before, now = there.get(key), here.get(key)
         if _text(before) == _text(now):
             continue
         if key == CASES_KEY and _are_cases(before) and _are_cases(now):
-            return _first_case(before, now)
-        if isinstance(before, Mapping) and isinstance(now, Mapping):
-            found = _first_difference(before, now)
-            if found is not None:
-                return f"{key}.{found[0]}", *found[1:]
-        return key, _shown(before), _shown(now)
-    return None
+            yield from _differing_cases(before, now)
+        elif isinstance(before, Mapping) and isinstance(now, Mapping):
+            yield from ((f"{key}.{name}", one, other) for name, one, other in differences(before, now))
+        else:
+            yield key, _shown(before), _shown(now)
 
 
-def _first_case(there: list[dict[str, Any]], here: list[dict[str, Any]]) -> tuple[str, object, object]:
+def _differing_cases(there: list[dict[str, Any]], here: list[dict[str, Any]]) -> Iterator[tuple[str, object, object]]:
     labels = [", ".join(str(case["label"]) for case in cases) for cases in (there, here)]
     if labels[0] != labels[1]:
-        return "the list of cases", labels[0], labels[1]
+        yield "the list of cases", labels[0], labels[1]
+        return
     for before, now in zip(there, here, strict=True):
-        found = _first_difference(before, now)
-        if found is not None:
-            return f"{found[0]} of case {now['label']!r}", *found[1:]
-    raise AssertionError("the cases do not differ")
+        of_case = f" of case {now['label']!r}"
+        yield from ((f"{name}{of_case}", one, other) for name, one, other in differences(before, now))
 
 
 def _are_cases(value: object) -> TypeGuard[list[dict[str, Any]]]:

@@ -15,6 +15,8 @@ import struct
 from dataclasses import dataclass
 from typing import Any, Final
 
+from glucoloop.refusal import Refusal
+
 _MAGIC: Final = b"PAR1"
 _DEEPEST: Final = 16
 _LONGEST_VARINT: Final = 10
@@ -45,10 +47,10 @@ def parquet_size(data: bytes) -> ParquetSize:
         If the bytes are no Parquet file.
     """
     if len(data) < 12 or data[:4] != _MAGIC or data[-4:] != _MAGIC:
-        raise ValueError("it is not a Parquet file")
+        raise Refusal("it is not a Parquet file")
     (length,) = struct.unpack("<I", data[-8:-4])
     if length > len(data) - 12:
-        raise ValueError("its footer is longer than the file")
+        raise Refusal("its footer is longer than the file")
     try:
         meta = _Reader(data[-8 - length : -8]).struct()
         groups = meta.get(_GROUPS, [])
@@ -59,9 +61,9 @@ def parquet_size(data: bytes) -> ParquetSize:
             raise ValueError
         found = [_of_pages(data, column) for column in columns]
     except (KeyError, IndexError, TypeError, AttributeError, struct.error, ValueError):
-        raise ValueError("its footer or the header of a page is damaged") from None
+        raise Refusal("its footer or the header of a page is damaged") from None
     if rows != sum(of_groups) or min([*of_groups, *told], default=0) < 0:
-        raise ValueError("its footer contradicts itself")
+        raise Refusal("its footer contradicts itself")
     return ParquetSize(rows=rows, bytes=sum(map(max, told, found)))
 
 

@@ -16,6 +16,7 @@ import stat
 from pathlib import Path
 from typing import Final
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 
 MOST_BYTES: Final = 256_000_000
@@ -43,11 +44,11 @@ def private_folder(folder: Path) -> None:
         return
     above, found = os.stat(folder.parent).st_mode, os.lstat(folder)
     if found.st_uid != os.getuid():
-        raise ValueError(f"{folder} belongs to another user")
+        raise Refusal(f"{folder} belongs to another user")
     if above & _OTHERS_WRITE and not above & stat.S_ISVTX:
-        raise ValueError(f"others can put another folder in the place of {folder}")
+        raise Refusal(f"others can put another folder in the place of {folder}")
     if found.st_mode & _OTHERS_WRITE:
-        raise ValueError(f"others can write to {folder}; empty it and run chmod 700 on it")
+        raise Refusal(f"others can write to {folder}; empty it and run chmod 700 on it")
     if stat.S_IMODE(found.st_mode) != 0o700:
         os.chmod(folder, 0o700)
     if not os.access(folder, os.W_OK):

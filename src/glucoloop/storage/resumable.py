@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from glucoloop.config.toml import toml_text
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import kept_text
@@ -36,7 +37,9 @@ class Work:
     what: str
     """Name of the work in messages: ``"trial"``."""
     keys: Mapping[str, Any]
-    """Configuration as flat keys."""
+    """Configuration as flat keys, with the values that are used."""
+    given: Mapping[str, Any] | None = None
+    """Flat keys from which they follow, if it was read from fewer."""
     final: tuple[str, ...]
     """Names of the files that are written when everything is done."""
     summary: str
@@ -52,7 +55,7 @@ class Work:
     @property
     def text(self) -> str:
         """Text of that file."""
-        return toml_text(self.keys, f"{self.command} --config {self.configuration}")
+        return toml_text(self.keys, f"{self.command} --config {self.configuration}", self.given)
 
 
 class ResumableFolder(ABC):
@@ -165,7 +168,7 @@ class ResumableFolder(ABC):
         if whole or self.anything_done or there.arithmetic is not None:
             other = other_arithmetic(there, self.here, self.path)
         if other is not None and not whole:
-            raise ValueError(
+            raise Refusal(
                 f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
                 "add --overwrite to begin again"
             )
@@ -216,9 +219,9 @@ class ResumableFolder(ABC):
         try:
             yield
         except OSError as error:
-            raise ValueError(
-                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, free "
-                "some space and run the same command again"
+            again = " and ".join(filter(None, (disk.mend(error), "run the same command again")))
+            raise Refusal(
+                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {again}"
             ) from None
 
     def changed(self, sums: Mapping[str, str]) -> str | None:
@@ -247,7 +250,7 @@ class ResumableFolder(ABC):
         sums, parts = disk.read_sums(self.path), self.parts()
         changed = self.changed(sums)
         if changed is not None:
-            raise ValueError(
+            raise Refusal(
                 f"{self.path / changed} was changed since glucoloop wrote it; move it away and run the same command "
                 "again"
             )
@@ -256,7 +259,7 @@ class ResumableFolder(ABC):
         numbers = {self.part_of(name) for name in parts}
         told = {name: sums[name] for name in sums if name not in self._top and self.part_of(name) in numbers}
         if wrong or told != parts:
-            raise ValueError(
+            raise Refusal(
                 f"{self.path / SUMS} does not list {wrong[0] if wrong else 'what is done'} as it is; "
                 "move it away and run the same command again"
             )
@@ -295,12 +298,13 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
             stack.enter_context(locked(path))
             new = _begin(folder, overwrite=overwrite)
         except (FileExistsError, NotADirectoryError):
-            raise ValueError(f"{path} is not a folder and cannot be one; choose another place with --out") from None
+            raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
         except OSError as error:
             stack.close()
             disk.remove_empty(made)
-            again = "free some space and run the same command again, or " if disk.is_full(error) else ""
-            raise ValueError(
+            mend = disk.mend(error)
+            again = f"{mend} and run the same command again, or " if mend else ""
+            raise Refusal(
                 f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
             ) from None
         try:
@@ -346,9 +350,9 @@ def _refuse_foreign(folder: ResumableFolder) -> None:
     holds = [name for name in disk.names(path.resolve()) if name != LOCK and not disk.is_part(name, *folder.names)]
     foreign = [name for name in holds if name not in folder.names]
     if foreign:
-        raise ValueError(f"{path} holds {foreign[0]}, which is no part of a {what}; choose another folder with --out")
+        raise Refusal(f"{path} holds {foreign[0]}, which is no part of a {what}; choose another folder with --out")
     if holds and folder.first not in holds:
-        raise ValueError(f"{path} is not empty and holds no {what}; choose another folder with --out")
+        raise Refusal(f"{path} is not empty and holds no {what}; choose another folder with --out")
     for name in holds:
         (disk.is_folder if folder.done_is_folder and name == folder.done_name else disk.is_file)(path / name)
 
@@ -371,7 +375,7 @@ def _clear(folder: ResumableFolder) -> None:
     folder.refuse_foreign_parts()
     changed = folder.changed(disk.read_sums(path))
     if changed not in (None, folder.first):
-        raise ValueError(
+        raise Refusal(
             f"{path} holds {changed}, which was changed since glucoloop wrote it, so it is not replaced; {_MOVE}"
         )
     for name in (folder.done_name, SUMS, *folder.files, folder.first):

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from glucoloop.config.toml import read_toml
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import ARITHMETIC, Origin
@@ -69,7 +70,7 @@ class Rows(Generic[R]):
             for cells in table.select(list(self.schema)).rows(named=True):
                 rows.append(self.row(cells, rows))
         except (pl.exceptions.PolarsError, ValueError, TypeError, KeyError):
-            raise ValueError(f"{place} is damaged; delete it and run the same command again") from None
+            raise Refusal(f"{place} is damaged; delete it and run the same command again") from None
         return rows
 
 
@@ -125,19 +126,19 @@ class RowsFolder(ResumableFolder, Generic[R]):
     def read_origin(self) -> Origin:
         """Read the configuration and the record of the arithmetic."""
         place = self.path / self.first
-        config, version = read_toml(kept_text(place, "a configuration"), str(place))
+        written = read_toml(kept_text(place, "a configuration"), str(place))
         record: dict[str, str] | None = None
         with contextlib.suppress(ValueError, AttributeError, RecursionError):
             found = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
             record = {name: str(of) for name, of in found.items()}
-        return Origin(version, config, record)
+        return Origin(written.version, written.keys if written.used is None else written.used, record)
 
     def read_done(self) -> None:
         """Read the rows."""
         self.rows = self.kind.read(self.path / self.kind.file) if disk.is_file(self.path / self.kind.file) else []
         self._written = len(self.rows)
         if self._written > self.kind.wanted:
-            raise ValueError(
+            raise Refusal(
                 f"{self.path} holds {self._written} {self.kind.what}, and {self.kind.wanted} are asked for, which is "
                 "fewer; ask for more, or choose another folder with --out"
             )

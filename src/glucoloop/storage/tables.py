@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.identification import Record
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
@@ -85,9 +86,9 @@ class TableBounds:
         size = parquet_size(data)
         if not self.least_rows <= size.rows <= self.most_rows:
             wanted = f"{self.least_rows}" if self.least_rows == self.most_rows else f"at most {self.most_rows}"
-            raise ValueError(f"it has {size.rows} rows, and {wanted} are expected")
+            raise Refusal(f"it has {size.rows} rows, and {wanted} are expected")
         if size.bytes > self.most_bytes:
-            raise ValueError(f"it unfolds to {size.bytes} bytes, and at most {self.most_bytes} are expected")
+            raise Refusal(f"it unfolds to {size.bytes} bytes, and at most {self.most_bytes} are expected")
         return size.rows
 
 
@@ -106,7 +107,7 @@ def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
         bounds.check(data)
         return pl.read_parquet(io.BytesIO(data))
     except (ValueError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise ValueError(f"{place} is damaged: {' '.join(str(error).split())}") from None
+        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None
 
 
 def csv(table: pl.DataFrame) -> bytes:
@@ -143,20 +144,18 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
     first = next(iter(text.splitlines()), "")
     for separator, called in ((";", "semicolons"), ("\t", "tabs")):
         if separator in first and "," not in first:
-            raise ValueError(
-                f"{path} separates its columns by {called}; separate them by commas, with points in numbers"
-            )
+            raise Refusal(f"{path} separates its columns by {called}; separate them by commas, with points in numbers")
     try:
         table = pl.read_csv(io.BytesIO(text.encode()), infer_schema=False)
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
         why = _ragged(text) or next(iter(str(error).splitlines()), "it is damaged")
-        raise ValueError(f"{path} is not a CSV table: {why}") from None
+        raise Refusal(f"{path} is not a CSV table: {why}") from None
     for column in (*RECORD_COLUMNS, MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one
-            raise ValueError(f"{path} has the column {column!r} twice; leave one out")
+            raise Refusal(f"{path} has the column {column!r} twice; leave one out")
         if column not in table.columns and column != MEAL_COLUMN:
-            raise ValueError(
+            raise Refusal(
                 f"{path} has no column {column!r}, only {', '.join(table.columns)}; "
                 f"its first line must name {', '.join(RECORD_COLUMNS)}"
             )
@@ -174,5 +173,5 @@ def _number(text: str | None) -> object:
     except ValueError:
         return text
     if "_" in text:  # Python reads 1_0 as ten, but no program writes it so
-        raise ValueError(f"the value {text!r} in the record is not a number; write it without underscores")
+        raise Refusal(f"the value {text!r} in the record is not a number; write it without underscores")
     return number

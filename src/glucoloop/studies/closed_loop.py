@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,14 @@ from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
 from glucoloop.control import Controller
-from glucoloop.control.protocol import gives_boluses
+from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.experiments.situation import Situation
-from glucoloop.metrics import Metrics, summarise
+from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
@@ -40,16 +41,25 @@ class Outcome:
     limits: DoseLimits
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
+    settled: Mapping[str, float] = field(default_factory=dict)
+    """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
 
     def repeat(self) -> Run:
         """The run with its model from a file beside its configuration, so that the folder repeats it by itself."""
         return self.run if self.model is None or self.run.case.model is None else self.run.with_model("model.json")
 
+    @property
+    def summary(self) -> ClinicalSummary:
+        """Times in ranges, extremes and insulin, as a clinician reads them first."""
+        return clinical_summary(self.trace, self.metrics)
+
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "config": self.run.keys(),
+            "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
+            "summary": self.summary.as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
         }
@@ -87,6 +97,7 @@ def outcome_of(
         trace=trace,
         metrics=metrics,
         limits=situation.limits,
+        settled=settled(controller),
         notes=(
             *notes_on(run, model),
             *notes_on_patient(situation, controller),
@@ -123,19 +134,19 @@ def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelF
     model = read_model(path)
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         own, runs = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
-        raise ValueError(
+        raise Refusal(
             f"the model was identified for {own}-min samples, the run uses {runs} min; "
             f"identify again with --sample-time {runs} or run with --sample-time {own}"
         )
     held = model.provenance.dead_time_min
     if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
-        raise ValueError(
+        raise Refusal(
             f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
             f"run with --dead-time {held:g} or --unknown-dead-time, or identify again"
         )
     doubts = model.doubts()
     if doubts and not situation.allow_unusual:
-        raise ValueError(
+        raise Refusal(
             f"no controller should be designed on the model {path}. {' '.join(doubts)} Identify it again from a record "
             f"in which insulin moves glucose more, or {CONFIRM_OPTION} to use it all the same"
         )

@@ -9,6 +9,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
+from glucoloop.refusal import Refusal
 from glucoloop.registry.guard import GUARD, complete_guard
 from glucoloop.registry.patients import patient_entry
 from glucoloop.registry.settings import Value
@@ -50,7 +51,7 @@ def read_guarded_trial(
     """
     for key in refused:
         if key in keys:
-            raise ValueError(f"{(names or {}).get(key, key)} is no part of {what}; leave it out")
+            raise Refusal(f"{(names or {}).get(key, key)} is no part of {what}; leave it out")
     given = {key: value for key, value in keys.items() if key in GUARD}
     others = {key: value for key, value in keys.items() if key not in GUARD and key not in own}
     named = {} if others.get(CONTROLLERS_KEY) else {CONTROLLERS_KEY: [] if cases else usual[CONTROLLERS_KEY]}

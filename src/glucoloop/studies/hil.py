@@ -13,7 +13,7 @@ from glucoloop.config.hil import Hil
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.hil.build import build, files, portable_files
+from glucoloop.firmware.hil.build import build, files, portable_files, refuse_missing_tools
 from glucoloop.firmware.hil.link import Link, ProcessLink, SerialLink
 from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
@@ -78,6 +78,8 @@ def run_hardware(asked: Hil, progress: Callable[[int], None] = lambda samples: N
         If the controller cannot be designed or exported, a tool is missing, or the chip does not answer.
     """
     run, chip = asked.run, asked.chip
+    if asked.emulated:
+        refuse_missing_tools(chip.chip)
     situation = run.situation.situation()
     model = model_for(run, situation)
     controller = controller_for(run, situation, model)

@@ -18,10 +18,13 @@ from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import (
+    Basis,
     Identification,
     Record,
     Validation,
+    bases_given,
     best_pole,
+    chosen_basis,
     design_csrs,
     fit_first_order,
     identify_record,
@@ -33,6 +36,8 @@ from glucoloop.identification import (
 from glucoloop.identification.record import FROM_ZERO
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
+from glucoloop.refusal import Refusal
+from glucoloop.registry.patients import patient_entry
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
@@ -126,22 +131,29 @@ def _from_patient(config: IdentificationKeys) -> Identified:
     person = situation.nominal
     basal = float(person.basal_insulin_mU_min)
     if config.amplitude_mU_min > basal:
-        raise ValueError(
+        raise Refusal(
             f"pulses of {config.amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
-    pulses = basal + np.asarray(design_csrs(config.memory, config.amplitude_mU_min, config.samples))
+    memory = config.memory or 0
+    pulses = basal + np.asarray(design_csrs(memory, config.amplitude_mU_min, config.samples))
     quiet_sensor = sensor_of(dataclasses.replace(situation, noise_variance=0.0))
 
     def experiment(sensor: Sensor) -> Record:
         return excite(person, pulses, sensor, record_key(config.seed), sample_time_min=config.sample_time_min)
 
     record = experiment(sensor_of(situation))
-    identification = _fit(config, record, "csrs", basal_insulin_mU_min=basal)
+    basis = Basis(
+        memory=memory,
+        pole=config.laguerre_pole or 0.0,
+        functions=config.laguerre_functions or None,
+        under_the_skin=patient_entry(config.patient).under_the_skin,
+    )
+    identification = _fit(config, basis, record, "csrs", basal_insulin_mU_min=basal)
     truth = None
     if config.noise_variance:
         quiet = identify_record(
-            experiment(quiet_sensor), memory=config.memory, laguerre_functions=None, basal_insulin_mU_min=basal
+            experiment(quiet_sensor), memory=memory, laguerre_functions=None, basal_insulin_mU_min=basal
         )
         truth = quiet.impulse_response
     sequence = random_binary_sequence(VALIDATION_SAMPLES, VALIDATION_SHARE * basal, config.seed)
@@ -173,20 +185,29 @@ def _from_data(config: IdentificationKeys, path: Path) -> Identified:
             max_gap_min=config.max_gap_min,
             allow_unusual=config.allow_unusual,
         )
-        method, why = _method(config, record)
+        basis = _basis(config, record)
+        method, why = _method(config, basis, record)
         identification = _fit(
             config,
+            basis,
             record,
             method,
             basal_insulin_mU_min=config.basal_insulin_mU_min,
             starts_at_rest=config.starts_at_rest,
         )
-    except ValueError as error:
-        raise ValueError(_in_file(_in_options(str(error)), path)) from error
+    except Refusal as error:
+        raise Refusal(_in_file(_in_options(str(error)), path)) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
     of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
     source = f"identified from {printable(path.name)}, {samples}"
+    if not config.all_given:
+        functions = "no Laguerre functions" if basis.functions is None else f"{basis.functions} Laguerre functions"
+        notes = (
+            f"Chosen by readings left out of the fit: a memory of {basis.memory} samples and {functions}"
+            f"{', as for insulin under the skin' if basis.under_the_skin else ''}.",
+            *notes,
+        )
     notes = (why, *notes, *_about_meals(record, identification))
     if not config.starts_at_rest:
         notes = (
@@ -229,7 +250,16 @@ def _about_meals(record: Record, identification: Identification) -> Iterator[str
     )
 
 
-def _method(config: IdentificationKeys, record: Record) -> tuple[str, str]:
+def _basis(config: IdentificationKeys, record: Record) -> Basis:
+    """Basis for a record: what is given, and else what predicts readings left out of the fit best."""
+    functions = "usual" if config.laguerre_functions is None else config.laguerre_functions or None
+    bases = bases_given(record, "least-squares", config.memory, config.laguerre_pole, functions, None)
+    return chosen_basis(
+        record, bases, basal_insulin_mU_min=config.basal_insulin_mU_min, starts_at_rest=config.starts_at_rest
+    )
+
+
+def _method(config: IdentificationKeys, basis: Basis, record: Record) -> tuple[str, str]:
     """Method for a record, and the reason in a sentence."""
     eaten = record.carbs_g is not None and bool(record.carbs_g.any())
     if config.method != "auto":
@@ -240,12 +270,12 @@ def _method(config: IdentificationKeys, record: Record) -> tuple[str, str]:
         if config.starts_at_rest:
             identify_record(
                 record,
-                memory=config.memory,
+                memory=basis.memory,
                 laguerre_functions=None,
                 basal_insulin_mU_min=config.basal_insulin_mU_min,
             )
             return "csrs", "Method: cross-correlation, since the record is one of balanced pulses."
-    except ValueError:
+    except Refusal:
         return (
             "least-squares",
             "Method: least squares, since the record is not one of the balanced pulses that cross-correlation needs.",
@@ -255,36 +285,37 @@ def _method(config: IdentificationKeys, record: Record) -> tuple[str, str]:
 
 def _fit(
     config: IdentificationKeys,
+    basis: Basis,
     record: Record,
     method: str,
     *,
     basal_insulin_mU_min: float | None,
     starts_at_rest: bool = True,
 ) -> Identification:
-    def fit(pole: float, functions: int | None) -> Identification:
+    def fit(basis: Basis) -> Identification:
         return identify_record(
             record,
             method,
-            memory=config.memory,
-            laguerre_pole=pole,
-            laguerre_functions=functions,
+            memory=basis.memory,
+            laguerre_pole=basis.pole,
+            laguerre_functions=basis.functions,
+            under_the_skin=basis.under_the_skin,
             basal_insulin_mU_min=basal_insulin_mU_min,
             starts_at_rest=starts_at_rest,
         )
 
-    pole = config.laguerre_pole
-    if config.best_pole:
-        raw = fit(pole, None).impulse_response
-        pole = float(best_pole(raw, config.laguerre_functions).pole)
-    return fit(pole, config.laguerre_functions or None)
+    if config.best_pole and basis.functions is not None:
+        raw = fit(basis.given(functions=None)).impulse_response
+        basis = basis.given(pole=float(best_pole(raw, basis.functions).pole))
+    return fit(basis)
 
 
 def _model_file(
     config: IdentificationKeys, identification: Identification, source: str, notes: tuple[str, ...]
 ) -> ModelFile:
     smooth = (
-        f"{config.laguerre_functions} Laguerre functions with pole {identification.laguerre_pole:.4g}"
-        if config.laguerre_functions
+        f"{identification.laguerre_coefficients.size} Laguerre functions with pole {identification.laguerre_pole:.4g}"
+        if identification.laguerre_coefficients.size
         else "not smoothed"
     )
     return model_file(
@@ -302,7 +333,7 @@ def _time_constant(identification: Identification) -> str:
     t_min = model.sample_time_min * np.arange(1, model.memory + 1)
     try:
         return f"{float(fit_first_order(t_min, model.step_response, 1.0).tau_min):.1f}"
-    except ValueError:
+    except Refusal:
         return "n/a"  # the response is not one that a time constant describes
 
 

@@ -6,12 +6,13 @@ To add a study
    and one of the three kinds below. It imports nothing heavy, since help is shown from it. Add the study to
    ``studies/catalogue.py``, and take its old command out of ``cli/app.py``: the command is there.
 2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. A request (``asked``) is what
-   `read` returns: complete and checked, with ``keys()``, the flat keys from which the same request is read again.
+   `read` returns: complete and checked, with ``keys()``, the flat keys of all that is used, and ``given``, those that
+   were given. The configuration that a folder keeps is read from the latter alone.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has
 
-- ``read(keys, cases, names)``: the request, from flat keys; ValueError with the names that the user gave the keys.
+- ``read(keys, cases, names)``: the request, from flat keys; a Refusal names the keys as the user did.
 - ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
 - ``tables(asked, found)``: tables for the terminal; ``report.columns.terminal_table`` makes one from columns.
 - ``sentences(asked, found)``: conclusions, for the terminal and the page.
@@ -111,7 +112,12 @@ class Asked(Protocol):
     """A request that is complete and checked."""
 
     def keys(self) -> dict[str, Any]:
-        """The flat keys from which the same request is read."""
+        """The flat keys of all values that are used."""
+        ...
+
+    @property
+    def given(self) -> Mapping[str, Any] | None:
+        """The flat keys that were given, from which the others follow; only for a study that keeps files."""
         ...
 
 
@@ -121,7 +127,7 @@ class Module(Protocol):
     def read(
         self, keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
     ) -> Any:
-        """Read a request from flat keys and those of its cases; ValueError for what cannot be."""
+        """Read a request from flat keys and those of its cases; Refusal for what cannot be."""
         ...
 
     def notes(self, asked: Any) -> Iterable[str]:

@@ -10,6 +10,7 @@ from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import design_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import TUNABLE, controller_entry
 from glucoloop.registry.settings import Value
 
@@ -27,7 +28,7 @@ def kind_of_tuning(controller: str) -> type[MPCTuning]:
     """
     entry = controller_entry(controller)
     if not entry.tunable:
-        raise ValueError(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
+        raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
     return StateTuning if any(setting.name == "reference_filter" for setting in entry.settings) else MPCTuning
 
 
@@ -53,7 +54,7 @@ def designer(
 
     def tuned(tuning: MPCTuning) -> Controller:
         if not isinstance(tuning, kind):
-            raise ValueError("the controller follows a filtered reference; give the grid reference filters")
+            raise Refusal("the controller follows a filtered reference; give the grid reference filters")
         own = {name: value for name, value in dataclasses.asdict(tuning).items() if name in case.tuning}
         return design({**case.tuning, **own})
 

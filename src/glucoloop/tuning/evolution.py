@@ -116,7 +116,7 @@ class _Start:
         self._begun, self._most, self._waited = self._begun + 1, -np.inf, 0
         stream, of_search = entropy.spawn(2)
         centre, known = self._centre(np.random.default_rng(stream)), self._known
-        return _import().CMA(
+        return library().CMA(
             mean=centre if known is None else known,
             sigma=_FIRST_STEP if known is None else _STEP_FROM_KNOWN,
             population_size=self._population,
@@ -124,7 +124,14 @@ class _Start:
         )
 
 
-def _import() -> Any:
+def library() -> Any:
+    """The library of the search, asked for before a search that would do other things first.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
     with needed_for("the search for the worst errors"):
         import cmaes
     return cmaes

@@ -10,13 +10,14 @@ from decimal import Decimal
 from typing import Final, TypeVar
 
 from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.refusal import Refusal
 
 MOST_VALUES: Final = 1000
 """Largest number of values of one range."""
 MOST_TUNINGS: Final = 100_000
 """Largest number of tunings of a grid, with those that are left out."""
 
-_NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})")
+_NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})", re.ASCII)
 
 Number = TypeVar("Number", int, float)
 
@@ -48,16 +49,16 @@ def _parse(text: str, name: str, kind: Callable[[Decimal], Number], like: str) -
     for part in text.split(","):
         bounds = [piece.strip() for piece in part.split(":")]
         if len(bounds) > 3 or not all(_NUMBER.fullmatch(piece) for piece in bounds):
-            raise ValueError(f"{name} is {text!r}; write it like {like}")
+            raise Refusal(f"{name} is {text!r}; write it like {like}")
         if kind is float and len(bounds) == 2:
-            raise ValueError(f"{name} has {part.strip()!r} without a step; write it like {like}")
+            raise Refusal(f"{name} has {part.strip()!r} without a step; write it like {like}")
         # decimals, so that .3:.8:.05 ends at .8 and holds the very .55 that a person would write
         numbers = [Decimal(piece) for piece in bounds]
         if kind is int and any(number != number.to_integral_value() for number in numbers):
-            raise ValueError(f"{name} has {part.strip()!r}; give whole numbers, like {like}")
+            raise Refusal(f"{name} has {part.strip()!r}; give whole numbers, like {like}")
         values += _steps(numbers, name, part.strip())
         if len(values) > MOST_VALUES:
-            raise ValueError(f"{name} has more than {MOST_VALUES} values; give fewer, or wider steps")
+            raise Refusal(f"{name} has more than {MOST_VALUES} values; give fewer, or wider steps")
     return tuple(kind(value) for value in dict.fromkeys(values))
 
 
@@ -66,12 +67,12 @@ def _steps(numbers: list[Decimal], name: str, part: str) -> list[Decimal]:
         return numbers
     first, last, step = (*numbers, Decimal(1))[:3]
     if step <= 0:
-        raise ValueError(f"{name} has steps of {step} in {part!r}; give a step above 0")
+        raise Refusal(f"{name} has steps of {step} in {part!r}; give a step above 0")
     if last < first:
-        raise ValueError(f"{name} runs from {first} down to {last}; write the lower end first")
+        raise Refusal(f"{name} runs from {first} down to {last}; write the lower end first")
     count = int((last - first) / step) + 1
     if count > MOST_VALUES:
-        raise ValueError(f"{name} has more than {MOST_VALUES} values; give fewer, or wider steps")
+        raise Refusal(f"{name} has more than {MOST_VALUES} values; give fewer, or wider steps")
     return [first + number * step for number in range(count)]
 
 
@@ -121,14 +122,14 @@ def tuning_grid(
     }
     for name, values in ranges.items():
         if not len(values):
-            raise ValueError(f"the grid has no {name}; give at least one")
+            raise Refusal(f"the grid has no {name}; give at least one")
     size = math.prod(map(len, ranges.values()))
     if size > MOST_TUNINGS:
-        raise ValueError(f"a grid of {size} tunings is too large; give at most {MOST_TUNINGS}, or wider steps")
+        raise Refusal(f"a grid of {size} tunings is too large; give at most {MOST_TUNINGS}, or wider steps")
     shared = list(itertools.product(move_horizons, prediction_horizons, output_weights, move_weights))
     possible = [values for values in shared if values[1] >= values[0]]
     if not possible:
-        raise ValueError(
+        raise Refusal(
             f"no prediction horizon of the grid is as long as a move horizon: {max(prediction_horizons)} is the "
             f"longest, {min(move_horizons)} moves are the fewest; look farther ahead or plan fewer moves"
         )

@@ -15,11 +15,11 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from glucoloop._extras import needed_for
+from glucoloop.refusal import Refusal
 from glucoloop.registry.ranges import Tuned
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
 """Names of the samplers: Parzen estimators, an evolutionary algorithm, and random draws."""
-"""The optional dependency of all but chance."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def make_sampler(
         For an unknown name, or Optuna that is not installed.
     """
     if name not in SAMPLERS:
-        raise ValueError(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
+        raise Refusal(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
     if name == "random":
         return _Chance(space, seed, start)
     return _Optuna(name, space, seed, batch, start)
@@ -96,7 +96,7 @@ class _Optuna:
     def __init__(
         self, name: str, space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None
     ) -> None:
-        self._optuna = _import()
+        self._optuna = library()
         optuna, self._space = self._optuna, space
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it calls experimental
@@ -147,7 +147,14 @@ def _violation(trial: Any) -> Sequence[float]:
     return found
 
 
-def _import() -> Any:
+def library() -> Any:
+    """The library of all samplers but random draws, asked for before a search that would do other things first.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
     with needed_for("a sampler other than random"):
         import optuna
     optuna.logging.set_verbosity(optuna.logging.ERROR)

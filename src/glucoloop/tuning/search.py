@@ -23,6 +23,7 @@ from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
 from glucoloop.tuning.designers import Designer
 from glucoloop.tuning.oscillation import Oscillation, oscillation
@@ -102,11 +103,11 @@ def search(
         every tuning; a single refused tuning is left out and listed in `TuningSurface.refused`.
     """
     if not grid:
-        raise ValueError("the grid has no tuning; give at least one")
+        raise Refusal("the grid has no tuning; give at least one")
     if not seeds:
-        raise ValueError("there are no seeds; give at least one")
+        raise Refusal("there are no seeds; give at least one")
     if len(grid) > MOST_POINTS or len(grid) * len(seeds) > MOST_RUNS:
-        raise ValueError(
+        raise Refusal(
             f"a grid of {len(grid)} tunings under {len(seeds)} seeds is too large; "
             f"give up to {MOST_POINTS} tunings and {MOST_RUNS} runs"
         )
@@ -173,11 +174,11 @@ def _designed(
     for tuning in dict.fromkeys(grid):
         try:
             designed[tuning] = design(tuning)
-        except ValueError as error:
+        except Refusal as error:
             refused[tuning] = str(error)
     if not designed:
         reason = next(iter(refused.values()))
-        raise ValueError(f"no controller can be designed for any tuning of the grid: {reason}")
+        raise Refusal(f"no controller can be designed for any tuning of the grid: {reason}")
     return designed, tuple(refused.items())
 
 

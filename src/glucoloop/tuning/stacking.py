@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.control import Controller
+from glucoloop.refusal import Refusal
 
 C = TypeVar("C", bound=Controller)
 
@@ -58,7 +59,7 @@ def padded(controller: C, moves: int, horizon: int) -> C:
     """
     own_moves, own_horizon = horizons(controller)
     if moves < own_moves or horizon < own_horizon:
-        raise ValueError(
+        raise Refusal(
             f"a controller of {own_moves} moves and {own_horizon} samples does not fit into {moves} and {horizon}"
         )
     longer: C = controller.padded(moves, horizon)  # type: ignore[attr-defined]

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.refusal import Refusal
 
 Floats = npt.NDArray[np.float64]
 Truths = npt.NDArray[np.bool_]
@@ -87,7 +88,7 @@ class TuningSurface:
         """
         first = int(self.order()[0])
         if not self.acceptable[first]:
-            raise ValueError(
+            raise Refusal(
                 "no tuning of the grid keeps the constraints without oscillation; "
                 "look farther ahead, plan fewer moves, or give a move weight"
             )
@@ -106,7 +107,7 @@ class TuningSurface:
             If it is not a point of the grid.
         """
         if tuning not in self.tunings:
-            raise ValueError(f"the tuning {tuning_text(tuning)} is not a point of the grid; add it to the search")
+            raise Refusal(f"the tuning {tuning_text(tuning)} is not a point of the grid; add it to the search")
         return self.tunings.index(tuning)
 
     def rank_of(self, tuning: MPCTuning, called: str = "printed") -> TuningRank:

@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal
 
 from glucoloop.config.key import Key
 from glucoloop.config.options.situation import RUN_PANEL, SituationKeys
+from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.plausible import DURATION
 
 NOT_OF_A_BOUND: Final = (
@@ -44,6 +45,8 @@ class BoundKeys(SituationKeys):
             "Time from the start of a meal until it is known; a dead time is added; a negative time is in advance. "
             "Repeat it for more.",
             told="0 and 10",
+            at_least=-LONGEST_RUN_MIN,
+            at_most=LONGEST_RUN_MIN,
         ),
     ] = (0.0, 10.0)
     in_advance: Annotated[bool, _bound("Also for all meals known from the start of the run.")] = False

@@ -86,15 +86,21 @@ class IdentificationKeys:
     sample_time_min: SampleTimeKey = PAPER_SAMPLE_TIME_MIN
     seed: SeedKey = 0
     allow_unusual: AllowUnusualKey = False
-    memory: Annotated[int, MEMORY] = 36
-    laguerre_pole: Annotated[float, LAGUERRE_POLE] = 0.84
+    memory: Annotated[int | None, MEMORY] = None
+    laguerre_pole: Annotated[float | None, LAGUERRE_POLE] = None
     best_pole: Annotated[bool, Key("Search for the pole that fits best.", panel=MODEL_PANEL)] = False
-    laguerre_functions: Annotated[int, LAGUERRE_FUNCTIONS] = 2
+    laguerre_functions: Annotated[int | None, LAGUERRE_FUNCTIONS] = None
 
     @property
     def place(self) -> str:
         """The operating point, with the patient's name where it is another than the usual one."""
         return place_of(self.patient, self.operating_point)
+
+    @property
+    def all_given(self) -> bool:
+        """Whether the memory and the Laguerre functions are given, so that nothing of them is chosen by the record."""
+        pole_given = self.laguerre_pole is not None or self.best_pole or self.laguerre_functions == 0
+        return self.memory is not None and self.laguerre_functions is not None and pole_given
 
     @property
     def dead_time_samples(self) -> int:

@@ -22,6 +22,7 @@ from glucoloop.plausible import (
     SAMPLE_TIME,
     SETPOINT,
 )
+from glucoloop.refusal import Refusal
 from glucoloop.registry.clock_text import parse_time_of_day
 from glucoloop.registry.faults import FAULTS
 from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
@@ -414,7 +415,7 @@ def refuse_parts_of_samples(
     mends = [f"{sample_time} {min(possible, key=lambda minutes: abs(minutes - sample_time_min)):g}"] if possible else []
     if has_duration:
         mends.append(f"{duration} {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
-    raise ValueError(
+    raise Refusal(
         f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
         f"give {' or '.join(mends) or 'another sample time'}"
     )
@@ -431,7 +432,7 @@ def whole_samples(minutes: float, sample_time_min: float, what: str = "a dead ti
     samples = round(minutes / sample_time_min)
     if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
         below = int(minutes / sample_time_min) * sample_time_min
-        raise ValueError(
+        raise Refusal(
             f"{what} of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
             f"give {below:g} or {below + sample_time_min:g} min"
         )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.meals.stomach import Stomach, steadily
 from glucoloop.models.nonlinear import FedModel, reading_of
+from glucoloop.refusal import Refusal
 
 LARGEST_INNOVATION_MG_DL: Final = 30.0
 """Largest innovation by which a reading corrects an estimate."""
@@ -106,4 +107,4 @@ def check_variances(disturbance_variance: float, measurement_variance: float) ->
     """Refuse variances that are not positive and finite."""
     for value, what in ((disturbance_variance, "disturbance"), (measurement_variance, "measurement")):
         if not 0.0 < value < np.inf:
-            raise ValueError(f"a {what} variance of {value:g} is not possible; give a finite value above 0")
+            raise Refusal(f"a {what} variance of {value:g} is not possible; give a finite value above 0")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from glucoloop.arguments import checked
 from glucoloop.estimation.unknown_meal.daily import DailyRates, daily_rates
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
+from glucoloop.refusal import Refusal
 from glucoloop.registry.clock_text import time_of_day_text
 from glucoloop.registry.daily_text import DailyValues, parse_daily
 
@@ -46,10 +47,10 @@ class MealHabits:
     def __post_init__(self) -> None:
         for value, what in ((self.meals_per_h, "meals per hour"), (self.mean_carbs_g, "g of a mean meal")):
             if not 0.0 < value < math.inf:
-                raise ValueError(f"{value:g} {what} are not possible; give a finite value above 0")
+                raise Refusal(f"{value:g} {what} are not possible; give a finite value above 0")
         for start_min, value in self._by_time:
             if not value > 0.0:
-                raise ValueError(
+                raise Refusal(
                     f"{value:g} meals per hour from {time_of_day_text(start_min)} on are not possible; give a finite "
                     "value above 0, like 0.01 where hardly anybody eats"
                 )
@@ -60,8 +61,8 @@ class MealHabits:
             return ()
         try:
             return parse_daily(self.by_time)
-        except ValueError as error:
-            raise ValueError(f"meals by the time of day cannot be read: {error}") from None
+        except Refusal as error:
+            raise Refusal(f"meals by the time of day cannot be read: {error}") from None
 
     @property
     def rates_per_h(self) -> tuple[float, ...]:

@@ -60,6 +60,7 @@ from glucoloop.meals.announced import Announced, announce, nothing_announced, se
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
 from glucoloop.meals.stomach import FAST_GUT_MIN, SERVED_G_PER_MIN, Stomach, digest, empty_stomach, gut_of
 from glucoloop.models.nonlinear import FedModel, reading_of
+from glucoloop.refusal import Refusal
 
 Numbers = npt.NDArray[np.float64]
 
@@ -400,22 +401,20 @@ def design_meal_horizon(
     habits = MealHabits() if habits is None else habits
     for samples, of in ((horizon, "a meal horizon"), (fast_horizon, "a horizon of meals through a fast gut")):
         if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= LONGEST_HORIZON:
-            raise ValueError(
-                f"{of} of {samples} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
-            )
+            raise Refusal(f"{of} of {samples} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}")
     check_variances(disturbance_variance, measurement_variance)
     if not 0.0 < largest_disturbance_mg_min < np.inf:
-        raise ValueError(
+        raise Refusal(
             f"a largest disturbance of {largest_disturbance_mg_min:g} mg/min is not possible; "
             "give a finite value above 0"
         )
     for value, what in ((noise_patience, "patience with noise"), (failures_per_h, "rate of failures per hour")):
         if not 0.0 <= value < np.inf:
-            raise ValueError(f"a {what} of {value:g} is not possible; give a finite value of 0 or more")
+            raise Refusal(f"a {what} of {value:g} is not possible; give a finite value of 0 or more")
     if not 0.0 <= fast_meals < 1.0:
-        raise ValueError(f"a share of {fast_meals:g} of meals through a fast gut is not possible; give 0 to below 1")
+        raise Refusal(f"a share of {fast_meals:g} of meals through a fast gut is not possible; give 0 to below 1")
     if not 0.0 < failure_min < np.inf:
-        raise ValueError(f"failures of {failure_min:g} min are not possible; give a finite time above 0")
+        raise Refusal(f"failures of {failure_min:g} min are not possible; give a finite time above 0")
     linear = linearised(model)
     n = linear.Gamma.size
     Q = np.zeros((n + 1, n + 1))

@@ -15,6 +15,7 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.meals.scenario import check_time_of_day
 from glucoloop.models.nonlinear import FedModel
+from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 _ON_GRID = 1e-6  # of a sample; times nearer than this are the same time
@@ -181,15 +182,11 @@ def estimate_meals(
     announced = np.zeros_like(times) if announced_g is None else _column("announced amounts", announced_g)
     for name, values in (("readings", readings), ("insulin rates", insulin), ("announced amounts", announced)):
         if values.size != times.size:
-            raise ValueError(
-                f"{times.size} times and {values.size} {name} do not go together; give one of each a sample"
-            )
+            raise Refusal(f"{times.size} times and {values.size} {name} do not go together; give one of each a sample")
     if not times.size:
-        raise ValueError("a record without samples tells nothing; give at least one")
+        raise Refusal("a record without samples tells nothing; give at least one")
     if dead_time_samples < 0:
-        raise ValueError(
-            f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more"
-        )
+        raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     if start_min is not None:
         check_time_of_day(start_min)
     _refuse_times(times, model.sample_time_min)
@@ -214,9 +211,9 @@ def _column(name: str, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
     try:
         column = np.asarray(values, float)
     except (TypeError, ValueError):
-        raise ValueError(f"the {name} are not all numbers; give numbers, and NaN for what is missing") from None
+        raise Refusal(f"the {name} are not all numbers; give numbers, and NaN for what is missing") from None
     if column.ndim != 1:
-        raise ValueError(f"the {name} have the shape {column.shape}; give one number a sample")
+        raise Refusal(f"the {name} have the shape {column.shape}; give one number a sample")
     return column
 
 
@@ -225,7 +222,7 @@ def _refuse_times(times: npt.NDArray[np.float64], sample_time_min: float) -> Non
     if not np.isfinite(times[0]) or wrong.any():
         at = int(np.argmax(wrong)) if np.isfinite(times[0]) else 0
         then = times[at : at + 2].tolist()
-        raise ValueError(
+        raise Refusal(
             f"the times {' and '.join(f'{t:g}' for t in then)} min are not {sample_time_min:g} min apart, as the "
             "model's samples are; bring the record to that grid, with NaN for a missing reading"
         )
@@ -234,4 +231,4 @@ def _refuse_times(times: npt.NDArray[np.float64], sample_time_min: float) -> Non
 def _refuse_amounts(what: str, unit: str, values: npt.NDArray[np.float64]) -> None:
     wrong = ~((values >= 0.0) & np.isfinite(values))
     if wrong.any():
-        raise ValueError(f"{what} of {values[wrong][0]:g} {unit} is not possible; give a finite value of 0 or more")
+        raise Refusal(f"{what} of {values[wrong][0]:g} {unit} is not possible; give a finite value of 0 or more")

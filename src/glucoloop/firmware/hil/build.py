@@ -14,6 +14,7 @@ from glucoloop.firmware.chips import CHIPS, LINK, Chip, template
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.protocol import Payloads, header
 from glucoloop.native.targets.c.host import compiler
+from glucoloop.refusal import Refusal
 
 HOST: Final = "host"
 """Name of this computer as a chip."""
@@ -86,6 +87,21 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
     return portable_files(exported) | own
 
 
+def refuse_missing_tools(chip: str) -> None:
+    """Refuse an emulated chip whose tools are not installed.
+
+    Raises
+    ------
+    ValueError
+        With the package that brings the first missing tool.
+    """
+    if chip == HOST:
+        if compiler() is None:
+            raise Refusal("there is no C compiler on this machine; Debian's package gcc brings one")
+    elif missing := CHIPS[chip].missing:
+        raise Refusal(f"{chip} cannot be emulated: {missing}, or take --chip host")
+
+
 def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> FirmwareProgram:
     """Write and compile the firmware for an emulated chip.
 
@@ -104,19 +120,15 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     ValueError
         If a tool is not installed, or the compiler refuses the code.
     """
+    refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():
         (folder / name).write_text(text)
     sources = sorted(name for name in texts if name.endswith(".c"))
     if chip == HOST:
-        found = compiler()
-        if found is None:
-            raise ValueError("there is no C compiler on this machine; Debian's package gcc brings one")
-        _compile([found, *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
+        _compile([str(compiler()), *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
         return FirmwareProgram((str(folder / "firmware"),))
     of = CHIPS[chip]
-    if of.missing:
-        raise ValueError(f"{chip} cannot be emulated: {of.missing}, or take --chip host")
     _, told = of.support(exported.precision)
     flags = [
         *WARNINGS,
@@ -159,7 +171,7 @@ def _bound_to_us() -> tuple[str, ...]:
 def _compile(command: list[str], folder: Path) -> None:
     made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if made.returncode:
-        raise ValueError(f"the C compiler refuses the firmware: {' '.join(made.stderr.split())[:500]}")
+        raise Refusal(f"the C compiler refuses the firmware: {' '.join(made.stderr.split())[:500]}")
 
 
 def _template(name: str) -> str:

@@ -8,6 +8,7 @@ from typing import Final
 
 from glucoloop.firmware.hil.link import Link
 from glucoloop.firmware.hil.protocol import Decoder, Frame, Hello, Type
+from glucoloop.refusal import Refusal
 
 FIRST_WAIT_S: Final = 0.02
 """Time after which a frame that was not answered is sent again, before an answer was timed."""
@@ -117,7 +118,7 @@ class Exchange:
             return bool(hello)
 
         if not self._until(asked, took):
-            raise ValueError(
+            raise Refusal(
                 f"the chip did not answer within {ANSWER_WITHIN_S:g} s; check that it runs the firmware of "
                 "`glucoloop hil`, and that the port is its own"
             )
@@ -248,7 +249,7 @@ class Exchange:
     def _hello(self, frame: Frame) -> Hello | None:
         hello = Hello.of(frame) if frame.type == Type.HELLO else None
         if hello is not None and hello.design != self._design:
-            raise ValueError(
+            raise Refusal(
                 f"the chip runs the design {hello.design[:16]}, and the run is of {self._design[:16]}; "
                 "write the firmware of this run to it"
             )

@@ -12,6 +12,7 @@ import numpy as np
 
 from glucoloop.firmware.hil.link import Link, ProcessLink
 from glucoloop.firmware.hil.protocol import Decoder, Frame, Plan, Type
+from glucoloop.refusal import Refusal
 
 _LONGEST_START_S: Final = 1.0
 
@@ -72,7 +73,7 @@ class Disturbances:
             If there are.
         """
         if self.outages >= samples:
-            raise ValueError(
+            raise Refusal(
                 f"{self.outages} outages are not possible in {samples} samples, the first of which has none; "
                 f"give {samples - 1} or fewer"
             )

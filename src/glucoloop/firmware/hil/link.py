@@ -15,6 +15,7 @@ from typing import Final, Protocol
 
 from glucoloop.firmware.hil.build import NVM, FirmwareProgram
 from glucoloop.firmware.hil.protocol import Plan
+from glucoloop.refusal import Refusal
 
 try:
     import termios
@@ -102,7 +103,7 @@ class ProcessLink:
         self._write_plan(plan, after_bytes)
         if self._switch is None or not _was_reset(self._switch):
             self.power_off()
-            raise ValueError(f"the emulator did not reset the chip within {_LONGEST_RESET_S:g} s; run it again")
+            raise Refusal(f"the emulator did not reset the chip within {_LONGEST_RESET_S:g} s; run it again")
 
     def power_off(self) -> None:
         """Cut the power: the process ends at once, wherever it is."""
@@ -196,14 +197,14 @@ class SerialLink:
 
     def __init__(self, path: str, baud: int = 115200) -> None:
         if termios is None:
-            raise ValueError("serial ports are supported on POSIX systems only; take --chip host")
+            raise Refusal("serial ports are supported on POSIX systems only; take --chip host")
         rate = getattr(termios, f"B{baud}", None)
         if rate is None:
-            raise ValueError(f"a serial port cannot have {baud} baud; 9600, 115200 and 921600 are usual")
+            raise Refusal(f"a serial port cannot have {baud} baud; 9600, 115200 and 921600 are usual")
         try:
             self._port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError as error:
-            raise ValueError(f"the serial port {path} cannot be opened: {error.strerror}; check --chip") from None
+            raise Refusal(f"the serial port {path} cannot be opened: {error.strerror}; check --chip") from None
         try:
             # input, output, control, local, input rate, output rate, characters: raw, 8 bits, no parity, one stop bit
             settings = termios.tcgetattr(self._port)
@@ -212,7 +213,7 @@ class SerialLink:
             termios.tcflush(self._port, termios.TCIOFLUSH)
         except termios.error:
             os.close(self._port)
-            raise ValueError(f"{path} is no serial port; check --chip") from None
+            raise Refusal(f"{path} is no serial port; check --chip") from None
 
     def send(self, data: bytes) -> None:
         """Send bytes; those that the port does not take within a second are lost."""

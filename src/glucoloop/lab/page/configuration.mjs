@@ -11,7 +11,7 @@ import { checked, familyOf, tuningOf, usual } from "./situation.mjs";
 
 /** Keys that say nothing about what happens to the person whom the page simulates. */
 const OF_NO_EFFECT = new Set(["metrics", "allow_unusual", "label", "people", "first_person", "precision", "arithmetic"]);
-const OF_A_TRIAL = new Set(["shard_people", "traces", "population", "days", "design"]);
+const OF_A_TRIAL = new Set(["settled", "shard_people", "traces", "population", "days", "design"]);
 /** Usual values of keys that a run does not have. @type {Keys} */
 const USUAL_OF_A_TRIAL = { meal_size_spread_pct: 0, meal_time_spread_min: 0 };
 /** Keys that the page takes as a link tells them. */
@@ -21,7 +21,8 @@ const MIN_PER_DAY = 1440;
 /**
  * The tables of a configuration file as `glucoloop` writes it: keys with numbers, texts, truths and lists of them.
  * @param {string} text
- * @returns {Keys} with `case`, a list of tables, for a file with several controllers
+ * @returns {Keys} what was used, where the file tells it beside what was given; with `case`, a list of tables, for a
+ * file with several controllers
  * @throws {RangeError} with the line that is none of these
  */
 export function fromToml(text) {
@@ -31,16 +32,18 @@ export function fromToml(text) {
   const joined = text.replace(/= \[\n([^\]]*)\]/g, (_, inside) => `= [${inside.replaceAll("\n", " ")}]`);
   for (const line of joined.split("\n")) {
     if (/^\s*(#.*)?$/.test(line)) continue;
-    const table = /^\[\[(\w+)\]\]$/.exec(line);
+    const table = /^(\[\[?)([\w.]+)\]\]?$/.exec(line);
     const pair = /^(\w+) = (.*)$/.exec(line);
     if (table !== null) {
+      const path = table[2].split("."), name = path.pop() ?? "";
+      const outer = path.reduce((of, part) => { of[part] ??= {}; return Array.isArray(of[part]) ? of[part].at(-1) : of[part]; }, keys);
       into = {};
-      keys[table[1]] = [...(keys[table[1]] ?? []), into];
+      outer[name] = table[1] === "[" ? into : [...(outer[name] ?? []), into];
     } else if (pair !== null) {
       into[pair[1]] = valueOf(pair[2], line);
     } else throw new RangeError(`the configuration has the line '${line}', which this page cannot read`);
   }
-  return keys;
+  return keys.used === undefined ? keys : { [VERSION]: keys[VERSION], ...keys.used };
 }
 
 /** @param {string} text @param {string} line */

@@ -31,7 +31,7 @@ import { dot } from "./matrices.mjs";
  */
 
 /**
- * PID in velocity form; what is not given comes from a first-order model.
+ * PID; what is not given comes from a first-order model.
  * @param {Tuning} tuning
  * @param {FirstOrder} model
  * @param {number} sample_time_min

@@ -118,7 +118,7 @@ export const texts = {
     {
       title: "The unannounced meal",
       hash: "#controller=pid&closed_loop_min=60&meals=90g%4060min",
-      text: "No controller of this page is told of a meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 80, and lets it rise to 124.",
+      text: "No controller of this page is told of a meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
     },
   ],
   presets: [

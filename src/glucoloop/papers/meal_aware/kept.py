@@ -15,6 +15,7 @@ from glucoloop.papers.meal_aware.measures import AT_SAMPLES, MEASURES
 from glucoloop.papers.meal_aware.mismatched_loops import MismatchRuns
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.situations import HORIZON_MIN, mismatches_of, situations_of
+from glucoloop.refusal import Refusal
 from glucoloop.report.print_figure import KINDS
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows
@@ -71,7 +72,7 @@ def rows_of(asked: ClaimsKeys, controllers: Sequence[str]) -> Rows[KeptRuns]:
     def row(cells: Mapping[str, Any], before: Sequence[KeptRuns]) -> KeptRuns:
         case = cells["situation"], cells["controller"]
         if case not in wanted or any(case == (of.situation, of.controller) for of in before):
-            raise ValueError("these runs are not asked for")
+            raise Refusal("these runs are not asked for")
         return KeptRuns(*case, _loops(cells) if case[0] in alone else _mismatched(cells))
 
     return Rows(

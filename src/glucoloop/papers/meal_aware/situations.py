@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 from glucoloop.config.key import declared
 from glucoloop.papers.meal_aware.mismatches import GROUPS, MISMATCHES, Mismatch
 from glucoloop.papers.meal_aware.options import ClaimsKeys
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import refuse_unknown_keys
 
 OURS: Final = "meal-mpc"
@@ -107,7 +108,7 @@ def read_asked(keys: Mapping[str, object], names: Mapping[str, str] | None = Non
     for name in asked.only:
         if name not in CHOICES:
             called = (names or {}).get("only", "only")
-            raise ValueError(f"{called} is {name!r}, which is no situation; the known ones are: {', '.join(CHOICES)}")
+            raise Refusal(f"{called} is {name!r}, which is no situation; the known ones are: {', '.join(CHOICES)}")
     return asked
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from glucoloop.metrics import Metrics
 from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, NoisyRun, PointResults, noisy_runs
 from glucoloop.papers.parker1999.published import UNSETTLED, PrintedEntry, published
+from glucoloop.printable import how_many
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
 from glucoloop.tuning.paper import printed_tuning
@@ -115,7 +116,18 @@ def count(rows: Iterable[ComparedEntry], operating_point: str) -> str:
     agree = sum(bool(row.agrees(operating_point)) for row in measured)
     spread = sum(row.agrees_by_spread(operating_point) for row in measured)
     only = f", {spread} of them only within the spread of the seeds" if spread else ""
-    return f"{agree} of {len(measured)} printed entries reproduce{only}"
+    told = f"{agree} of {len(measured)} printed entries reproduce{only}"
+    results = [row for row in measured if operating_point not in row.entry.input_at]
+    if len(results) == len(measured):
+        return told
+    inputs = how_many(len(measured) - len(results), "entry that is an input", "entries that are inputs")
+    return f"{told}; without {inputs}, {sum(bool(row.agrees(operating_point)) for row in results)} of {len(results)}"
+
+
+def left_out(rows: Iterable[ComparedEntry]) -> str:
+    """Sentence on the entries that no experiment was run for; empty if there are none."""
+    number = sum(not row.reproduced for row in rows)
+    return f"{how_many(number, 'printed entry', 'printed entries')} not run and left out." if number else ""
 
 
 def _number(value: float) -> str:

@@ -40,7 +40,7 @@ class ReproduceKeys:
     seed: Annotated[
         int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - MOST_SEEDS)
     ] = 1
-    quick: Annotated[bool, _extent("A glimpse: few seeds, dead times to 5 min, no tuning searches.")] = False
+    quick: Annotated[bool, _extent("A quick look: few seeds, dead times up to 5 min, no tuning searches.")] = False
 
     @property
     def points(self) -> tuple[str, ...]:

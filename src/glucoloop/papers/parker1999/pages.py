@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from string import Template
 from typing import Any, Final
 
 import glucoloop
-from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, count
+from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, count, left_out
+from glucoloop.papers.parker1999.deviations import reason_for
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.figures import CAPTIONS
 from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.report.page import FOOTER
+from glucoloop.report._page import FOOTER, page, scrolling, section
+from glucoloop.report._page import table as page_table
 
 TITLE: Final = "Parker, Doyle and Peppas (1999), reproduced"
 _SECTIONS: Final = (
@@ -23,7 +25,11 @@ _SECTIONS: Final = (
     ("Patient, model and identification", "model."),
     ("Tunings", "tuning."),
 )
-_LONG: Final = 48  # characters, from which on a cell is given room
+_CELL: Final = (
+    "In each cell: the result, its difference from the printed number, and whether it agrees. Spread: it agrees only "
+    "because the printed number lies within the spread of the seeds. Input: the printed number was put in, so that it "
+    "cannot but agree."
+)
 _VERDICTS: Final = {True: "yes", False: "no", None: ""}
 _BY_SPREAD: Final = "spread"
 _READING_NUMBERS: Final = {name: number for number, name in enumerate(READINGS, 1)}
@@ -40,15 +46,21 @@ class Table:
 
 
 def _row_text(row: ComparedEntry, points: Sequence[str]) -> tuple[str, ...]:
-    cells = [row.entry.what, f"{_printed(row)} {row.entry.unit}".strip(), f"p. {row.entry.page}, {row.entry.place}"]
-    for point in points:
-        found, difference = row.reproduced.get(point), row.difference(point)
-        cells += [
-            found.text if found else "not run",
-            "" if difference is None else f"{difference:+.2f}",
-            _BY_SPREAD if row.agrees_by_spread(point) else _VERDICTS[row.agrees(point)],
-        ]
-    return (*cells, ", ".join(str(_READING_NUMBERS[name]) for name in row.entry.readings))
+    found = (_found(row, point) for point in points)
+    readings = ", ".join(str(_READING_NUMBERS[name]) for name in row.entry.readings)
+    place = f"p. {row.entry.page}, {row.entry.place}"
+    return (row.entry.what, f"{_printed(row)} {row.entry.unit}".strip(), *found, place, readings)
+
+
+def _found(row: ComparedEntry, point: str) -> str:
+    """The result at an operating point, its difference from the printed number, and whether it agrees."""
+    found, difference = row.reproduced.get(point), row.difference(point)
+    if found is None:
+        return "not run"
+    verdict = _BY_SPREAD if row.agrees_by_spread(point) else _VERDICTS[row.agrees(point)]
+    if verdict == "yes" and point in row.entry.input_at:
+        verdict = "input"
+    return "; ".join([found.text, *([] if difference is None else [f"{difference:+.2f}"]), verdict])
 
 
 def _printed(row: ComparedEntry) -> str:
@@ -58,8 +70,7 @@ def _printed(row: ComparedEntry) -> str:
 
 
 def _columns(points: Sequence[str]) -> tuple[str, ...]:
-    found = [column for point in points for column in (point, "difference", "agrees")]
-    return ("Entry", "Printed", "Place", *found, "Readings")
+    return ("Entry", "Printed", *points, "Place", "Readings")
 
 
 def _anew(studies: Mapping[str, PointResults]) -> Table:
@@ -84,11 +95,15 @@ def _anew(studies: Mapping[str, PointResults]) -> Table:
 
 def tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults]) -> list[Table]:
     """Every table of the report; those of experiments that were not carried out are left out."""
-    made = []
+    made: list[Table] = []
     for heading, prefix in _SECTIONS:
-        of_section = tuple(_row_text(row, list(studies)) for row in rows if row.entry.id.startswith(prefix))
+        of_section = tuple(
+            _row_text(row, list(studies)) for row in rows if row.entry.id.startswith(prefix) and row.reproduced
+        )
         if of_section:
-            made.append(Table(heading=heading, note="", columns=_columns(list(studies)), rows=of_section))
+            made.append(
+                Table(heading=heading, note="" if made else _CELL, columns=_columns(list(studies)), rows=of_section)
+            )
         if of_section and prefix == "table-2." and any(study.identified_anew for study in studies.values()):
             made.append(_anew(studies))
     return made
@@ -99,7 +114,7 @@ def tables_at_the_end(rows: Sequence[ComparedEntry]) -> list[Table]:
     if not rows:
         return []
     failed = tuple(
-        (row.entry.what, _printed(row), point, found.text)
+        (row.entry.what, _printed(row), point, found.text, reason_for(row.entry.id, point) or "not known")
         for row in rows
         for point, found in row.reproduced.items()
         if row.agrees(point) is False
@@ -111,9 +126,10 @@ def tables_at_the_end(rows: Sequence[ComparedEntry]) -> list[Table]:
             note=(
                 "A number agrees if it is within a tenth of the printed one, or if the printed one lies between the "
                 "10th and the 90th percentile over the seeds, which the tables mark with the word spread; a bound "
-                "agrees if it is kept. Everything else is listed here, at each operating point."
+                "agrees if it is kept. Everything else is listed here, at each operating point, with the reason where "
+                "one is known."
             ),
-            columns=("Entry", "Printed", "Operating point", "Reproduced"),
+            columns=("Entry", "Printed", "Operating point", "Reproduced", "Reason"),
             rows=failed,
         ),
         Table(
@@ -135,7 +151,8 @@ def _summary(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults],
         lines.append(f"At {point}, {count(rows, point)}.")
         if study.with_noise:
             lines[-1] += f" Noisy entries are medians over {study.seeds} seeds, with the 10th and 90th percentile."
-    return [*lines, f"glucoloop {glucoloop.__version__}, seed {seed}."]
+    missing = left_out(rows)
+    return [*lines, *([missing] if missing else []), f"glucoloop {glucoloop.__version__}, seed {seed}."]
 
 
 def json_report(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int) -> dict[str, Any]:
@@ -155,6 +172,7 @@ def json_report(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResult
                 "page": row.entry.page,
                 "place": row.entry.place,
                 "readings": list(row.entry.readings),
+                "input_at": list(row.entry.input_at),
                 "reproduced": {
                     point: {
                         "median": found.median,
@@ -191,77 +209,47 @@ def html_report(
     rows: Sequence[ComparedEntry], studies: Mapping[str, PointResults], seed: int, figures: Mapping[str, str]
 ) -> str:
     """The report as one page; `figures` are SVG texts by name, ``operating-point/figure``."""
-    parts = [f"<p>{html.escape(line)}</p>" for line in _summary(rows, studies, seed)]
+    parts = [f'<p class="lead">{html.escape(line)}</p>' for line in _summary(rows, studies, seed)]
     parts += [_html_table(table) for table in tables(rows, studies)]
     for name, svg in figures.items():
         point, figure = name.split("/")
-        caption = f"{html.escape(CAPTIONS[figure])} <span>{html.escape(point)}</span>"
-        parts.append(f"<figure>{_inline(svg, name)}<figcaption>{caption}</figcaption></figure>")
+        caption = f"{CAPTIONS[figure]} At {point}."
+        image = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
+        alt = html.escape(caption)
+        parts.append(f'<figure><img src="{image}" alt="{alt}"><figcaption>{alt}</figcaption></figure>')
     parts += [_html_table(table) for table in tables_at_the_end(rows)]
-    return _PAGE.substitute(title=html.escape(TITLE), body="\n".join(parts), footer=FOOTER)
-
-
-def _inline(svg: str, name: str) -> str:
-    """An SVG without its XML head, with ids made unique, so that they do not refer to another figure on the page."""
-    body = svg[svg.index("<svg") :]
-    own = "".join(letter if letter.isalnum() else "-" for letter in name)
-    for mark in ('id="', 'href="#', "url(#"):
-        body = body.replace(mark, f"{mark}{own}-")
-    return body
+    return page(TITLE, "\n".join(parts), _STYLE)
 
 
 def _html_table(table: Table) -> str:
-    if not table.rows:
-        body = "<p>Nothing.</p>"
-    else:
-        head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
-        lines = "".join(f"<tr>{''.join(map(_html_cell, table.columns, row))}</tr>" for row in table.rows)
-        body = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
-    note = f"<p>{html.escape(table.note)}</p>" if table.note else ""
-    return f"<section><h2>{html.escape(table.heading)}</h2>{note}{body}</section>"
+    body = "<p>Nothing.</p>"
+    if table.rows:
+        cells = [[_html_cell(cell) for cell in row] for row in table.rows]
+        body = scrolling(
+            page_table([html.escape(name) for name in table.columns], cells, values_from=99), table.heading
+        )
+    return section(html.escape(table.heading), html.escape(table.note), body)
 
 
-def _html_cell(column: str, cell: str) -> str:
-    """A cell that names its column, for a narrow screen, where the head of the table is not shown."""
-    kind = "long" if len(cell) > _LONG else cell if cell in ("yes", "no") else ""
-    mark = f' class="{kind}"' if kind else ""
-    return f'<td{mark} data-column="{html.escape(column)}">{html.escape(cell)}</td>'
+def _html_cell(cell: str) -> str:
+    """HTML of a cell, in which the verdict at its end is coloured."""
+    told, _, verdict = cell.rpartition("; ")
+    if verdict not in ("yes", "no"):
+        return html.escape(cell)
+    return f'{html.escape(told)}; <span class="{verdict}">{verdict}</span>'
 
 
-_PAGE: Final = Template("""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>$title</title>
-<style>
-:root { color-scheme: light dark; --line: #8886; --yes: #00855b; --no: #c04a00; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.15rem; margin-top: 2.5rem; }
-table { border-collapse: collapse; font-size: .82rem; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--line); }
-th:last-child, td:last-child { padding-right: 0; }
-td.long { min-width: 16rem; }
+_STYLE: Final = """
+table { font-size: 0.82rem; }
+th[scope=row] { padding-left: 0; min-width: 11rem; max-width: 18rem; white-space: normal; position: sticky; left: 0;
+                background: var(--paper); }
+th, td { vertical-align: top; min-width: 4.5rem; }
+td:last-child { min-width: 7rem; }
+[aria-label="What does not reproduce"] td:last-child { min-width: 22rem; }
+tbody tr + tr > * { border-top: 1px solid var(--rule); }
 .yes { color: var(--yes); } .no { color: var(--no); font-weight: 600; }
-figure { margin: 2rem 0; background: white; color: black; padding: 1rem; border-radius: .4rem; max-width: 46rem; }
-figure svg { width: 100%; height: auto; }
-figcaption { font-size: .85rem; } figcaption span { color: #666; }
-footer { margin-top: 3rem; color: #777; font-size: .85rem; }
-@media (max-width: 60rem) { /* one column: every row is a list, every cell says of what it is */
-  thead { display: none; }
-  tbody, tr, td { display: block; border: 0; }
-  tr { padding: .5rem 0; border-bottom: 1px solid var(--line); }
-  td, td.long { display: grid; grid-template-columns: 8rem 1fr; min-width: 0; padding: .1rem 0; }
-  td:empty { display: none; }
-  td::before { content: attr(data-column); color: #777; }
-  figure { padding: .3rem; }
-}
-</style>
-</head>
-<body>
-<h1>$title</h1>
-$body
-<footer>$footer</footer>
-</body>
-</html>
-""")
+figure { margin: 2rem 0; background: white; color: black; padding: 1rem; border-radius: 0.4rem; max-width: 46rem; }
+figure img { width: 100%; height: auto; }
+figcaption { font-size: 0.85rem; }
+@media (max-width: 44rem) { th[scope=row] { min-width: 7rem; max-width: 9rem; } figure { padding: 0.3rem; } }
+"""

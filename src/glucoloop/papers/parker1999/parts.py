@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, Experiments, noisy_runs
+from glucoloop.refusal import Refusal
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,6 @@ def chosen(tables: Sequence[str], figures: Sequence[str]) -> PaperPart | None:
             key = name.strip().upper()
             one = known.get(_ARABIC.get(key, key) if kind == "table" else key)
             if one is None:
-                raise ValueError(f"unknown {kind} {name!r}; the known ones are: {', '.join(known)}")
+                raise Refusal(f"unknown {kind} {name!r}; the known ones are: {', '.join(known)}")
             part = one if part is None else part | one
     return part

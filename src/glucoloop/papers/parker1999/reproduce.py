@@ -12,6 +12,7 @@ from glucoloop.papers.parker1999.figures import draw
 from glucoloop.papers.parker1999.pages import html_report, json_report, markdown_report
 from glucoloop.papers.parker1999.parts import PaperPart
 from glucoloop.patients import OPERATING_POINTS
+from glucoloop.refusal import Refusal
 from glucoloop.report.print_figure import KINDS, figure_bytes
 
 QUICK_DEAD_TIMES_MIN: Final = (0, 5)
@@ -36,10 +37,10 @@ def carry_out(
         For fewer than one seed, or an unknown operating point.
     """
     if seeds < 1:
-        raise ValueError(f"{seeds} seeds are too few; give 1 or more")
+        raise Refusal(f"{seeds} seeds are too few; give 1 or more")
     for name in operating_points:
         if name not in OPERATING_POINTS:
-            raise ValueError(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
+            raise Refusal(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
     dead_times = QUICK_DEAD_TIMES_MIN if quick else DEAD_TIMES_MIN
     wanted = Experiments.of_paper() if part is None else part.experiments
     wanted = wanted.limited_to(dead_times, tunings=not quick)

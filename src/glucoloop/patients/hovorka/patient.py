@@ -22,6 +22,8 @@ from glucoloop.patients.hovorka.rest import (
 )
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
+from glucoloop.refusal import Refusal
+from glucoloop.registry.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
@@ -39,6 +41,8 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         highest_mg_dl=glucose_without_insulin_mg_dl,
         beyond="the liver would make no glucose, and glucose would fall to 0 mg/dl",
     )
+    insulin_route: ClassVar[str] = SUBCUTANEOUS
+    usual_pump: ClassVar[PumpRange] = PUMP_OF_1999
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
 
@@ -83,7 +87,7 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
             return self.glucose_mg_dl(x)
         if site == INTERSTITIAL:
             return equations.interstitial_glucose_mg_dl(x)
-        raise ValueError(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
+        raise Refusal(f"glucose cannot be measured at {site!r}; the known sites are: {', '.join(self.sites)}")
 
     def process_noise(self, glucose: float, other: float, glucagon: float = 0.0) -> npt.NDArray[np.float64]:
         """Diagonal of the process noise covariance `(9,)` that a Kalman filter of this patient takes.

@@ -13,6 +13,7 @@ from typing import Any, Final, TypeVar
 from glucoloop.patients.hovorka.equations import HovorkaConstants
 from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution
+from glucoloop.refusal import Refusal
 
 Constants = TypeVar("Constants", bound=HovorkaConstants)
 
@@ -45,12 +46,12 @@ def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distributio
     """
     for name, distribution in varied.items():
         if not distribution.lower > 0.0:
-            raise ValueError(
+            raise Refusal(
                 f"{name} can vary from {distribution.lower:g} to {distribution.upper:g} but must stay above 0; "
                 "narrow its spread, or give lower and upper"
             )
     if ABSORPTION_TIME in varied and ABSORPTION_RATE in varied:
-        raise ValueError(f"{ABSORPTION_RATE} is 1 / {ABSORPTION_TIME}; vary one of the two")
+        raise Refusal(f"{ABSORPTION_RATE} is 1 / {ABSORPTION_TIME}; vary one of the two")
     threshold = getattr(person, UPTAKE_THRESHOLD, None)
     if threshold is None:
         return
@@ -58,7 +59,7 @@ def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distributio
     most = threshold if uptake is None else uptake.upper
     least = getattr(person, RENAL_THRESHOLD) if renal is None else renal.lower
     if most > least:
-        raise ValueError(
+        raise Refusal(
             f"{UPTAKE_THRESHOLD} can be {most:g} mmol/l and {RENAL_THRESHOLD} {least:g} mmol/l, but the first must not "
             "exceed the second; narrow their spreads"
         )

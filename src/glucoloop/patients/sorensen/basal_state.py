@@ -22,6 +22,7 @@ import dataclasses
 import jax
 
 from glucoloop.patients.sorensen.equations import SorensenParameters
+from glucoloop.refusal import Refusal
 
 
 def basal_glucose(p: SorensenParameters, arterial_mg_dl: jax.Array | float) -> tuple[jax.Array | float, ...]:
@@ -63,7 +64,7 @@ def with_fasting_glucose(p: SorensenParameters, arterial_mg_dl: float) -> Sorens
     lower = p.ref_G_H - arterial_mg_dl
     shifted = {name: getattr(p, name) - lower for name in ("ref_G_H", "ref_G_L", "ref_G_PI")}
     if not min(shifted.values()) > 0.0:
-        raise ValueError(
+        raise Refusal(
             f"a fasting arterial glucose of {arterial_mg_dl:g} mg/dl leaves the peripheral tissue none; "
             f"give more than {p.ref_G_H - p.ref_G_PI:.3g} mg/dl"
         )

@@ -15,6 +15,7 @@ from glucoloop.patients.sorensen.body_weight import REFERENCE_WEIGHT_KG, scaled_
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
 from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
 from glucoloop.patients.variation import Distribution, Variation
+from glucoloop.refusal import Refusal
 
 WEIGHT: Final = "weight_kg"
 ADULTS: Final = Variation(parameter=WEIGHT, distribution="lognormal", spread_pct=15.0)
@@ -59,7 +60,7 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
         lowest, highest = _possible(name)
         if not (lowest < distribution.lower and distribution.upper < highest):
             bound = f"above {lowest:g}" + (f" and below {highest:g}" if math.isfinite(highest) else "")
-            raise ValueError(
+            raise Refusal(
                 f"{name} can vary from {distribution.lower:g} to {distribution.upper:g} but must stay {bound}; "
                 "narrow its spread, or give lower and upper"
             )
@@ -90,7 +91,7 @@ def _refuse_no_clearance(varied: Mapping[str, Distribution]) -> None:
     allowed = 1.0 / (1.0 + most["Q_P"] * most["T_PI"] / _reach("V_PI", varied)[0])
     if not most["F_PC"] < allowed:
         who = next(name for name in ("F_PC", "Q_P", "T_PI", "V_PI") if name in varied)
-        raise ValueError(
+        raise Refusal(
             f"F_PC can be {most['F_PC']:g}, but with these flows and volumes no insulin would be left in the periphery "
             f"from {allowed:.4g} on; narrow the spread of {who}"
         )
@@ -103,7 +104,7 @@ def _refuse_change_of_sign(effect: str, varied: Mapping[str, Distribution]) -> N
         return
     least, most = _reach(offset, varied)[0], max(abs(value) for value in _reach(scale, varied))
     if least < most:
-        raise ValueError(
+        raise Refusal(
             f"{effect} would change its sign: its scale can be {most:g} and its offset {least:g}; "
             + (f"vary {effect}.{STRENGTH} instead" if effect in _EFFECTS else "vary excretion_clearance instead")
         )

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.faults.past import LONGEST, filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -56,7 +57,7 @@ def late(samples: int, episodes: Episodes, inner: Sensor | None = None) -> Late:
         Unless `samples` is a whole number from 1 to 288.
     """
     if not 1 <= samples <= LONGEST:
-        raise ValueError(f"a delay of {samples} samples is not possible; give a whole number from 1 to {LONGEST}")
+        raise Refusal(f"a delay of {samples} samples is not possible; give a whole number from 1 to {LONGEST}")
     return Late(inner=or_ideal(inner), episodes=episodes, samples=samples)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop.cohorts.trial import FORMAT, Trial
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import kept_text
@@ -39,13 +40,13 @@ def bound(trial: Trial, index: int, files: Mapping[str, bytes], *, fingerprint: 
     """
     expected = bounds(trial, index)
     if files.keys() != expected.keys():
-        raise ValueError(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
+        raise Refusal(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
     rows = {}
     for name, of_file in sorted(expected.items()):
         try:
             rows[name] = of_file.check(files[name])
         except ValueError as error:
-            raise ValueError(f"{name} of shard {index} is not as it must be: {error}") from None
+            raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
     person = trial.shard(index)
     told = {
         **_identity(index, fingerprint, arithmetic),
@@ -73,19 +74,19 @@ def whole_shard(place: Path, folder: Path, index: int, *, fingerprint: str, arit
         if SHARD not in sums or names != sorted(sums):
             changed.append(SUMS)
     except ValueError as error:
-        raise ValueError(f"shard {place.name} of {folder} is damaged: {str(error).partition(';')[0]}; {mend}") from None
+        raise Refusal(f"shard {place.name} of {folder} is damaged: {str(error).partition(';')[0]}; {mend}") from None
     if changed:
-        raise ValueError(f"shard {place.name} of {folder} is damaged: {changed[0]} is not as it was written; {mend}")
+        raise Refusal(f"shard {place.name} of {folder} is damaged: {changed[0]} is not as it was written; {mend}")
     told = _told(place / SHARD)
     for name, value in _identity(index, fingerprint, arithmetic).items():
         if told.get(name) != value:
-            raise ValueError(
+            raise Refusal(
                 f"shard {place.name} of {folder} belongs to something else: its {name} is {told.get(name)}, and that "
                 f"of its place is {value}; {mend}"
             )
     rows = told.get("rows")
     if not isinstance(rows, dict) or sorted([SHARD, *rows]) != names:
-        raise ValueError(f"shard {place.name} of {folder} is damaged: {SHARD} does not list its files; {mend}")
+        raise Refusal(f"shard {place.name} of {folder} is damaged: {SHARD} does not list its files; {mend}")
     return sums
 
 

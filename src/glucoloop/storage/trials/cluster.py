@@ -20,6 +20,7 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
 from glucoloop.cohorts.trial import Trial, fingerprint
+from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.run import Progress
 from glucoloop.storage.trials.shard import compute_shard
@@ -53,14 +54,14 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
     from glucoloop.cohorts import engine
 
     if glucoloop.__version__ != version:
-        raise ValueError(
+        raise Refusal(
             f"a worker has glucoloop {glucoloop.__version__}, and this is {version}; "
             "install the same on all workers and run the same command again"
         )
     other = arithmetic.difference(identity, arithmetic.identity())
     if other is not None:
         name, here, there = other
-        raise ValueError(
+        raise Refusal(
             f"a worker has {name} {there}, and here it is {here}, which does not give the same bits; "
             "have workers of one kind, with the same libraries and settings, and run the same command again"
         )
@@ -90,8 +91,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     ValueError
         If Dask is not installed, or no scheduler answers at the address.
     """
-    with needed_for("a cluster"):
-        distributed = importlib.import_module("distributed")  # untyped
+    distributed = library()
     with contextlib.ExitStack() as stack:
         if address == LOCAL:
             with _workers_deaf_to_interrupts():
@@ -104,18 +104,30 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
                     )
                 )
         elif workers is not None:
-            raise ValueError("the number of workers is the cluster's own; leave it out")
+            raise Refusal("the number of workers is the cluster's own; leave it out")
         else:
             cluster = address
         try:
             stack.enter_context(_silent("distributed.client"))
             client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_S, set_as_default=False))
         except (OSError, ValueError) as error:
-            raise ValueError(
+            raise Refusal(
                 f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); "
                 "start one, or give its address like tcp://10.0.0.1:8786"
             ) from None
         yield client
+
+
+def library() -> Any:
+    """The library of clusters, asked for before a trial designs its controllers.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    with needed_for("a cluster"):
+        return importlib.import_module("distributed")  # untyped
 
 
 @contextlib.contextmanager
@@ -156,7 +168,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
     tried: Counter[int] = Counter()
     running: dict[Any, int] = {}
     """Number of the shard of each future."""
-    completed = importlib.import_module("distributed").as_completed(loop=client.loop)
+    completed = library().as_completed(loop=client.loop)
 
     def fill() -> None:
         while waiting and len(running) < max(_LEAST_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values())):
@@ -181,10 +193,10 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
         if error is None:
             folder.put(index, future.result())
             progress(trial.shard(index).size * len(trial.cases))
-        elif tried[index] <= RETRIES and not isinstance(error, ValueError):
+        elif tried[index] <= RETRIES and not isinstance(error, Refusal):
             waiting.appendleft(index)
         else:
-            raise ValueError(
+            raise Refusal(
                 f"shard {index} failed on the cluster: {' '.join(str(error).split()).rstrip('.')}; "
                 f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
             )

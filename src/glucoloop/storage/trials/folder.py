@@ -15,6 +15,7 @@ from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
+from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.origin import Origin
@@ -43,7 +44,7 @@ _DIGITS: Final = 20
 
 def plain_trial(trial: Trial) -> Work:
     """Work of ``glucoloop trial``."""
-    return Work(command="trial", what="trial", keys=trial_keys(trial), final=FINAL, summary=SUMMARY)
+    return Work(command="trial", what="trial", keys=trial_keys(trial), given=trial.given, final=FINAL, summary=SUMMARY)
 
 
 class TrialFolder(ResumableFolder):
@@ -129,12 +130,12 @@ class TrialFolder(ResumableFolder):
         """Read the finished shards, and refuse damaged or foreign ones."""
         same = [(of.fingerprint, of.people, of.shards) for of in (self._there, self._header)]
         if same[0] != same[1]:
-            raise ValueError(
+            raise Refusal(
                 f"{self.path / HEADER} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
             )
         configuration = self.path / self.work.configuration
         if disk.is_file(configuration) and disk.read_bytes(configuration) != self.work.text.encode():
-            raise ValueError(
+            raise Refusal(
                 f"{configuration} was changed since glucoloop wrote it; move it away and run the same command again"
             )
         _refuse_foreign(self.path, self.trial.shards)
@@ -198,7 +199,7 @@ def final_files(folder: Path) -> list[str]:
     listed: list[str] = [name for name in (BANDS, SUMMARY) if name in sums]
     for name in listed:
         if disk.digest(folder / name) != sums[name]:
-            raise ValueError(
+            raise Refusal(
                 f"{folder / name} is gone or was changed since glucoloop wrote it; "
                 f"move it away and run the command that made {folder} again"
             )
@@ -259,7 +260,7 @@ def _refuse_foreign(folder: Path, shards: int | None) -> None:
         place = folder / SHARDS / name
         foreign = [""] if _number(name, shards) is None else [f"/{of}" for of in disk.names(place) if of not in known]
         if foreign:
-            raise ValueError(
+            raise Refusal(
                 f"{folder} holds {SHARDS}/{name}{foreign[0]}, which is no part of a trial; "
                 "move that away, or choose another folder with --out"
             )

@@ -15,9 +15,11 @@ from glucoloop import arithmetic
 from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
+from glucoloop.refusal import Refusal
+from glucoloop.registry.plugins import outside_code
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.origin import Origin, outside_code
+from glucoloop.storage.origin import Origin
 from glucoloop.storage.strict_json import json_text
 
 HEADER: Final = "trial.json"
@@ -76,9 +78,9 @@ def read_header(folder: Path) -> Header:
     """
     place = folder / HEADER
     if not folder.is_dir():
-        raise ValueError(f"{folder} is not a folder; give the folder of a trial, as --out named it")
+        raise Refusal(f"{folder} is not a folder; give the folder of a trial, as --out named it")
     if not disk.is_file(place):
-        raise ValueError(f"{folder} holds no trial, for there is no {HEADER}; give a folder that glucoloop trial wrote")
+        raise Refusal(f"{folder} holds no trial, for there is no {HEADER}; give a folder that glucoloop trial wrote")
     try:
         found = json.loads(kept_text(place, "the header of a trial"))
         kind, version = found.pop("format"), found.pop("format_version")
@@ -87,9 +89,9 @@ def read_header(folder: Path) -> Header:
         if header is not None:
             _check(header)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise ValueError(f"{place} is damaged; delete {folder} and run the trial again") from None
+        raise Refusal(f"{place} is damaged; delete {folder} and run the trial again") from None
     if header is None:
-        raise ValueError(f"{place} is of another format, {kind} {version}; read it with the glucoloop that wrote it")
+        raise Refusal(f"{place} is of another format, {kind} {version}; read it with the glucoloop that wrote it")
     return header
 
 

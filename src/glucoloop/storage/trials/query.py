@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from typing import Any, Final
 
 from glucoloop._extras import needed_for
 from glucoloop.printable import is_printable
+from glucoloop.refusal import Refusal
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards, final_files
 from glucoloop.storage.trials.header import read_header
@@ -40,6 +42,8 @@ _SCRATCH: Final = "glucoloop-query-"
 """Prefix of the temporary folder; the number of the process follows."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
+_LACKED: Final = re.compile(r"Required module '(?P<package>[^']+)' failed to import")
+"""DuckDB's words for a Python package that it needs to hand over a value, before a traceback."""
 _Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
 """White space that a query over several lines may hold."""
@@ -79,18 +83,18 @@ class TrialTables:
             long.
         """
         if timeout_s is not None and not timeout_s > 0.0:
-            raise ValueError(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
+            raise Refusal(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
         if not is_printable(sql.translate(_SPACES)):
-            raise ValueError(f"{_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
+            raise Refusal(f"{_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
         try:
             statements = self._connection.extract_statements(sql)
             if len(statements) != 1 or not self._only_reads(statements[0]):
-                raise ValueError(
+                raise Refusal(
                     f"{_line(sql)!r} is not one question that only reads; give one SELECT, "
                     'like "select controller, avg(undershoot_mg_dl) from people group by all"'
                 )
         except duckdb.Error as error:
-            raise ValueError(_refusal(error)) from None
+            raise Refusal(_refusal(error)) from None
         work: Stoppable[_Rows] = Stoppable(self._connection.interrupt, timeout_s)
 
         def fetch() -> _Rows:
@@ -105,11 +109,9 @@ class TrialTables:
             try:
                 return work.run(of)
             except TimeLimitError:
-                raise ValueError(
-                    f"the answer took more than {timeout_s:g} s; ask for less, or allow more time"
-                ) from None
+                raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
             except (duckdb.Error, OverflowError) as error:
-                raise ValueError(_refusal(error)) from None
+                raise Refusal(_refusal(error)) from None
 
         def rows(found: _Rows) -> Iterator[tuple[Any, ...]]:
             while found:
@@ -145,10 +147,10 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
     header = read_header(folder)
     shards, final = done_shards(folder, header), final_files(folder)
     if not shards:
-        raise ValueError(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
+        raise Refusal(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
     place = folder.resolve()
     if _SPECIAL & set(str(place)):
-        raise ValueError(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
+        raise Refusal(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
     with _connected() as connection, _scratch() as scratch:
         try:
             for name, statement in _views(folder, [shard.name for shard in shards], final).items():
@@ -166,7 +168,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
                 "where not internal group by all"
             ).fetchall()
         except duckdb.Error as error:
-            raise ValueError(f"{folder} cannot be read: {_line(str(error))}") from None
+            raise Refusal(f"{folder} cannot be read: {_line(str(error))}") from None
         views = dict(columns)
         known = {name: views[name] for name in VIEWS if name in views}
         yield TrialTables(connection, known, len(shards), header.shards)
@@ -245,7 +247,7 @@ def _summary(connection: Any, folder: Path) -> None:
             for metric, values in of_label["metrics"].items()
         ]
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise ValueError(
+        raise Refusal(
             f"{folder / SUMMARY} is damaged; move it away and run the command that made {folder} again"
         ) from None
     columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
@@ -270,6 +272,11 @@ def _refusal(error: Exception) -> str:
         )
     if isinstance(error, OverflowError):
         return "the answer holds a span of time that is too long to be shown; cast it to varchar"
+    lacked = _LACKED.search(str(error))
+    if lacked is not None:
+        package = lacked["package"]
+        what = "a time with a time zone" if package == "pytz" else "a value"
+        return f"the answer holds {what}, for which {package} is missing; cast it to varchar"
     return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
 
 

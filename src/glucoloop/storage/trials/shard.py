@@ -13,6 +13,7 @@ import polars as pl
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.people import PeopleRows, Shard
 from glucoloop.cohorts.trial import Trial
+from glucoloop.refusal import Refusal
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
         for position, case in enumerate(trial.cases):
             rows = table.slice(position * person.size, person.size)
             if not (rows["controller"] == case.label).all() or not np.array_equal(rows["person"], person):
-                raise ValueError(f"the rows of {case.label!r} are not those of persons {person[0]} to {person[-1]}")
+                raise Refusal(f"the rows of {case.label!r} are not those of persons {person[0]} to {person[-1]}")
             of_case = {column.name: column.to_numpy() for column in rows}
             people[case.label] = PeopleRows(
                 person=of_case["person"],
@@ -180,7 +181,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
                 yes_or_no=yes_or_no,
             )
     except (pl.exceptions.PolarsError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{place} is damaged: {' '.join(str(error).split())}") from None
+        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None
     return people
 
 
@@ -226,7 +227,7 @@ def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts])
             when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
             number, count = part["bin"].to_numpy(), part["count"].to_numpy()
             if min(when.min(), number.min()) < 0 or not 0 <= count.min() <= count.max() <= trial.shard(index).size:
-                raise ValueError("it counts people who cannot be")
+                raise Refusal("it counts people who cannot be")
             np.add.at(counts, (when, number), count)
     except (pl.exceptions.PolarsError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise ValueError(f"{place} is damaged: {' '.join(str(error).split())}") from None
+        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None

@@ -22,6 +22,7 @@ from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.erring import erring
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
@@ -125,9 +126,9 @@ class Attack:
 
     def __init__(self, trial: Trial, controller: Controller, space: ErrorSpace, *, lanes: int = 256) -> None:
         if trial.plan.varies:
-            raise ValueError("meals that differ between people cannot be searched over; leave their spreads at 0")
+            raise Refusal("meals that differ between people cannot be searched over; leave their spreads at 0")
         if space.samples != trial.samples:
-            raise ValueError(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
+            raise Refusal(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
         self.lanes, self._trial, self._space = lanes, trial, space
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
         self._setpoint = trial.target_mg_dl
@@ -173,7 +174,7 @@ class Attack:
             drawn = self._drawn(np.array([person]))
         if not drawn.feasible.all():
             who = "the nominal patient" if person is None else f"person {person} of seed {self._trial.seed}"
-            raise ValueError(f"no basal rate holds {who} at {self._setpoint:g} mg/dl; give another person or setpoint")
+            raise Refusal(f"no basal rate holds {who} at {self._setpoint:g} mg/dl; give another person or setpoint")
         return drawn
 
     def feasible(self, number: int) -> Array:

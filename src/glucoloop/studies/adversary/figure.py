@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from glucoloop.control import Status
+from glucoloop.printable import glucose_text
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.studies.adversary.outcome import SearchOutcome
@@ -61,8 +62,9 @@ def plot_adversary(outcomes: Sequence[SearchOutcome], *, title: str | None = Non
         entries |= _draw_insulin(insulin, of)
         glucose.set_ylim(0.0, 1.05 * highest)
         insulin.set_ylim(0.0, 1.05 * most)
+        lowest = glucose_text(of.worst.lowest_mg_dl, 0)
         glucose.set_title(
-            f"{of.cell.name}\n{of.worst.below_54_min:.0f} min below 54, lowest {of.worst.lowest_mg_dl:.0f} mg/dl",
+            f"{of.cell.name}\n{of.worst.below_54_min:.0f} min below 54, lowest {lowest} mg/dl",
             fontsize=FONT_PT,
             loc="left",
         )

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.config.cases import given_with
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.options.situation import whole_samples
+from glucoloop.config.trial import with_people
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import controller_entry
 from glucoloop.registry.settings import Value
 from glucoloop.studies.adversary.options import FEW_GENERATIONS, GENERATIONS, REFUSED, USUAL, AdversaryKeys
@@ -18,6 +21,7 @@ from glucoloop.studies.adversary.outcome import ErrorSearch
 from glucoloop.studies.adversary.search import Effort
 from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
+from glucoloop.tuning.evolution import library
 
 _NOT_WRITTEN: Final = (*REFUSED, "days")
 
@@ -31,6 +35,8 @@ class Adversary:
     own: AdversaryKeys
     limits: Mapping[str, Value]
     """All limits of the guard."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def _effort(self, controller: str) -> Effort:
         own = self.own
@@ -100,7 +106,7 @@ def read_adversary(
     if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
         told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
         called = (names or {}).get("errors_pct", "errors_pct")
-        raise ValueError(f"{called} is {told}; give one largest error or more, each once")
+        raise Refusal(f"{called} is {told}; give one largest error or more, each once")
     base, limits = read_guarded_trial(
         keys,
         cases,
@@ -110,6 +116,8 @@ def read_adversary(
         own=declared(AdversaryKeys),
         refused=REFUSED,
     )
-    asked = Adversary(base=base, own=own, limits=limits)
+    given = given_with(with_people(keys, base.population), cases)
+    asked = Adversary(base=base, own=own, limits=limits, given=given)
     asked.cells()  # refuses a part of a sample
+    library()
     return asked

@@ -46,6 +46,8 @@ def summary_of(asked: Adversary, rows: Sequence[dict[str, Any]]) -> dict[str, An
 def files_of(asked: Adversary, outcomes: Sequence[SearchOutcome], rows: Sequence[dict[str, Any]]) -> dict[str, bytes]:
     """The files about all searches, by name."""
     table = pl.DataFrame([{key: value for key, value in row.items() if key != "stuck_from_min"} for row in rows])
+    glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
+    table = table.with_columns(pl.when(glucose >= 0.0).then(glucose))
     return {
         "adversary.csv": csv(table),
         "worst.parquet": parquet(trace_table(outcomes)),
@@ -85,7 +87,7 @@ def title_of(asked: Adversary) -> str:
 def sentences(asked: Adversary, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Conclusions from the table, one sentence each."""
     tried = int(np.sum([row["sequences_tried"] for row in rows]))
-    yield f"{title_of(asked)}; {tried} sequences were tried. A search finds some of the worst; it proves no bound."
+    yield f"{title_of(asked)}; {tried} sequences were tried. Worse errors may exist: a search does not prove a bound."
     yield (
         f"Random errors: of the same size, drawn uniformly, on {rows[0]['random_people']} people of "
         f"{asked.base.population.name}."

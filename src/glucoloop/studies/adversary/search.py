@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.patients.population import VirtualPeople
+from glucoloop.refusal import Refusal
 from glucoloop.studies.adversary.attack import Attack, Lane
 from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.tuning.evolution import Evolution
@@ -45,7 +46,7 @@ class Effort:
         ):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise ValueError(f"{name} is {value!r}; give a whole number from {least} to {most}")
+                raise Refusal(f"{name} is {value!r}; give a whole number from {least} to {most}")
 
     @property
     def lanes(self) -> int:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.refusal import Refusal
+
 Array = npt.NDArray[Any]
 
 
@@ -37,11 +39,11 @@ class ErrorSpace:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.error) and 0.0 <= self.error < 1.0):
-            raise ValueError(f"a largest error of {100.0 * self.error:g} % is not possible; give 0 or more, below 100")
+            raise Refusal(f"a largest error of {100.0 * self.error:g} % is not possible; give 0 or more, below 100")
         for name, least in (("samples", 1), ("hold_samples", 1), ("stretches", 0), ("stretch_samples", 1)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise ValueError(f"{name} of {value!r} is not possible; give a whole number of {least} or more")
+                raise Refusal(f"{name} of {value!r} is not possible; give a whole number of {least} or more")
 
     @property
     def pieces(self) -> int:
@@ -68,7 +70,7 @@ class ErrorSpace:
         shape = (self.samples, self.hold_samples, self.stretches, self.stretch_samples)
         others = (smaller.samples, smaller.hold_samples, smaller.stretches, smaller.stretch_samples)
         if shape != others or smaller.error > self.error:
-            raise ValueError(
+            raise Refusal(
                 f"sequences of {smaller} are not all in {self}; give a space of smaller errors, else the same"
             )
         ratio = smaller.error / self.error if self.error else 0.0

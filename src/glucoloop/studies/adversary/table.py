@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from glucoloop.printable import glucose_text
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -48,9 +50,9 @@ def adversary_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             called if called != before else "",
             f"{row['error_pct']:g}",
             f"{row['below_54_min']:.0f}",
-            *(f"{row[key]:.1f}" for key in ("lowest_mg_dl", "peak_mg_dl")),
+            *(glucose_text(row[key]) for key in ("lowest_mg_dl", "peak_mg_dl")),
             f"{row['random_ever_below_54_pct']:.2f}",
-            *(f"{row[f'{key}_mg_dl']:.1f}" for key in _OTHERS),
+            *(glucose_text(row[f"{key}_mg_dl"]) for key in _OTHERS),
         )
         before = called
     return table

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows, RowsFolder
 from glucoloop.studies.adversary.keys import Adversary
@@ -38,7 +39,7 @@ class Scores(NamedTuple):
 
 def work_of(asked: Adversary) -> Work:
     """Work of ``glucoloop adversary``."""
-    return Work(command="adversary", what="search", keys=asked.keys(), final=FINAL, summary=SUMMARY)
+    return Work(command="adversary", what="search", keys=asked.keys(), given=asked.given, final=FINAL, summary=SUMMARY)
 
 
 def rows_of(asked: Adversary) -> Rows[Scores]:
@@ -49,7 +50,7 @@ def rows_of(asked: Adversary) -> Rows[Scores]:
         found = Scores(cells["search"], cells["generation"], np.array(cells["score"], float))
         number = sum(of.search == found.search for of in before)
         if not found.generation == number < most.get(found.search, 0) or found.score.shape != (lanes,):
-            raise ValueError("this is no generation of the search")
+            raise Refusal("this is no generation of the search")
         return found
 
     return Rows(

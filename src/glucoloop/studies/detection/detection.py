@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals.plan import MealPlan
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import Value, known_names
 from glucoloop.studies.detection.options import ESTIMATORS
 
@@ -38,13 +39,15 @@ class Detection:
     """All settings of every estimator; see `registry.controllers.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def __post_init__(self) -> None:
         check_estimators(self.estimators)
         if not 0.0 < self.threshold < 1.0:
-            raise ValueError(f"a threshold of {self.threshold:g} is not possible; give more than 0 and less than 1")
+            raise Refusal(f"a threshold of {self.threshold:g} is not possible; give more than 0 and less than 1")
         if self.trial.people * self.days > MOST_RUNS:
-            raise ValueError(
+            raise Refusal(
                 f"{self.days} days of {self.trial.people} people are too many; give at most {MOST_RUNS} days in all"
             )
 
@@ -69,9 +72,9 @@ def check_estimators(names: Sequence[str], called: str = "estimators") -> None:
         For such a list, with its name in the message.
     """
     if not names:
-        raise ValueError(f"{called} names none; give one or more of {', '.join(ESTIMATORS)}")
+        raise Refusal(f"{called} names none; give one or more of {', '.join(ESTIMATORS)}")
     for name in names:
         if name not in ESTIMATORS:
-            raise ValueError(f"{called} has the unknown {name!r}; {known_names(name, ESTIMATORS)}")
+            raise Refusal(f"{called} has the unknown {name!r}; {known_names(name, ESTIMATORS)}")
         if list(names).count(name) > 1:
-            raise ValueError(f"{called} has {name!r} twice; leave one out")
+            raise Refusal(f"{called} has {name!r} twice; leave one out")

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from glucoloop.meals import Eaten, absorb, emptying_mg_min, meal_model_of
 from glucoloop.patients.population import virtual_people
+from glucoloop.refusal import Refusal
 from glucoloop.studies.detection.days import (
     DayLoop,
     Days,
@@ -79,7 +80,7 @@ def evaluate(detection: Detection, progress: Progress | None = None) -> Detectio
     person, day, infeasible = who_and_when(detection)
     if not person.size:
         setpoint = detection.trial.target_mg_dl
-        raise ValueError(
+        raise Refusal(
             f"no basal rate holds any of the {detection.trial.people} people at {setpoint:g} mg/dl; "
             "give more people or another setpoint"
         )

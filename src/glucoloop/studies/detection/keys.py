@@ -8,7 +8,8 @@ from typing import Any
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import controllers_of, refuse_unknown_beside
-from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
+from glucoloop.config.trial import overlay_trial, read_trial, trial_keys, with_people
+from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
 from glucoloop.registry.controllers import ESTIMATING
 from glucoloop.studies.detection.detection import Detection, check_estimators
@@ -62,6 +63,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
         estimators=own.estimators,
         settings={key: complete[key] for key in ESTIMATING.estimator_settings},
         threshold=own.threshold,
+        given=with_people(keys, trial.population),
     )
 
 
@@ -70,9 +72,7 @@ def _cases(own: DetectionKeys, keys: Mapping[str, object], settings: Mapping[str
     known = {"known_dead_time": keys["known_dead_time"]} if "known_dead_time" in keys else {}
     if catalogue.controller_entry(own.controller).estimator_settings:
         if "estimator" in settings:
-            raise ValueError(
-                f"the controller {own.controller} is tried with each of the estimators; leave estimator out"
-            )
+            raise Refusal(f"the controller {own.controller} is tried with each of the estimators; leave estimator out")
         return [
             {"label": name, "controller": own.controller, **settings, "estimator": name, **known}
             for name in own.estimators
@@ -85,5 +85,5 @@ def _refuse_unknown(keys: Mapping[str, object], names: Mapping[str, str] | None)
     known = [*declared(DetectionKeys), *TAKEN, *sorted(catalogue.setting_names(*controllers_of(keys)))]
     if NO_SITUATION in keys:
         called = (names or {}).get(NO_SITUATION, NO_SITUATION)
-        raise ValueError(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")
+        raise Refusal(f"{called} is no part of a test of estimators, which are told of no meal; leave it out")
     refuse_unknown_beside(keys, known, " of a test of estimators")

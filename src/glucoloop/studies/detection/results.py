@@ -37,7 +37,9 @@ def files_of(detection: Detection, result: DetectionResult) -> dict[str, bytes]:
     """The files of a folder, by name."""
     files = {
         "detect.json": (json_text(with_version(report(detection, result))) + "\n").encode(),
-        CONFIGURATION: toml_text(detection_keys(detection), f"detect --config {CONFIGURATION}").encode(),
+        CONFIGURATION: toml_text(
+            detection_keys(detection), f"detect --config {CONFIGURATION}", detection.given
+        ).encode(),
     }
     for name, table in _tables(result).items():
         files |= {f"{name}.csv": csv(table), f"{name}.parquet": parquet(table)}

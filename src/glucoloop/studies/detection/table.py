@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.printable import how_many
-from glucoloop.registry.metrics import NOT_AVAILABLE
+from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.studies.detection.result import TOLD_AFTER_MIN, DetectionResult
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.studies.robust.front import Bound
@@ -68,7 +69,7 @@ def plot_robust(
     values = np.array([[of.scores[name] for name in search.objectives] for of in candidates]).reshape(-1, 2)
     finite = np.isfinite(values).all(axis=1)
     if not finite.any():
-        raise ValueError("no tuning has finite objectives, so there is nothing to draw")
+        raise Refusal("no tuning has finite objectives, so there is nothing to draw")
     groups = 3 if checked else 1
     down = groups if width == "single" else 1
     across = groups if down == 1 else 1

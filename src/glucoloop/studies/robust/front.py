@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.refusal import Refusal
 from glucoloop.studies.robust.options import BOTH
 
 
@@ -64,7 +65,7 @@ def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: s
         first = list(objectives).index(prefer)
         return int(np.lexsort((values[:, 1 - first], values[:, first]))[0])
     if prefer != BOTH:
-        raise ValueError(f"{prefer!r} cannot be preferred; the known ones are: {', '.join(objectives)}, {BOTH}")
+        raise Refusal(f"{prefer!r} cannot be preferred; the known ones are: {', '.join(objectives)}, {BOTH}")
     least, reach = values.min(axis=0), np.ptp(values, axis=0)
     away = (values - least) / np.where(reach > 0.0, reach, 1.0)
     return int(np.argmin(np.hypot(away[:, 0], away[:, 1])))

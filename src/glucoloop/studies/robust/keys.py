@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.run import Run, read_run, refuse_unknown_beside
-from glucoloop.config.trial import read_trial, trial_keys
+from glucoloop.config.trial import read_trial, trial_keys, with_people
 from glucoloop.experiments.case import Case
+from glucoloop.refusal import Refusal
 from glucoloop.registry import controllers as catalogue
+from glucoloop.registry.number_text import number_of
 from glucoloop.registry.ranges import Tuned, parse_range
 from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
+from glucoloop.tuning.samplers import library
 
 _CASE: Final = ("known_dead_time",)
 
@@ -30,6 +33,8 @@ class Robust:
     far: HowFar
     ranges: Mapping[str, str]
     """Ranges of the tuned numbers, as written."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Keys from which it was read, if it was."""
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same search is read."""
@@ -77,14 +82,14 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     own = checked(RobustKeys, own_keys(keys, RobustKeys), names)
     far = checked(HowFar, own_keys(keys, HowFar), names)
     if len(own.objectives) != 2:
-        raise ValueError(
+        raise Refusal(
             f"{called['objectives']} is {', '.join(own.objectives)}; give two objectives, and others as bounds"
         )
     for name in own.beside:
         catalogue.controller_entry(name)
     tuned = catalogue.SEARCHED.name
     if len(set(own.beside)) < len(own.beside) or tuned in own.beside:
-        raise ValueError(
+        raise Refusal(
             f"{called.get('beside', 'beside')} is {', '.join(own.beside)}; name each controller once, and "
             f"{tuned} not at all, since it is tuned"
         )
@@ -97,9 +102,7 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
     cases += [{"label": name, "controller": name} for name in own.beside]
     trial = read_trial({**plain, "people": own.people, "seed": own.people_seed}, cases, names)
     if far.prefer not in (*own.objectives, BOTH):
-        raise ValueError(
-            f"{called.get('prefer', 'prefer')} is {far.prefer!r}; give {', '.join(own.objectives)} or {BOTH}"
-        )
+        raise Refusal(f"{called.get('prefer', 'prefer')} is {far.prefer!r}; give {', '.join(own.objectives)} or {BOTH}")
     search = Search(
         trial=trial,
         space=space,
@@ -111,7 +114,10 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
         sampler=own.sampler,
         sampler_seed=own.sampler_seed,
     )
-    return Robust(search=search, own=own, far=far, ranges={of.name: of.text for of in space})
+    if own.sampler != "random":
+        library()
+    ranges, given = {of.name: of.text for of in space}, with_people(keys, trial.population)
+    return Robust(search=search, own=own, far=far, ranges=ranges, given=given)
 
 
 def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple[Tuned, ...], dict[str, float]]:
@@ -119,7 +125,7 @@ def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple
     space, fixed = {of.name: of for of in RANGES.values() if of.unasked}, {}
     for key, value in told.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise ValueError(f"{called[key]} is {value!r}; write it like '.1:2', or one number that is kept")
+            raise Refusal(f"{called[key]} is {value!r}; write it like '.1:2', or one number that is kept")
         read = parse_range(value, RANGES[key], called[key]) if isinstance(value, str) else float(value)
         if isinstance(read, Tuned):
             space[key] = read
@@ -132,13 +138,13 @@ def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple
 def _bound(text: str, called: str) -> tuple[str, float | str]:
     name, equals, most = (part.strip() for part in text.partition("="))
     if not equals or not most:
-        raise ValueError(f"{called} is {text!r}; write it like total-variation=500, or total-variation=mpc-se")
+        raise Refusal(f"{called} is {text!r}; write it like total-variation=500, or total-variation=mpc-se")
     if name not in OBJECTIVES:
-        raise ValueError(f"{called} is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
+        raise Refusal(f"{called} is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     try:
-        number = float(most)
+        number = number_of(most, float)
     except ValueError:
         return name, most
     if number != number:
-        raise ValueError(f"{called} is {text!r}; give a number, or the name of a controller that stands beside")
+        raise Refusal(f"{called} is {text!r}; give a number, or the name of a controller that stands beside")
     return name, number

@@ -24,6 +24,7 @@ from glucoloop.experiments.designs import design_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.metrics import RunningMetrics
+from glucoloop.refusal import Refusal
 from glucoloop.registry.ranges import Tuned
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.robust.objectives import METRICS
@@ -167,7 +168,7 @@ class TuningLoop:
     def _designed(self, tuning: Tuning) -> Controller | None:
         try:
             return self._design(tuning)
-        except ValueError:
+        except Refusal:
             return None
 
     def _design(self, tuning: Tuning) -> Controller:

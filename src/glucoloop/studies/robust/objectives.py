@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import known_names
 
 Floats = npt.NDArray[np.float64]
@@ -55,7 +56,7 @@ def objective(name: str) -> Objective:
         For an unknown name.
     """
     if name not in OBJECTIVES:
-        raise ValueError(f"unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
+        raise Refusal(f"unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     return OBJECTIVES[name]
 
 

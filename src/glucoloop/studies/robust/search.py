@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.case import Case
+from glucoloop.refusal import Refusal
 from glucoloop.registry.ranges import Tuned
 from glucoloop.registry.settings import Value
 from glucoloop.studies.robust.front import Bound, choose, keeps, pareto
@@ -62,26 +63,26 @@ class Search:
 
     def __post_init__(self) -> None:
         if not self.space:
-            raise ValueError("nothing is tuned; give at least one range, like .1:2, in place of a number")
+            raise Refusal("nothing is tuned; give at least one range, like .1:2, in place of a number")
         for name in (*self.objectives, *(name for name, _ in self.at_most)):
             objective(name)
         if len(set(self.objectives)) != 2:
-            raise ValueError(f"the objectives are {' and '.join(self.objectives)}; give two that differ")
+            raise Refusal(f"the objectives are {' and '.join(self.objectives)}; give two that differ")
         beside = [case.label for case in self.trial.cases[1:]]
         for name, most in self.at_most:
             if isinstance(most, str) and most not in beside:
-                raise ValueError(
+                raise Refusal(
                     f"{name} is bounded by {most!r}, which is neither a number nor a controller that stands beside: "
                     f"{', '.join(beside) or 'there are none'}"
                 )
         if self.group.people_seed == self.check.people_seed:
-            raise ValueError(
+            raise Refusal(
                 f"people are drawn with the seed {self.group.people_seed} for the search and for the check; "
                 "give another seed for one of them"
             )
         first, second = sorted((self.group, self.check), key=lambda group: group.first_seed)
         if first.first_seed + first.seeds > second.first_seed:
-            raise ValueError(
+            raise Refusal(
                 f"the noise of seed {second.first_seed} is met in the search and in the check; "
                 "move the first seed of one of them"
             )
@@ -191,7 +192,7 @@ class SearchEngine:
             held = known[first : first + search.batch]
             for candidate, tuning in zip(held, asked, strict=False):
                 if dict(candidate.tuning) != tuning:
-                    raise ValueError(
+                    raise Refusal(
                         f"candidate {candidate.number} of the search was another tuning than {search.sampler} proposes "
                         "now; go on with the libraries with which it was begun, or begin again with --overwrite"
                     )
@@ -262,7 +263,7 @@ def judge(search: Search, bounds: Sequence[Bound], candidates: Sequence[Candidat
     values = np.array([[of.scores[name] for name in search.objectives] for of in candidates]).reshape(-1, 2)
     finite = np.isfinite(values).all(axis=1)
     if not finite.any():
-        raise ValueError("no tuning of the search has a controller that works; give other ranges")
+        raise Refusal("no tuning of the search has a controller that works; give other ranges")
     kept = np.array([keeps(of.scores, bounds, search.objectives) for of in candidates])
     front = np.zeros(len(candidates), bool)
     eligible = np.flatnonzero(kept)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.population import Population, of_people, virtual_people
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.people_plant import varying
 
 
@@ -80,7 +81,7 @@ def draw_subjects(
     drawn = virtual_people(population, people_seed, np.arange(people), setpoint_mg_dl=setpoint_mg_dl)
     feasible = np.flatnonzero(drawn.feasible)
     if not feasible.size:
-        raise ValueError(
+        raise Refusal(
             f"none of the {people} people of {population.name} has a basal rate that holds {setpoint_mg_dl:g} mg/dl; "
             "choose another population or setpoint"
         )

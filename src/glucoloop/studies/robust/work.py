@@ -8,6 +8,7 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop.config.key import declared
+from glucoloop.refusal import Refusal
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust.keys import Robust
@@ -27,6 +28,7 @@ def work_of(asked: Robust) -> Work:
         command="robust",
         what="search",
         keys=asked.keys(),
+        given=asked.given,
         final=FINAL,
         summary=SUMMARY,
         may_change=frozenset(declared(HowFar)),
@@ -44,7 +46,7 @@ def rows_of(search: Search, rounds: int) -> Rows[Candidate]:
 
     def row(cells: Mapping[str, Any], before: Sequence[Candidate]) -> Candidate:
         if cells["candidate"] != len(before):
-            raise ValueError("the candidates are not in their order")
+            raise Refusal("the candidates are not in their order")
         scores = {name: cells[column] for name, column in columns.items()}
         return Candidate(
             number=cells["candidate"],

@@ -35,12 +35,12 @@ STRESS: Final = TrialStudy(
     name="stress",
     what="a stress test",
     help=(
-        "Try controllers under faults of sensor and pump, one at a time, with and without a guard: one table, one page."
-        "\n\n"
-        "Each fault is met by the same people, meals and noise, and compared with the run without it. Without options "
-        "it is the paper's four controllers on 100 people whose metabolism varies as in Parker et al. (2000), 50 g at "
-        "50 min, noise of variance 1.45, and 23 faults. The folder grows shard by shard; after Ctrl-C the same command "
-        "goes on.\n\n"
+        "Test controllers under faults of sensor and pump, one fault at a time, with and without a guard; the results "
+        "are a table and a page.\n\n"
+        "The same people, with the same meals and noise, are simulated with each fault and without it. By default "
+        "these are 100 people whose metabolism varies as in Parker et al. (2000), with 50 g at 50 min, noise of "
+        "variance 1.45, 23 faults and the paper's four controllers. The folder is written in parts; after Ctrl-C, the "
+        "same command continues where it stopped.\n\n"
         "  glucoloop stress --out stress\n\n"
         "  glucoloop stress --controller mpc --people 1000 --fault 'stuck, start_min=60, duration_min=90' --out stuck"
         "\n\n"

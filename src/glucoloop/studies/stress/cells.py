@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import polars as pl
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.config.cases import given_with
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import faults_told
+from glucoloop.config.trial import with_people
+from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
+from glucoloop.refusal import Refusal
 from glucoloop.registry.settings import Value
-from glucoloop.report.columns import Column, Row, measured, terse_percent, whole
+from glucoloop.report.columns import Column, Row, measured, terse_percent, whole, whole_glucose
 from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
 from glucoloop.studies.stress import STRESS, StressSettings
 
@@ -79,6 +83,8 @@ class StressTest:
     """Settings of the test, with the full texts of the faults."""
     limits: Mapping[str, Value]
     """All limits of the guard."""
+    given: Mapping[str, Any] | None = field(default=None, compare=False)
+    """Flat keys from which it was read, if it was."""
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -111,7 +117,7 @@ class StressTest:
         return dataclasses.replace(self.base, cases=tuple(cases))
 
     def keys(self) -> dict[str, Any]:
-        """The flat keys from which the same test is read."""
+        """The flat keys of all values that are used."""
         own = {"faults": list(self.faults), "guards": self.own.guards}
         return guarded_trial_keys(self.base, own, self.limits, STRESS.refused)
 
@@ -119,7 +125,7 @@ class StressTest:
 def read(
     keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
 ) -> StressTest:
-    """Read the configuration of a stress test; ValueError for a key that is unknown, wrong or at odds with another."""
+    """Read the configuration of a stress test; Refusal for a key that is unknown, wrong or at odds with another."""
     own = checked(StressSettings, own_keys(keys, StressSettings), names)
     base, limits = read_guarded_trial(
         keys,
@@ -132,19 +138,20 @@ def read(
     )
     if "shard_people" not in keys:
         # Slow controllers under many faults: so that not much is lost when a run is cut short.
-        base = dataclasses.replace(base, shard_people=min(base.people, _SHARD_PEOPLE))
+        base = dataclasses.replace(base, shard_people=min(base.people, base.shard_people, _SHARD_PEOPLE))
     horizon_min = base.plan.horizon_min
     if own.faults is None:
         faults = faults_told(STANDARD_FAULTS, horizon_min)
     elif not own.faults:
         called = (names or {}).get("faults", "faults")
-        raise ValueError(f"{called} is []; give a list of faults, like ['missing, start_min=60, duration_min=30']")
+        raise Refusal(f"{called} is []; give a list of faults, like ['missing, start_min=60, duration_min=30']")
     else:
         faults = faults_told(own.faults, horizon_min, allow_unusual=base.allow_unusual)
     for fault in faults:
         if faults.count(fault) > 1:
-            raise ValueError(f"the fault {fault!r} is given twice; leave one out")
-    return StressTest(base=base, own=dataclasses.replace(own, faults=faults), limits=limits)
+            raise Refusal(f"the fault {fault!r} is given twice; leave one out")
+    given = given_with(with_people(keys, base.population), cases)
+    return StressTest(base=base, own=dataclasses.replace(own, faults=faults), limits=limits, given=given)
 
 
 def cell_table(cells: Sequence[StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
@@ -228,11 +235,19 @@ COLUMNS: Final = (
         head="people",
         text=whole,
     ),
-    Column(name="lowest_mg_dl", of=_LOWEST.min(), group=_GLUCOSE, head="lowest", text=whole, short="lowest\nmg/dl"),
+    Column(
+        name="lowest_mg_dl",
+        of=pl.when(_LOWEST.min() >= 0.0).then(_LOWEST.min()),  # below 0 it is no concentration: the model is not valid
+        group=_GLUCOSE,
+        head="lowest",
+        text=whole_glucose,
+        missing=lambda row: NOT_VALID if row["people"] else NOT_AVAILABLE,
+        short="lowest\nmg/dl",
+    ),
     Column(
         name="lowest_person", of=pl.col("person").get(_LOWEST.arg_min()), group=_GLUCOSE, head="of person", text=whole
     ),
-    Column(name="highest_mg_dl", of=pl.col("peak_mg_dl").max(), group=_GLUCOSE, head="highest", text=whole),
+    Column(name="highest_mg_dl", of=pl.col("peak_mg_dl").max(), group=_GLUCOSE, head="highest", text=whole_glucose),
     Column(
         name="low_events",
         of=pl.col("low_events").sum().cast(pl.Int64),

@@ -15,6 +15,7 @@ from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import of_people, virtual_people
+from glucoloop.printable import glucose_text
 from glucoloop.simulation import Trace
 from glucoloop.simulation.people_plant import varying
 
@@ -83,7 +84,8 @@ def _told(trace: Trace, sample_time_min: float) -> Iterator[str]:
         yield f"Simulated alone, the person stayed above {LOW_MG_DL:g} mg/dl, by {glucose.min() - LOW_MG_DL:.1f} mg/dl."
         return
     first_min, last_min = fine_t[low[0]], fine_t[low[-1]]
-    yield f"Below {LOW_MG_DL:g} mg/dl from {first_min:.0f} to {last_min:.0f} min, least {glucose.min():.1f} mg/dl."
+    least = glucose_text(glucose.min())
+    yield f"Below {LOW_MG_DL:g} mg/dl from {first_min:.0f} to {last_min:.0f} min, least {least} mg/dl."
     t = np.asarray(trace.t_min)
     before = (t >= first_min - _BEFORE_MIN) & (t <= first_min)
     known = np.asarray(trace.reading_valid) & np.isfinite(np.asarray(trace.reading_mg_dl))

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cohorts.engine import prepare
 from glucoloop.config.doubts import boluses_into_a_vein
-from glucoloop.printable import how_many
+from glucoloop.printable import how_many, percent
 from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import Repeat
-from glucoloop.report.columns import FittingTable, Row, headings, percent, terminal_table, whole
-from glucoloop.report.facts import controllers_facts, trial_facts
+from glucoloop.report.columns import FittingTable, Row, headings, terminal_table, whole_glucose
+from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
 from glucoloop.report.fault_words import short_names
 from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
 from glucoloop.report.print_figure import figure_files
@@ -56,8 +56,10 @@ def found(asked: StressTest, folder: TrialFolder) -> Findings:
         for cell, row in zip(cells, table.to_dicts(), strict=True)
         if cell.guarded and row["worse"]
     ]
+    facts = {**controllers_facts(asked.base.cases), **trial_facts(asked.base), **engine_facts(prepared.engines)}
+    del facts["Faults"]  # those of the base; the page lists the faults of the test
     plain = {
-        "facts": {**controllers_facts(asked.base.cases), **trial_facts(asked.base)},
+        "facts": facts,
         "people": asked.base.people,
         # who has a basal rate does not depend on the cell
         "able": people.filter(label=cells[0].label)["feasible"].sum(),
@@ -112,15 +114,20 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
         (controller, [(name, grid.pair(controller, fault)) for fault, name in grid.names.items()])
         for controller in grid.controllers
     ]
-    pairs = "|".join(GUARDS[guarded] for guarded in grid.guards)
+    which = (
+        "In each pair a|b, a is without the guard and b with it."
+        if len(grid.guards) > 1
+        else f"All numbers are {GUARDS[grid.guards[0]]}."
+    )
     yield terminal_table(
         "Fault",
         sections,
         COLUMNS,
-        caption=f"{'Pairs are' if len(grid.guards) > 1 else 'All is'} {pairs}. Worse off: people who spend more than "
-        f"{MOST_MORE_PCT:g} % of the run longer below 60 mg/dl than without the fault. <60, <54: time below 60 and "
-        "54 mg/dl in % of the run, as the mean of all people and for the person who was longest below. Low events: "
-        "below 70 mg/dl for 15 min or longer, of all people. Saturated doses, fallback, suspension: % of the samples.",
+        caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MOST_MORE_PCT:g} % of the "
+        "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
+        "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
+        "summed over all people. Saturated (dose at the pump's limits), fallback (the guard gave the basal rate), "
+        "suspended (the guard stopped insulin): percentage of the samples.",
     )
 
 
@@ -130,8 +137,8 @@ def sentences(asked: StressTest, found: Findings) -> Iterator[str]:
     names = Grid.of(found).names
     for of in found.plain["reasons"]:
         yield (
-            f"{of['controller']} under {names[of['fault']]}, with the guard: person {of['person']}, "
-            f"{of['more_pct']:.1f} % more. {of['text']}"
+            f"{of['controller']} under {names[of['fault']]}, with the guard: person {of['person']}, below 60 mg/dl for "
+            f"{percent(of['more_pct'])} of the run longer. {of['text']}"
         )
 
 
@@ -159,9 +166,9 @@ def _left_out(found: Findings) -> Iterator[str]:
     if lost:
         cell = min(lost, key=lambda cell: int(lost[cell]["people"]))
         yield (
-            f"In {len(lost)} of {len(found.rows)} cells glucose did not stay finite, there or without the fault, for "
-            f"at most {able - lost[cell]['people']} of {how_many(able, 'person', 'people')} ({cell.label}); nothing is "
-            "known of them there."
+            f"In {len(lost)} of {len(found.rows)} combinations the glucose of some people, "
+            f"{able - lost[cell]['people']} of {how_many(able, 'person', 'people')} at most ({cell.label}), did not "
+            "stay a finite number, with or without the fault; they are in no number there."
         )
 
 
@@ -171,14 +178,14 @@ def _passing(grid: Grid) -> Iterator[str]:
         known = [row for row in grid.under_faults(guarded) if row["people"]]
         passing = f"{GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in known)} of {len(known)}"
         told.append(
-            f"{passing} pass."
+            f"{passing} passed."
             if told
-            else f"{passing} combinations of a controller and a fault pass: nobody spends more than {MOST_MORE_PCT:g} "
-            "% of the run longer below 60 mg/dl than without the fault."
+            else f"{passing} combinations of a controller and a fault passed: with the fault, nobody's time below "
+            f"60 mg/dl was longer by more than {MOST_MORE_PCT:g} % of the run than without it."
         )
     unknown = sum(not row["people"] for row in grid.under_faults(grid.guards[-1]))
     if unknown:
-        told.append(f"Of {unknown} more nothing is known, since nobody could take part.")
+        told.append(f"In {how_many(unknown, 'further combination')} nobody could take part.")
     yield " ".join(told)
 
 
@@ -188,7 +195,7 @@ def _failing(grid: Grid) -> Iterator[str]:
     if rows:
         listed = [f"{row['controller']} under {grid.names[row['fault']]} ({worse_text(row)})" for row in rows]
         more = f"; and {len(rows) - _MOST_LISTED} more" if len(rows) > _MOST_LISTED else ""
-        yield f"Combinations that fail {GUARDS[guarded]}: {'; '.join(listed[:_MOST_LISTED])}{more}."
+        yield f"Combinations that failed {GUARDS[guarded]}: {'; '.join(listed[:_MOST_LISTED])}{more}."
 
 
 def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
@@ -200,12 +207,12 @@ def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
     if longer:
         most, row = max(longer, key=lambda each: each[0])
         yield (
-            f"In {len(longer)} of {len(pairs)} cells, those without a fault included, the mean time below 60 mg/dl is "
-            f"longer with the guard than without it: at most by {percent(most)} % of the run, in {row['controller']} "
-            f"{'under' if row['fault'] else 'with'} {grid.names[row['fault']]}."
+            f"In {len(longer)} of {len(pairs)} combinations, those without a fault included, the mean time below "
+            f"60 mg/dl was longer with the guard than without it: by at most {percent(most)} of the run, in "
+            f"{row['controller']} {'under' if row['fault'] else 'with'} {grid.names[row['fault']]}."
         )
     elif pairs:
-        yield "In no cell, with a fault or without one, does the guard make the mean time below 60 mg/dl longer."
+        yield "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
 
 
 def _without_a_fault(grid: Grid) -> Iterator[str]:
@@ -214,15 +221,15 @@ def _without_a_fault(grid: Grid) -> Iterator[str]:
     for controller in grid.controllers:
         pair = [row for row in grid.pair(controller, NO_FAULT) if row["people"]]
         if pair:
-            below = _change([f"{percent(row['below_60_worst_pct'])} %" for row in pair])
-            told.append(f"{controller}: {below} and {_change([whole(row['highest_mg_dl']) for row in pair])}")
-            acts += [f"{percent(_acted_pct(row))} % with {controller}" for row in pair if row["guarded"]]
+            below = _change([percent(row["below_60_worst_pct"]) for row in pair])
+            told.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
+            acts += [f"{percent(_acted_pct(row))} with {controller}" for row in pair if row["guarded"]]
     if told:
         how = " (without → with the guard)" if len(grid.guards) > 1 else ""
         yield (
-            "Without a fault, the longest time that a person spends below 60 mg/dl, and the highest glucose in "
-            f"mg/dl{how}, are {'; '.join(told)}."
-            + (f" Of the samples, the guard then acts at {'; '.join(acts)}." if acts else "")
+            "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest glucose in "
+            f"mg/dl{how}, were {'; '.join(told)}."
+            + (f" The guard then acted at this percentage of the samples: {'; '.join(acts)}." if acts else "")
         )
 
 
@@ -232,9 +239,9 @@ def _beyond_the_model(grid: Grid) -> Iterator[str]:
         cell = max(beyond, key=lambda cell: int(beyond[cell]["people_below_validity"]))
         row = beyond[cell]
         yield (
-            f"In {len(beyond)} of {len(grid.rows)} cells glucose was lower than the patient's model is valid for, for "
-            f"at most {row['people_below_validity']} of {how_many(row['people'], 'person', 'people')} ({cell.label}). "
-            "Read it as severe hypoglycemia; how low it was means nothing."
+            f"In {len(beyond)} of {len(grid.rows)} combinations glucose fell below the valid range of the patient's "
+            f"model, for at most {row['people_below_validity']} of {how_many(row['people'], 'person', 'people')} "
+            f"({cell.label}). Read it as severe hypoglycemia; its depth means nothing."
         )
 
 
@@ -250,8 +257,8 @@ def _change(texts: Sequence[str]) -> str:
 def worse_text(row: Row) -> str:
     """Number of people who were worse off, and the largest difference."""
     return (
-        f"{row['worse']} of {how_many(row['people'], 'person', 'people')} worse off, at most by "
-        f"{percent(row['worst_more_pct'])} % of the run"
+        f"{row['worse']} of {how_many(row['people'], 'person', 'people')} worse off, by at most "
+        f"{percent(row['worst_more_pct'])} of the run"
     )
 
 
@@ -324,7 +331,7 @@ def page(asked: StressTest, found: Findings) -> str:
         "Stress test",
         sentences=conclusions(found),
         facts=found.plain["facts"],
-        repeat=Repeat("stress --config stress.toml", asked.keys(), files),
+        repeat=Repeat("stress --config stress.toml", asked.keys(), files, given=asked.given),
         **values,
     )
 

@@ -61,11 +61,12 @@ TUNE: Final = PlainStudy(
     name="tune",
     what="a search of a grid",
     help=(
-        "Try every tuning of a grid: the same patient, meals, sensor and pump for each, one table, one picture.\n\n"
-        "A tuning is acceptable if it keeps the constraints (rate, magnitude, glucose above 60 mg/dl) and does not "
-        "oscillate; acceptable ones are ranked by the sum of squared errors, and the paper's own tuning is told beside "
-        "them. Ranges are written 1:4, with both ends, 2:16:2 or .3:.8:.05, in steps, or 0,1,3. With --noise, results "
-        "are medians over seeds, and oscillation is judged without noise.\n\n"
+        "Simulate every tuning of a grid with the same patient, meals, sensor and pump; the results are a table and a "
+        "picture.\n\n"
+        "A tuning is acceptable if it keeps the constraints (change of the rate, rate, glucose above 60 mg/dl) and "
+        "does not oscillate. Acceptable tunings are ranked by the sum of squared errors, and the paper's own tuning is "
+        "shown with its rank. A range is written 1:4, with both ends included, 2:16:2 or .3:.8:.05, with a step, or "
+        "0,1,3. With --noise, results are medians over seeds, and oscillation is judged without noise.\n\n"
         "  glucoloop tune --move-horizon 1:4 --prediction-horizon 2:16 --out surface\n\n"
         "  glucoloop tune --controller mpc-se --reference-filter .3:.8:.1 --top 5\n\n"
         "  glucoloop tune --noise 1.45 --seeds 20 --move-horizon 2 --prediction-horizon 10 --move-weight 0,1,3"

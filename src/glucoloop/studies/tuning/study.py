@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +14,9 @@ import polars as pl
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import Run, read_run
-from glucoloop.config.toml import toml_text
 from glucoloop.control import MPCTuning
 from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report import Repeat
@@ -24,7 +24,7 @@ from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.facts import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import plot_surface
+from glucoloop.report.surface import cell_colours, plot_surface
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
@@ -39,6 +39,7 @@ from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 MOST_ROWS: Final = 200
 """Largest number of tunings in the list on the page; all are in ``surface.csv``."""
 _USUAL_SEEDS: Final = 5
+_ENGINE: Final = "JAX (xla), which runs many tunings at once"
 
 
 # ---------------------------------------------------------------------------------------------- what is asked for
@@ -56,16 +57,23 @@ class GridSearch:
     seeds: int
     top: int
     """Number of tunings in the table."""
+    given_of_search: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Flat keys of the search itself that were given."""
+
+    @property
+    def given(self) -> dict[str, Any] | None:
+        """Flat keys from which it was read, if it was."""
+        return None if self.run.given is None else {**self.run.given, **self.given_of_search}
 
     def keys(self) -> dict[str, Any]:
-        """The flat keys from which the same search is read."""
+        """The flat keys of all values that are used."""
         return {**self.run.keys(), **self.ranges, "seeds": self.seeds, "top": self.top}
 
 
 def read(
     keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
 ) -> GridSearch:
-    """Read a search from the keys of a run, of which the tuned parameters are ranges; ValueError for what cannot be."""
+    """Read a search from the keys of a run, of which the tuned parameters are ranges; Refusal for what cannot be."""
     called = {key: (names or {}).get(key, key) for key in (*declared(RangeSettings), *declared(GridSettings))}
     controller = str(keys.get("controller", USUAL_CONTROLLER))
     kind_of_tuning(controller)
@@ -75,7 +83,7 @@ def read(
     own = checked(GridSettings, own_keys(keys, GridSettings), names)
     run = read_run({key: value for key, value in keys.items() if key not in called}, names)
     if own.seeds not in (None, 1) and not run.situation.drawn:
-        raise ValueError(
+        raise Refusal(
             f"{called['seeds']} is {own.seeds}, but without noise, another sensor or a fault all are alike; "
             "leave it out"
         )
@@ -86,6 +94,7 @@ def read(
         grid=_grid(run, ranges, called),
         seeds=own.seeds or (_USUAL_SEEDS if run.situation.noisy else 1),
         top=own.top,
+        given_of_search={key: value for key, value in keys.items() if key in called},
     )
 
 
@@ -95,7 +104,7 @@ def _text(value: object, name: str) -> str:
         return ",".join(_text(item, name) for item in value)
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
-    raise ValueError(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
+    raise Refusal(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
 
 
 def _usual_ranges(run: Run) -> dict[str, str]:
@@ -140,7 +149,7 @@ def notes(asked: GridSearch) -> tuple[str, ...]:
 
 
 def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
-    """Try every tuning of the grid, and the usual one; ValueError for a design that is not possible."""
+    """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
     run = asked.run
     situation = run.situation.situation()
     model = model_for(run, situation)
@@ -199,8 +208,8 @@ def _no_picture(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
     try:
         layout(shown)
         if not np.isfinite(shown.sse).any():
-            raise ValueError("the surface has no finite sum of squared errors to show")
-    except ValueError as error:
+            raise Refusal("the surface has no finite sum of squared errors to show")
+    except Refusal as error:
         yield f"No picture was drawn: {error}."
 
 
@@ -284,8 +293,9 @@ def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
         files["model.json"] = searched.model.text().encode()
         if asked.run.case.model is not None:
             repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
-    again = Repeat("tune --config tune.toml", repeat.keys(), {"surface.csv": "all tunings", "tune.json": "the same"})
-    files["tune.toml"] = toml_text(again.keys, again.command).encode()
+    data = {"surface.csv": "all tunings", "tune.json": "the same"}
+    again = Repeat("tune --config tune.toml", repeat.keys(), data, given=repeat.given)
+    files["tune.toml"] = again.text.encode()
     title = f"{asked.run.case.controller} at {asked.run.situation.place}"
     ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in asked.ranges.items()}
     files["surface.html"] = surface_page(
@@ -293,7 +303,7 @@ def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
         f"Tunings of {title}",
         asked.grid,
         sentences=[*sentences(asked, found), *found.plain["notes"]],
-        facts={**ranges, **run_facts(repeat.run)},
+        facts={**ranges, **run_facts(repeat.run), "Engine": _ENGINE},
         repeat=again,
     ).encode()
     if not any(_no_picture(asked, searched.surface)):
@@ -327,7 +337,6 @@ _WITHOUT_NUMBER: Final = {
     "refused": "no controller can be designed",
     "not tried": "not tried",
 }
-_DARK: Final = 0.45  # a ground of less luminance than this has white letters
 
 
 @dataclass(frozen=True)
@@ -360,7 +369,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
     }
     try:
         places = layout(shown)
-    except ValueError as error:
+    except Refusal as error:
         values["why_not"] = str(error)
     else:
         values |= {
@@ -377,7 +386,7 @@ def _panels(
     surface: TuningSurface, printed: TuningRank, places: SurfaceLayout
 ) -> Iterator[tuple[str, list[tuple[str, list[SurfaceCell]]]]]:
     """Caption of each panel, and its rows of cells from the top down."""
-    colours = _colours(surface)
+    colours = cell_colours(surface)
     best = surface.best() if surface.acceptable.any() else None
     for combination in places.combinations():
         rows = [
@@ -385,22 +394,6 @@ def _panels(
             for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
         ]
         yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
-
-
-def _colours(surface: TuningSurface) -> list[tuple[str, str]]:
-    """Background and text colour of each point."""
-    from matplotlib import colormaps
-
-    logarithm = np.log(np.maximum(surface.sse, 1e-12))
-    finite = logarithm[np.isfinite(logarithm)]
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    shares = (np.nan_to_num(logarithm, nan=high, posinf=high) - low) / max(high - low, 1e-9)
-    grounds = colormaps["viridis_r"](shares)[:, :3]
-    luminance = grounds @ np.array([0.2126, 0.7152, 0.0722])
-    return [
-        (f"rgb({', '.join(f'{255 * part:.0f}' for part in ground)})", "#fff" if light < _DARK else "#000")
-        for ground, light in zip(grounds, luminance, strict=True)
-    ]
 
 
 def _cell(

@@ -42,8 +42,8 @@ class VerifySettings:
     nonsense: Annotated[
         int | None,
         _key(
-            "Instead, give guarded controllers nonsense in so many samples, with memory lost, and check doses and "
-            "caps.",
+            "Instead, give guarded controllers nonsense for this number of samples, lose their memory at random, and "
+            "check doses and caps.",
             metavar="SAMPLES",
             at_least=1,
             at_most=MOST_SAMPLES,
@@ -55,13 +55,12 @@ VERIFY: Final = PlainStudy(
     name="verify",
     what="a verification",
     help=(
-        "Simulate random loops with random faults, and check at every sample the promises of every loop.\n\n"
-        "People of the patient's populations eat up to four meals at any time and meet up to three faults of sensor "
-        "and pump at once, absurd ones among them, under every controller, with a guard and without. It leaves with 0 "
-        "if every promise was kept, and with 1 if one was broken; then broken loops are told, each with the command "
-        "that closes it again."
-        "\n\n"
-        "All of that is drawn at random; `glucoloop adversary` searches for the sensor errors that do the most harm."
+        "Simulate random loops with random faults, and check at every sample what every loop promises.\n\n"
+        "People of the patient's populations eat up to four meals at any time and have up to three faults of sensor "
+        "and pump at once, also absurd ones, with every controller, with and without a guard. The exit code is 0 if "
+        "every promise was kept and 1 if one was broken; each broken loop is listed with the command that simulates it "
+        "again.\n\n"
+        "All loops are drawn at random; `glucoloop adversary` searches for the sensor errors that do the most harm."
         "\n\n"
         "  glucoloop verify\n\n"
         "  glucoloop verify --loops 1000000 --seed 2 --json > found.json\n\n"

@@ -19,6 +19,7 @@ from glucoloop.control import Controller
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.situation import usual_situation
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.registry.guard import complete_guard
 from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
@@ -74,7 +75,7 @@ class Campaign:
 
     def __post_init__(self) -> None:
         if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:
-            raise ValueError(f"loops is {self.loops!r}; give a whole number from 1 to {MOST_LOOPS}")
+            raise Refusal(f"loops is {self.loops!r}; give a whole number from 1 to {MOST_LOOPS}")
         checked_counter("seed", self.seed)
         patient_entry(self.patient)
         if self.person is not None:
@@ -82,9 +83,9 @@ class Campaign:
         for name in self.controllers:
             controller_entry(name)
         if not self.controllers:
-            raise ValueError(f"there is no controller to try; give at least one of {', '.join(CONTROLLERS)}")
+            raise Refusal(f"there is no controller to try; give at least one of {', '.join(CONTROLLERS)}")
         if len(set(self.controllers)) < len(self.controllers):
-            raise ValueError(f"a controller is named twice in {', '.join(self.controllers)}; leave one out")
+            raise Refusal(f"a controller is named twice in {', '.join(self.controllers)}; leave one out")
 
     def pairs(self) -> dict[str, int]:
         """Number of people for each controller; each person makes a loop with a guard and one without."""
@@ -192,7 +193,7 @@ def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, 
     else:
         people = np.array([campaign.person])
         if not draw_people(campaign.seed, people, campaign.patient).feasible.all():
-            raise ValueError(
+            raise Refusal(
                 f"no basal rate holds person {campaign.person} of seed {campaign.seed} at the setpoint; "
                 "give another person"
             )
@@ -234,6 +235,7 @@ def _arm(campaign: Campaign, name: str, guard: bool, loops: WatchedLoops, person
         controller=name,
         guarded=guard,
         engine=loops.engine,
+        not_native=loops.not_native,
         loops=person.size,
         samples=person.size * loops.samples,
         broken=_by_promise((closed.broken > 0).sum(axis=1)),

@@ -1,8 +1,10 @@
 """Caps of a guard, computed independently from its inputs and outputs.
 
-It shares no code with the guard: insulin on board and in an hour are summed up here a second time. The caps bind as
-long as the pump never reports more than it was asked for. If it does, they bind again once the pump is back at the
-basal rate and both sums are within their caps; see `control.guard_doses` for why they then hold at every sample.
+It shares no code with the guard: insulin on board and in an hour are summed up here a second time, the hour over every
+window of 60 min that ends in the coming sample and can be the largest. A bolus counts whole at the beginning of its
+sample. The caps bind as long as the pump never reports more than it was asked for. If it does, they bind again once the
+pump is back at the basal rate and both sums are within their caps; see `control.guard_doses` for why they then hold at
+every sample.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ from typing import Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import GuardSettings
@@ -30,7 +34,9 @@ class Counted:
     on_board: jax.Array
     """Insulin on board beyond the basal rate, in basal rates; never below 0."""
     hour_mU_min: jax.Array
-    """(samples, ...) rates of the last hour but one sample, each at least the basal rate."""
+    """(samples, ...) rates of somewhat more than the last hour, each at least the basal rate."""
+    hour_bolus_mU: jax.Array
+    """(samples, ...) boluses of that time."""
     asked_mU_min: jax.Array
     """The last rate that was asked for."""
     asked_bolus_mU: jax.Array | None
@@ -51,11 +57,13 @@ class Caps:
 
     def init(self, basal_mU_min: jax.Array) -> Counted:
         """State after a long time at the basal rate."""
-        others = max(round(MIN_PER_H / self.sample_time_min), 1) - 1
+        samples = math.ceil(MIN_PER_H / self.sample_time_min) + 1
+        zero = jnp.zeros_like(basal_mU_min)
         return Counted(
             basal_mU_min=basal_mU_min,
             on_board=jnp.zeros_like(basal_mU_min),
-            hour_mU_min=jnp.broadcast_to(basal_mU_min, (others, *jnp.shape(basal_mU_min))),
+            hour_mU_min=jnp.broadcast_to(basal_mU_min, (samples, *jnp.shape(basal_mU_min))),
+            hour_bolus_mU=jnp.broadcast_to(zero, (samples, *jnp.shape(zero))),
             asked_mU_min=basal_mU_min,
             asked_bolus_mU=jnp.zeros_like(basal_mU_min) if self.boluses else None,
             binds=jnp.ones_like(basal_mU_min),
@@ -88,30 +96,67 @@ class Caps:
         basal, settings = counted.basal_mU_min, self.settings
         possible = (told_mU_min >= 0.0) & (told_mU_min <= 2.0 * self.limits.max_mU_min)
         given, before = jnp.where(possible, told_mU_min, counted.asked_mU_min), counted.asked_mU_min
+        given_bolus = before_bolus = asked_bolus = jnp.zeros_like(basal)
         if counted.asked_bolus_mU is not None and told_bolus_mU is not None and asked_bolus_mU is not None:
             known = (told_bolus_mU >= 0.0) & (told_bolus_mU <= MOST_BOLUS_MU)
-            given = given + jnp.where(known, told_bolus_mU, counted.asked_bolus_mU) / self.sample_time_min
-            before = before + counted.asked_bolus_mU / self.sample_time_min
-        asked = asked_mU_min if asked_bolus_mU is None else asked_mU_min + asked_bolus_mU / self.sample_time_min
-        on_board = self._on_board(counted.on_board, given, basal)
-        hour = jnp.concatenate([counted.hour_mU_min, jnp.maximum(given, basal)[None]])[1:]
-        within = on_board <= settings.max_on_board + _ROUNDING
-        most_of_hour = settings.max_hour * (hour.shape[0] + 1) * basal * (1.0 + _ROUNDING)
-        within = within & (jnp.sum(hour, axis=0) + basal <= most_of_hour)
-        binds = jnp.where(given > before + _ROUNDING, 0.0, counted.binds)
-        binds = jnp.where((given <= basal) & within, 1.0, binds)
-        kept = self._on_board(on_board, asked, basal) <= settings.max_on_board + _ROUNDING
-        kept = kept & (jnp.sum(hour, axis=0) + jnp.maximum(asked, basal) <= most_of_hour)
+            given_bolus = jnp.where(known, told_bolus_mU, counted.asked_bolus_mU)
+            before_bolus, asked_bolus = counted.asked_bolus_mU, asked_bolus_mU
+        hour = jnp.concatenate([counted.hour_mU_min[1:], jnp.maximum(given, basal)[None]])
+        boluses = jnp.concatenate([counted.hour_bolus_mU[1:], given_bolus[None]])
+        on_board = self._on_board(counted.on_board, given + given_bolus / self.sample_time_min, basal)
+        no_bolus = jnp.zeros_like(basal)
+        within = (on_board <= settings.max_on_board + _ROUNDING) & self._hours_hold(
+            hour, boluses, basal, no_bolus, basal
+        )
+        more = (given > before + _ROUNDING) | (given_bolus > before_bolus + _ROUNDING)
+        binds = jnp.where(more, 0.0, counted.binds)
+        binds = jnp.where((given <= basal) & (given_bolus <= 0.0) & within, 1.0, binds)
+        at_once = on_board + asked_bolus / (settings.on_board_tau_min * basal)
+        later = self._on_board(on_board, asked_mU_min + asked_bolus / self.sample_time_min, basal)
+        kept = jnp.maximum(at_once, later) <= settings.max_on_board + _ROUNDING
+        kept = kept & self._hours_hold(hour, boluses, jnp.maximum(asked_mU_min, basal), asked_bolus, basal)
         after = Counted(
             basal_mU_min=basal,
             on_board=on_board,
             hour_mU_min=hour,
+            hour_bolus_mU=boluses,
             asked_mU_min=asked_mU_min,
             asked_bolus_mU=asked_bolus_mU,
             binds=binds,
         )
         return after, kept | (binds < 0.5)
 
+    def _hours_hold(
+        self,
+        past_mU_min: jax.Array,
+        past_bolus_mU: jax.Array,
+        rate_mU_min: jax.Array,
+        bolus_mU: jax.Array,
+        basal_mU_min: jax.Array,
+    ) -> jax.Array:
+        """Whether no window of 60 min that ends in the coming sample holds more than its cap."""
+        of_rates, of_boluses = _windows(past_mU_min.shape[0], self.sample_time_min)
+        rates = jnp.concatenate([past_mU_min, rate_mU_min[None]])
+        boluses = jnp.concatenate([past_bolus_mU, bolus_mU[None]])
+        held = jnp.tensordot(of_rates, rates, 1) + jnp.tensordot(of_boluses, boluses, 1)
+        return jnp.max(held, axis=0) <= self.settings.max_hour * MIN_PER_H * basal_mU_min * (1.0 + _ROUNDING)
+
     def _on_board(self, before: jax.Array, rate_mU_min: jax.Array, basal_mU_min: jax.Array) -> jax.Array:
         left = math.exp(-self.sample_time_min / self.settings.on_board_tau_min)
         return jnp.maximum(before * left + (rate_mU_min / basal_mU_min - 1.0) * (1.0 - left), 0.0)
+
+
+def _windows(past: int, sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """(windows, past + 1) minutes of each sample in windows of 60 min, and whether its bolus is in them.
+
+    The last sample is the coming one. What a window holds is linear in the time of its end as long as neither end
+    passes the border of a sample, so that no other windows need to be looked at.
+    """
+    begins = sample_time_min * np.arange(-past, 1)
+    ends = np.array([0.0, sample_time_min])
+    inside = begins + MIN_PER_H
+    ends = np.concatenate([ends, inside[(inside > 0.0) & (inside < sample_time_min)]])[:, None]
+    minutes = np.minimum(ends, begins + sample_time_min) - np.maximum(ends - MIN_PER_H, begins)
+    hair = _ROUNDING * sample_time_min
+    holds = (begins >= ends - MIN_PER_H - hair) & (begins <= ends + hair)
+    return np.maximum(minutes, 0.0), holds.astype(float)

@@ -25,6 +25,7 @@ from glucoloop.control import Controller, Decision, Observation, Status, guarded
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.situation import usual_situation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.refusal import Refusal
 from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.studies.verification import MOST_SAMPLES
@@ -72,15 +73,15 @@ class NonsenseCheck:
 
     def __post_init__(self) -> None:
         if isinstance(self.samples, bool) or not isinstance(self.samples, int) or not 1 <= self.samples <= MOST_SAMPLES:
-            raise ValueError(f"samples is {self.samples!r}; give a whole number from 1 to {MOST_SAMPLES}")
+            raise Refusal(f"samples is {self.samples!r}; give a whole number from 1 to {MOST_SAMPLES}")
         checked_counter("seed", self.seed)
         if self.loop is not None:
             checked_counter("loop", self.loop)
         if not self.controllers:
-            raise ValueError(f"there is no controller to try; give at least one of {', '.join(QUICK)}")
+            raise Refusal(f"there is no controller to try; give at least one of {', '.join(QUICK)}")
         for name in self.controllers:
             if controller_entry(name).slow:
-                raise ValueError(f"{name} takes too long for nonsense in masses; give some of {', '.join(QUICK)}")
+                raise Refusal(f"{name} takes too long for nonsense in masses; give some of {', '.join(QUICK)}")
 
     @property
     def loops(self) -> int:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.threefry import uniforms
@@ -73,7 +74,7 @@ def feasible_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -
         with one_at_a_time:
             feasible = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).feasible
         found.append(start + np.flatnonzero(feasible))
-    raise ValueError(f"seed {seed} has fewer than {wanted} people; give fewer loops")
+    raise Refusal(f"seed {seed} has fewer than {wanted} people; give fewer loops")
 
 
 def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:

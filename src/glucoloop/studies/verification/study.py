@@ -10,8 +10,10 @@ from typing import Any, Final
 from glucoloop.config.checked import checked
 from glucoloop.config.doubts import boluses_into_a_vein
 from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
 from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
+from glucoloop.report.facts import engine_notes
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.verification import VerifySettings, campaign, nonsense
 from glucoloop.studies.verification.campaign import Campaign, met
@@ -25,10 +27,10 @@ _LISTED: Final = 10
 def read(
     keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
 ) -> Asked:
-    """Read the definition of a campaign or a nonsense test; ValueError for what cannot be."""
+    """Read the definition of a campaign or a nonsense test; Refusal for what cannot be."""
     own = checked(VerifySettings, keys, names)
     if own.person is not None and own.loops is not None:
-        raise ValueError("--loops and --person exclude one another; leave one out")
+        raise Refusal("--loops and --person exclude one another; leave one out")
     shared: dict[str, Any] = {"seed": own.seed}
     if own.controllers:
         shared["controllers"] = own.controllers
@@ -37,9 +39,9 @@ def read(
             shared["loops"] = own.loops
         return Campaign(**shared, patient=own.patient, person=own.person)
     if own.loops is not None:
-        raise ValueError("--loops and --nonsense exclude one another; leave one out")
+        raise Refusal("--loops and --nonsense exclude one another; leave one out")
     if own.patient != USUAL_PATIENT.name:
-        raise ValueError("--nonsense has no patient at all; leave --patient out")
+        raise Refusal("--nonsense has no patient at all; leave --patient out")
     return NonsenseCheck(**shared, samples=own.nonsense, loop=own.person)
 
 
@@ -140,16 +142,18 @@ def sentences(asked: Asked, found: Findings) -> Iterator[str]:
         yield from _broken(asked, arm)
     seconds = f"{plain['seconds']:.1f} s"
     if isinstance(asked, NonsenseCheck):
-        yield f"{plain['samples']} samples of guarded controllers that were told nonsense, {seconds}."
+        yield f"{plain['samples']} samples of guarded controllers with nonsense as readings, {seconds}."
     else:
         repeated = sum(arm["repeated"] for arm in plain["arms"])
         more = f"; {repeated} of them closed twice" if repeated else ""
         yield f"{how_many(plain['loops'], 'loop')}, {plain['samples']} samples, {seconds}{more}."
         yield (
-            "Below 60: mean percentage of the run below 60 mg/dl. Better, worse: number of people for whom that time "
-            f"is shorter or longer with the guard than without it, by more than {Guarding.MARGIN_PCT:g} % of the run. "
-            "Most, person: the largest such increase, and the number of that person."
+            "Below 60: mean time below 60 mg/dl in percent of the run. Better, worse: number of people who spend less "
+            "or more time below 60 mg/dl with the guard than without it, by over "
+            f"{Guarding.MARGIN_PCT:g} % of the run. Most, person: the largest such increase, and the number of that "
+            "person."
         )
+        yield from engine_notes({_called(arm): arm for arm in plain["arms"]})
     broken = [promise for promise, count in plain["violations"].items() if count]
     yield f"Broken: {'; '.join(broken)}." if broken else "Every promise was kept."
 

@@ -35,6 +35,24 @@ def scalars(state, seen):
     }
 
 
+def angles(state, seen):
+    """The same with rounding, remainders, angles, roots and tables."""
+    after, decided = scalars(state, seen)
+    x, y, low, z = state["x"], seen["y"], seen["valid"], after["x"]
+    turned = (
+        jnp.sin(z[0]) + jnp.cos(z[1]) + jnp.cbrt(z[2]) + jnp.arctan2(z[3], y) + jnp.sinh(z * 0.01) + jnp.cosh(1e-2 * z)
+    )
+    coarse = (
+        jnp.round(z) + jax.lax.round(0.5 * jnp.ceil(z[0])) + jnp.mod(z[1], 0.3) + jax.nn.sigmoid(z[2]) + jnp.tan(z[3])
+    )
+    number = jnp.floor(z[0]).astype(jnp.int32)
+    place = jnp.where(low, number % 7, number // 3 - jax.lax.rem(number, jnp.int32(4)))
+    table = jnp.asarray([0.5, 1.5, 4.0, 2.0], x.dtype)
+    z = z + 1e-2 * (turned + coarse) + jnp.take(table, place, mode="clip") + jnp.interp(y, table[:3], table[1:])
+    z = jnp.where(jnp.isfinite(z), z, 0.25)
+    return {**after, "x": z}, decided
+
+
 def loops(state, seen):
     """The same with what only the compact form can do: long loops, linear equations, choices, places that vary."""
     after, decided = scalars(state, seen)
@@ -111,7 +129,7 @@ def equal(here, there):
 
 @pytest.mark.long
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("step", [scalars, loops, matrices])
+@pytest.mark.parametrize("step", [scalars, angles, loops, matrices])
 def test_compact_is_its_arithmetic(step, precision):
     of = traced(step, precision)
     library = Library(write_source(of, ["A test"], COMPACT), precision)
@@ -128,8 +146,9 @@ def test_compact_is_its_arithmetic(step, precision):
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_unrolled_is_the_program_and_native_code(precision):
-    of = traced(scalars, precision)
+@pytest.mark.parametrize("step", [scalars, angles])
+def test_unrolled_is_the_program_and_native_code(step, precision):
+    of = traced(step, precision)
     source = write_source(of, ["A test"], UNROLLED)
     library, (_, lowered) = Library(source, precision), source.lowered
     states = []

@@ -15,6 +15,18 @@ _TOLD: Final = {
     "expm1": "exp(x) - 1, exact to rounding near zero too.",
     "tanh": "The hyperbolic tangent.",
     "log": "The natural logarithm; not a number below zero.",
+    "sin": "The sine; not a number where x is too large for it.",
+    "cos": "The cosine; not a number where x is too large for it.",
+    "tan": "The tangent; not a number where x is too large for it.",
+    "sinh": "The hyperbolic sine.",
+    "cosh": "The hyperbolic cosine.",
+    "atan2": "The angle of the point whose second coordinate is x and whose first is y.",
+    "cbrt": "The cube root.",
+    "logistic": "1 / (1 + exp(-x)).",
+    "ceil": "The smallest whole number that is not below x.",
+    "rem": "The remainder of x / y, exact, with the sign of x.",
+    "round_even": "The nearest whole number; of two, the even one.",
+    "round_away": "The nearest whole number; of two, that further from zero.",
 }
 
 
@@ -24,7 +36,10 @@ def elementary(text: Iterable[str], format: Format) -> list[str]:
     lines: list[str] = []
     for name in FUNCTIONS:
         if re.search(rf"\bgl_{name}\(", joined):
-            lines += [f"/* {_TOLD[name]} */", f"static {format.type} gl_{name}({format.type} x)", "{"]
-            lines += expression_of(function(name, format.precision), "x")
+            program = function(name, format.precision)
+            given = ("x", "y")[: len(program.layout.own)]
+            taken = ", ".join(f"{format.type} {argument}" for argument in given)
+            lines += [f"/* {_TOLD[name]} */", f"static {format.type} gl_{name}({taken})", "{"]
+            lines += expression_of(program, given)
             lines += ["}", ""]
     return lines

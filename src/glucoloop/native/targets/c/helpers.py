@@ -166,6 +166,18 @@ static int32_t gl_whole_abs(int32_t a)
 {
   return (a < 0) ? -a : a;
 }""",
+    "gl_whole_div": """
+/* The quotient, towards zero; -1 where b is zero. */
+static int32_t gl_whole_div(int32_t a, int32_t b)
+{
+  return (b == 0) ? -1 : (a / b);
+}""",
+    "gl_whole_rem": """
+/* The remainder; a where b is zero. */
+static int32_t gl_whole_rem(int32_t a, int32_t b)
+{
+  return (b == 0) ? a : (a % b);
+}""",
     "gl_within": """
 /* A place from 0 to the last one. */
 static int32_t gl_within(int32_t place, int32_t last)

@@ -21,6 +21,7 @@ from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
 from glucoloop.native.targets.c.unrolled import unrolled
+from glucoloop.refusal import Refusal
 
 UNROLLED: Final = "unrolled"
 COMPACT: Final = "compact"
@@ -143,12 +144,7 @@ def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observati
     )
 
 
-def write_source(
-    traced: Traced,
-    title: Sequence[str],
-    form: str = AUTO,
-    last: LastClamp | None = None,
-) -> Source:
+def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: LastClamp | None = None) -> Source:
     """Write a controller in C.
 
     Parameters
@@ -167,7 +163,7 @@ def write_source(
         For an unknown form.
     """
     if form not in (AUTO, UNROLLED, COMPACT):
-        raise ValueError(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
+        raise Refusal(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
     format, tables = FORMATS[traced.precision], Tables()
     state, observation = record("state", traced.state), record("observation", traced.observation)
     decision = record("decision", traced.decision)
@@ -181,17 +177,9 @@ def write_source(
             ]
         else:
             form = UNROLLED
-            bodies = [
-                Body(unrolled(lowered[0], observation.elements(), state.elements()), {}),
-                Body(
-                    unrolled(
-                        lowered[1],
-                        [*state.elements(), *observation.elements()],
-                        [*state.elements(), *decision.elements()],
-                    ),
-                    {},
-                ),
-            ]
+            held, seen, told = (of.elements() for of in (state, observation, decision))
+            lines = [unrolled(lowered[0], seen, held), unrolled(lowered[1], [*held, *seen], [*held, *told])]
+            bodies = [Body(of, {}) for of in lines]
         if last is not None:
             bodies[1] = Body([*bodies[1].lines, *last.lines(format)], bodies[1].workspace)
         code = _code(bodies, tables, format, [] if last is None else last.function(format))

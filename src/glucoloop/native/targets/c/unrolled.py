@@ -12,18 +12,13 @@ from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, Format, typ
 Element = tuple[str, str]
 """An element of a structure: C text and kind."""
 
-_INFIX: Final = {"add": "+", "sub": "-", "exact_sub": "-", "mul": "*", "div": "/"}
-_COMPARED: Final = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
-_LOGIC: Final = {"and": "&&", "or": "||", "xor": "!="}
+_INFIX: Final = {
+    "add": "+", "sub": "-", "exact_sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "==", "ne": "!=",
+    "and": "&&", "or": "||", "xor": "!=",
+}  # fmt: skip
 _CALLS: Final = {
-    "abs": "gl_abs",
-    "sqrt": "gl_sqrt",
-    "floor": "gl_floor",
-    "copy_sign": "gl_copy_sign",
+    **{name: f"gl_{name}" for name in ("abs", "sqrt", "floor", "copy_sign", "mantissa", "exponent", "power_of_two")},
     "is_finite": "gl_finite",
-    "mantissa": "gl_mantissa",
-    "exponent": "gl_exponent",
-    "power_of_two": "gl_power_of_two",
 }
 
 
@@ -44,10 +39,11 @@ def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Elem
     return _Writer(lowered, sources).lines(returned)
 
 
-def expression_of(lowered: Lowered, argument: str) -> list[str]:
-    """The statements of a function of one number, which end by returning it: an elementary function."""
+def expression_of(lowered: Lowered, arguments: Sequence[str]) -> list[str]:
+    """The statements of an elementary function, which end by returning its value."""
     (value,) = lowered.layout.outputs
-    writer = _Writer(lowered, {v: (argument, REAL) for v in lowered.layout.own})
+    given = zip(lowered.layout.own, arguments, strict=True)
+    writer = _Writer(lowered, {v: (argument, REAL) for v, argument in given})
     return [*writer.computed(), f"return {writer.name(value)};"]
 
 
@@ -71,17 +67,10 @@ class _Writer:
     def lines(self, returned: Sequence[Element]) -> list[str]:
         lines = self.computed()
         for value, (place, kind) in zip(self._results, returned, strict=True):
-            text = self.name(value)
-            if kind == TRUTH:
-                text = (
-                    f"{text} ? 1 : 0" if self._is_truth(value) else f"({text} != {self._format.literal(0.0)}) ? 1 : 0"
-                )
-            elif self._is_truth(value):
-                text = (
-                    f"{text} ? 1 : 0"
-                    if kind != REAL
-                    else f"{text} ? {self._format.literal(1.0)} : {self._format.literal(0.0)}"
-                )
+            text, truth = self.name(value), self._is_truth(value)
+            zero, one = (self._format.literal(n) if kind == REAL else f"{n:.0f}" for n in (0.0, 1.0))
+            if truth or kind == TRUTH:
+                text = f"{text if truth else f'({text} != {self._format.literal(0.0)})'} ? {one} : {zero}"
             elif kind != REAL:
                 text = f"(int32_t)({text})"
             lines.append(f"{place} = {text};")
@@ -123,10 +112,6 @@ class _Writer:
         names = [self.name(a) for a in arguments]
         if operation in _INFIX:
             return f"{names[0]} {_INFIX[operation]} {names[1]}"
-        if operation in _COMPARED:
-            return f"{names[0]} {_COMPARED[operation]} {names[1]}"
-        if operation in _LOGIC:
-            return f"{names[0]} {_LOGIC[operation]} {names[1]}"
         if operation in _CALLS:
             return f"{_CALLS[operation]}({', '.join(names)})"
         match operation:

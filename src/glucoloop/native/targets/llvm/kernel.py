@@ -15,6 +15,7 @@ from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.llvm.emit import Emitter
 from glucoloop.native.targets.products import FUSED, STRICT
+from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
 
@@ -124,6 +125,6 @@ def compile_kernel(lowered: Lowered, *, products: str = FUSED) -> Kernel:
         For another way of rounding products.
     """
     if products not in (FUSED, STRICT):
-        raise ValueError(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
+        raise Refusal(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
     text = Emitter(lowered, products, lanes(lowered.precision)).text()
     return Kernel(text, lowered.precision, lowered.layout.sizes)

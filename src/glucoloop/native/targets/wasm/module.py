@@ -29,6 +29,7 @@ from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.llvm.emit import Emitter
 from glucoloop.native.targets.products import STRICT
+from glucoloop.refusal import Refusal
 
 HOST: Final = Path(__file__).with_name("kernels.mjs")
 """JavaScript that runs the functions of a module."""
@@ -40,10 +41,7 @@ _PROCESSOR, _FEATURES = "mvp", "+simd128"
 _STACK_BYTES: Final = 1 << 20
 _KERNEL: Final = "kernel"
 _HOLD: Final = "hold"
-_ARGUMENTS: Final = {
-    _HOLD: (("held",), ()),
-    _KERNEL: (("held", "carry", "own", "shared", "outputs"), ("samples",)),
-}
+_ARGUMENTS: Final = {_HOLD: (("held",), ()), _KERNEL: (("held", "carry", "own", "shared", "outputs"), ("samples",))}
 """Addresses and numbers that the two functions take."""
 
 
@@ -71,7 +69,7 @@ def linker_version() -> str:
 def _linker() -> str:
     program = linker()
     if program is None:
-        raise ValueError(f"{LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
+        raise Refusal(f"{LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
     return program
 
 
@@ -95,7 +93,7 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
     """
     for name in functions:
         if not name.isidentifier() or not name.isascii() or name in _ARGUMENTS:
-            raise ValueError(f"{name!r} cannot be the name of a function; give letters, digits and _")
+            raise Refusal(f"{name!r} cannot be the name of a function; give letters, digits and _")
     program = _linker()
     with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
         objects = []
@@ -108,7 +106,7 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
         command = [program, *options, *exports, "-o", str(linked), *map(str, objects)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise ValueError(f"{LINKER} failed: {done.stderr.strip()}")
+            raise Refusal(f"{LINKER} failed: {done.stderr.strip()}")
         return linked.read_bytes()
 
 

@@ -14,50 +14,53 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+from jax import lax
 
-from glucoloop.native import primitives
-from glucoloop.native.interpreter import interpret, larger, smaller
+from glucoloop.native import flatten, primitives
+from glucoloop.native.functions import FURTHEST_WHOLE
+from glucoloop.native.interpreter import DOES, interpret, larger, smaller
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, kind_of
 
 Array = npt.NDArray[Any]
 
-FUNCTIONS: Final[dict[str, Callable[[Any], Any]]] = {
-    "exp": jnp.exp,
-    "expm1": jnp.expm1,
-    "tanh": jnp.tanh,
-    "log": jnp.log,
+FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
+    **{name: getattr(lax, name) for name in flatten.FUNCTIONS if name not in ("pow", "sign")},
+    "round_even": jnp.round,
+    "round_away": lax.round,
 }
+"""The elementary functions, `lax.rem` and `lax.atan2` of two numbers."""
 ELEMENTWISE: Final = frozenset({
-    *FUNCTIONS, "add", "add_any", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "sqrt", "floor", "pow",
-    "integer_pow", "square", "sign", "is_finite", "lt", "le", "gt", "ge", "eq", "ne", "lt_to", "and", "or", "xor",
-    "not", "select_n", "clamp", "convert_element_type",
+    *flatten.ELEMENTWISE, *flatten.FUNCTIONS, "round", "integer_pow", "square", "sign", "gt", "ge", "lt_to", "le_to",
+    "select_n", "clamp", "convert_element_type",
 })  # fmt: skip
 SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
 """Operations that return their operands."""
-MOVES: Final = frozenset({
-    "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
-    "stack", "unstack", "tile", "pad",
-})  # fmt: skip
-REDUCTIONS: Final = frozenset(("reduce_sum", "reduce_max", "reduce_min", "reduce_and", "reduce_or"))
-FURTHEST_WHOLE: Final = 2.0**30
-"""Bound on whole numbers that are made from real ones."""
 LARGEST_CONSTANT: Final = 1024
 """Largest number of elements of an array that is computed beforehand rather than in C."""
 SMALL_POWERS: Final = (1.0, 2.0, 3.0, 4.0)
 
 
+def function_of(name: str, equation: Any) -> str | None:
+    """Name of the elementary function that an operation is; None for any other operation."""
+    if name == "round":
+        return primitives.rounding(equation)
+    whole = name == "rem" and kind_of(equation.invars[0].aval.dtype) == WHOLE
+    return name if name in FUNCTIONS and not whole else None
+
+
 @functools.cache
 def function(name: str, precision: str) -> Lowered:
-    """An elementary function of one number as a scalar program."""
+    """An elementary function of one number, or of two, as a scalar program."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, chance: Any) -> Any:
         del person, shared, chance
-        return carry, FUNCTIONS[name](own)
+        return carry, FUNCTIONS[name](*own)
 
+    numbers = (np.zeros((), precision),) * (2 if name in ("rem", "atan2") else 1)
     with jax.enable_x64(precision == "float64"):
-        return lower(step, (), (), np.zeros((), precision), (), precision=precision)
+        return lower(step, (), (), numbers, (), precision=precision)
 
 
 def constant(value: Any, precision: str) -> Array:
@@ -83,10 +86,12 @@ class Arithmetic:
         with np.errstate(all="ignore"):
             if name in SAME:
                 return list(given)
-            if name in MOVES:
+            if name in flatten.MOVES:
                 return self._moved(equation, given)
             if name in ELEMENTWISE:
                 return [self._elementwise(name, equation, np.broadcast_arrays(*given))]
+            if name in _REDUCED:
+                return [self._reduced(name, equation, given[0])]
             if name == "dot_general":
                 return [self._product(equation, given[0], given[1], (known[0], known[1]))]
             found = getattr(self, f"_{name.replace('-', '_')}", None)
@@ -95,21 +100,24 @@ class Arithmetic:
             results = found(equation, *given)
         return results if isinstance(results, list) else [results]
 
-    def _apply(self, name: str, x: Array) -> Array:
-        _, found = interpret(function(name, self.precision), own=np.reshape(x, (1, -1)))
-        return found.reshape(np.shape(x))
+    def _apply(self, name: str, *given: Array) -> Array:
+        _, found = interpret(function(name, self.precision), own=np.stack([x.ravel() for x in given]))
+        return found.reshape(given[0].shape)
 
     def _elementwise(self, name: str, equation: Any, given: Sequence[Array]) -> Array:
         a, b, c = (*given, given[0], given[0])[:3]
         kind = kind_of(equation.invars[0].aval.dtype)
-        simple = _SIMPLE.get(name)
+        simple, called = _SIMPLE.get(name), function_of(name, equation)
         found: Array
-        if simple is not None:
+        if called is not None:
+            found = self._apply(called, *given)
+        elif name == "rem":
+            found = np.where(b == 0, a, np.fmod(a, b))
+        elif simple is not None:
             found = simple(*given)
-        elif name in FUNCTIONS:
-            found = self._apply(name, a)
         elif name == "div":
-            found = np.divide(a, b) if kind == REAL else (np.trunc(np.true_divide(a, b))).astype(np.int32)
+            whole = np.where(b == 0, -1, np.trunc(np.true_divide(a, b))) if kind != REAL else None
+            found = np.divide(a, b) if whole is None else whole.astype(np.int32)
         elif name in ("max", "min"):
             found = (larger if name == "max" else smaller)(a, b)
         elif name == "clamp":
@@ -123,8 +131,8 @@ class Arithmetic:
         elif name == "sign":
             one = a.dtype.type(1)
             found = np.where(a > 0, one, np.where(a < 0, -one, a))
-        elif name == "lt_to":
-            found = (a < b) | ((a == a) & (b != b))
+        elif name in ("lt_to", "le_to"):
+            found = (a < b) | ((a == a) & (b != b)) if name == "lt_to" else (a <= b) | (b != b)
         else:
             found = self._converted(a, kind, kind_of(primitives.new_dtype(equation)))
         return found
@@ -152,7 +160,8 @@ class Arithmetic:
             self._places[id(equation)] = equation, places_of(equation, [array.shape for array in given])
         return [whole[places] for places in self._places[id(equation)][1]]
 
-    def _reduced(self, equation: Any, a: Array, start: Any, of: Callable[[Array, Array], Array]) -> Array:
+    def _reduced(self, name: str, equation: Any, a: Array) -> Array:
+        start, of = _REDUCED[name]
         axes = primitives.axes(equation)
         kept = [axis for axis in range(a.ndim) if axis not in axes]
         rows = a.transpose(*axes, *kept).reshape(-1, *(a.shape[axis] for axis in kept))
@@ -160,21 +169,6 @@ class Arithmetic:
         for row in rows:
             total = np.asarray(of(total, row))
         return total
-
-    def _reduce_sum(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, 0, np.add)
-
-    def _reduce_max(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, -np.inf, larger)
-
-    def _reduce_min(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, np.inf, smaller)
-
-    def _reduce_and(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, True, np.logical_and)
-
-    def _reduce_or(self, equation: Any, a: Array) -> Array:
-        return self._reduced(equation, a, False, np.logical_or)
 
     def _cumsum(self, equation: Any, a: Array) -> Array:
         axis, reverse = primitives.running(equation)
@@ -185,20 +179,17 @@ class Arithmetic:
             sums[i] = total
         return np.moveaxis(sums, 0, axis)
 
-    def _first(self, equation: Any, a: Array, better: Callable[[Array, Array], Array]) -> Array:
+    def _first(self, equation: Any, a: Array, *, better: Callable[[Array, Array], Array]) -> Array:
         (axis,) = primitives.axes(equation)
-        rows = np.moveaxis(a, axis, 0)
+        rows = np.moveaxis(a.astype(np.int32) if a.dtype == bool else a, axis, 0)
         best, place = rows[0], np.zeros(rows.shape[1:], np.int32)
         for i, row in enumerate(rows[1:], start=1):
             takes = better(row, best) | ((row != row) & (best == best))
             best, place = np.where(takes, row, best), np.where(takes, np.int32(i), place)
         return place
 
-    def _argmax(self, equation: Any, a: Array) -> Array:
-        return self._first(equation, a.astype(np.int32) if a.dtype == bool else a, np.greater)
-
-    def _argmin(self, equation: Any, a: Array) -> Array:
-        return self._first(equation, a.astype(np.int32) if a.dtype == bool else a, np.less)
+    _argmax = functools.partialmethod(_first, better=np.greater)
+    _argmin = functools.partialmethod(_first, better=np.less)
 
     def _iota(self, equation: Any) -> Array:
         return constant(np.asarray(primitives.iota(equation)).astype(equation.outvars[0].aval.dtype), self.precision)
@@ -285,28 +276,15 @@ class Arithmetic:
         return x if how.left else x.T
 
 
+_REDUCED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
+    "reduce_sum": (0, np.add), "reduce_max": (-np.inf, larger), "reduce_min": (np.inf, smaller),
+    "reduce_and": (True, np.logical_and), "reduce_or": (False, np.logical_or),
+}  # fmt: skip
 _SIMPLE: Final[dict[str, Callable[..., Any]]] = {
-    "add": np.add,
-    "add_any": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "rem": np.fmod,
-    "neg": np.negative,
-    "abs": np.abs,
-    "sqrt": np.sqrt,
-    "floor": np.floor,
+    **{name: DOES[operation] for name, operation in flatten.ELEMENTWISE.items() if operation in DOES and name != "div"},
     "square": lambda x: x * x,
-    "is_finite": np.isfinite,
-    "lt": np.less,
-    "le": np.less_equal,
     "gt": np.greater,
     "ge": np.greater_equal,
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "and": np.logical_and,
-    "or": np.logical_or,
-    "xor": np.logical_xor,
-    "not": np.logical_not,
 }
 
 

@@ -63,9 +63,7 @@ def _equation(
     if called is not None:
         return _run(called, inputs, arithmetic, known)
     if name == "custom_linear_solve":
-        solve, first, right = primitives.solver(equation)
-        constants = len(solve.jaxpr.invars) - (len(inputs) - right)
-        taken = [*range(first, first + constants), *range(right, len(inputs))]
+        solve, taken = primitives.solver(equation)
         return _run(solve, [inputs[i] for i in taken], arithmetic, [known[i] for i in taken])
     if name == "cond":
         options = primitives.branches(equation)

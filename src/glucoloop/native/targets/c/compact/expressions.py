@@ -8,21 +8,20 @@ import numpy as np
 
 from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, SMALL_POWERS
+from glucoloop.native.targets.c.compact.arithmetic import SMALL_POWERS, function_of
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Operation
 from glucoloop.native.targets.c.compact.writer import Writer
 from glucoloop.native.targets.c.numbers import REAL, WHOLE
 
 _INFIX: Final = {
-    "add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/", "rem": "%", "lt": "<", "le": "<=", "gt": ">",
+    "add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">",
     "ge": ">=", "eq": "==", "ne": "!=", "and": "&&", "or": "||", "xor": "!=",
 }  # fmt: skip
 _CALLS: Final = {
     "abs": "gl_abs", "sqrt": "gl_sqrt", "floor": "gl_floor", "square": "gl_square", "sign": "gl_sign",
     "is_finite": "gl_finite", "max": "gl_max", "min": "gl_min", "lt_to": "gl_below",
-    **{name: f"gl_{name}" for name in FUNCTIONS},
 }  # fmt: skip
-_OF_WHOLE: Final = {"max": "gl_whole_max", "min": "gl_whole_min", "abs": "gl_whole_abs"}
+_OF_WHOLE: Final = ("max", "min", "abs", "div", "rem")
 
 
 def template(operation: Operation, writer: Writer) -> str:
@@ -33,7 +32,10 @@ def template(operation: Operation, writer: Writer) -> str:
     first = equation.invars[0].aval.dtype
     real = np.issubdtype(first, np.floating)
     if name in _OF_WHOLE and not real:
-        return f"{_OF_WHOLE[name]}({_arguments(operation)})"
+        return f"gl_whole_{name}({_arguments(operation)})"
+    called = function_of(name, equation)
+    if called is not None:
+        return f"gl_{called}({_arguments(operation)})"
     if name in _INFIX:
         if first == np.bool_ and name in ("lt", "le", "gt", "ge", "add", "mul"):
             raise UnsupportedError(f"the operation {name!r} of truths")
@@ -47,6 +49,8 @@ def template(operation: Operation, writer: Writer) -> str:
             return "(-{0})"
         case "not":
             return "(!{0})"
+        case "le_to":
+            return "(!gl_below({1}, {0}))"
         case "clamp":
             return "gl_min(gl_max({0}, {1}), {2})" if real else "gl_whole_min(gl_whole_max({0}, {1}), {2})"
         case "integer_pow":

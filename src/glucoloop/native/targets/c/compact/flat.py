@@ -94,9 +94,8 @@ class _Flattener:
         if name in SAME:
             return inputs
         if name == "custom_linear_solve":
-            solve, first, right = primitives.solver(equation)
-            constants = len(solve.jaxpr.invars) - (len(inputs) - right)
-            return self._run(solve, [*inputs[first : first + constants], *inputs[right:]])
+            solve, taken = primitives.solver(equation)
+            return self._run(solve, [inputs[i] for i in taken])
         if name == "convert_element_type" and not isinstance(inputs[0], Variable):
             pass
         elif name == "convert_element_type" and _same_kind(equation):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 from typing import Any
@@ -169,13 +170,8 @@ class Moves(Settler):
 
         return [Maker(output.shape, output.kind, write, (operand, update))]
 
-    def _scatter(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        return self._scattered(operation, environment, flat, adds=False)
-
-    def _scatter_add(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        return self._scattered(operation, environment, flat, adds=True)
-
-    # loops and choices
+    _scatter = functools.partialmethod(_scattered, adds=False)
+    _scatter_add = functools.partialmethod(_scattered, adds=True)
 
 
 def _part(to: View, first: int, strides: tuple[int, ...], shape: tuple[int, ...]) -> View:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, Final
 
@@ -69,7 +70,8 @@ class Reductions(Settler):
 
         return [Maker(output.shape, output.kind, write, (value,))]
 
-    def _first(self, operation: Operation, environment: Environment, sign: str) -> list[Value]:
+    def _first(self, operation: Operation, environment: Environment, flat: Flat, *, sign: str) -> list[Value]:
+        del flat
         (output,), (given,) = operation.outputs, operation.inputs
         (axis,) = primitives.axes(operation.equation)
         view = self._view(given, environment)
@@ -94,13 +96,8 @@ class Reductions(Settler):
 
         return [self._each(output, place, (view,))]
 
-    def _argmax(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        del flat
-        return self._first(operation, environment, ">")
-
-    def _argmin(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        del flat
-        return self._first(operation, environment, "<")
+    _argmax = functools.partialmethod(_first, sign=">")
+    _argmin = functools.partialmethod(_first, sign="<")
 
 
 def _reversed(value: Any, axis: int) -> Any:

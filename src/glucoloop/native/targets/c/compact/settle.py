@@ -23,9 +23,7 @@ class Settler:
         return environment[operand] if isinstance(operand, Variable) else self._w.constant(operand)
 
     def _materialised(self, value: Value) -> View:
-        if isinstance(value, View):
-            return value
-        return self._copied(value)
+        return value if isinstance(value, View) else self._copied(value)
 
     def _copied(self, value: Value) -> View:
         to = self._w.array(value.shape, value.kind)
@@ -83,13 +81,7 @@ class Settler:
             return value
         return self._readable(given, environment, flat)
 
-    def _each(
-        self,
-        output: Variable,
-        of: Callable[[list[str]], Scalar],
-        reads: tuple[Any, ...],
-        shape: Sequence[int] | None = None,
-    ) -> Value:
+    def _each(self, output: Variable, of: Callable[[list[str]], Scalar], reads: tuple[Any, ...]) -> Value:
         """An array each of whose elements is computed by lines of its own."""
         if math.prod(output.shape) == 1:
             return of(["0"] * len(output.shape))

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from glucoloop.native.flatten import MOVES, REDUCTIONS
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.arithmetic import ELEMENTWISE, MOVES, REDUCTIONS
+from glucoloop.native.targets.c.compact.arithmetic import ELEMENTWISE
 from glucoloop.native.targets.c.compact.expressions import template
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operation, Variable
 from glucoloop.native.targets.c.compact.linear import LinearAlgebra

@@ -1,0 +1,85 @@
+"""What is usual of a patient follows from the route of insulin, unless its entry says otherwise."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import glucoloop as gl
+from glucoloop.config.run import read_run
+from glucoloop.registry.controllers import CONTROLLERS, complete
+from glucoloop.registry.guard import complete_guard
+from glucoloop.registry.patients import PATIENTS, OperatingPoint, PatientEntry, patient_entry
+from glucoloop.registry.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
+from glucoloop.simulation.usual_limits import usual_limits
+
+
+def entry_of(route):
+    """An entry of another package that says no more than it has to."""
+    return PatientEntry(
+        name="somebody",
+        summary="somebody",
+        model="somewhere:MODEL",
+        operating_points=(OperatingPoint("at-rest", "at rest"),),
+        insulin_route=route,
+        pulse_mU_min=10.0,
+    )
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize(("route", "like"), [("subcutaneous", "hovorka-2004"), ("intravenous", "parker-1999")])
+def test_tunings_identification_and_guard_of_another_package_are_those_of_the_route(controller, route, like):
+    somebody, known = entry_of(route), patient_entry(like)
+    for noisy in (False, True):
+        found = complete(controller, {}, somebody, "at-rest", noisy=noisy)
+        assert found == complete(controller, {}, known, known.usual_point, noisy=noisy)
+    assert somebody.identification(5.0) == known.identification(5.0)
+    assert complete_guard({}, somebody) == complete_guard({}, known)
+
+
+def test_pump_is_that_of_the_route():
+    assert ROUTES["intravenous"].pump is PUMP_OF_1999
+    found = entry_of("subcutaneous")
+    assert (found.min_insulin_mU_min, found.max_insulin_mU_min, found.max_change_mU_min) == (0.0, 500.0, 500.0)
+
+
+@pytest.mark.parametrize("name", list(PATIENTS))
+def test_python_and_the_commands_take_the_same_pump(name):
+    entry, limits = patient_entry(name), usual_limits(gl.patient(name))
+    assert limits.max_mU_min == entry.max_insulin_mU_min
+    assert limits.max_change_mU_min == entry.max_change_mU_min
+    assert limits.min_mU_min == entry.min_insulin_mU_min
+
+
+def test_person_of_ones_own_has_the_pump_of_the_route():
+    assert usual_limits(SimpleNamespace(insulin_route=SUBCUTANEOUS)).max_mU_min == 500.0
+    assert usual_limits(SimpleNamespace()).max_mU_min == PUMP_OF_1999.max_mU_min
+    with pytest.raises(ValueError, match=r"^unknown route of insulin 'nasal'; the known ones are: intravenous"):
+        usual_limits(SimpleNamespace(insulin_route="nasal"))
+    with pytest.raises(ValueError, match=r"^unknown route of insulin 'subcutanous'; did you mean 'subcutaneous'"):
+        route_of("subcutanous")
+
+
+def test_pump_of_30_units_an_hour_is_unusual_into_a_vein_only():
+    assert read_run({"patient": "hovorka-2004", "max_insulin_mU_min": 500.0}).situation.max_insulin_mU_min == 500.0
+    with pytest.raises(ValueError, match=r"^max_insulin_mU_min is 500 mU/min; "):
+        read_run({"max_insulin_mU_min": 500.0})
+
+
+@pytest.mark.long
+def test_person_of_an_example_in_python():
+    place = Path(__file__).parents[2] / "examples" / "kanderian.py"
+    spec = importlib.util.spec_from_file_location("kanderian", place)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["kanderian"] = module
+    try:
+        spec.loader.exec_module(module)
+        person = module.resting_at(120.0)
+    finally:
+        del sys.modules["kanderian"]
+    found = gl.identify(person)
+    assert found.model.memory == 288
+    stepper = gl.Stepper(person, sample_time_min=5.0)
+    assert float(stepper.step(1000.0).delivered_mU_min) == 500.0

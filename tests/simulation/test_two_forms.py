@@ -1,0 +1,85 @@
+"""A patient whose derivative is not what the fast integrator takes is refused, or carried by the adaptive one."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import glucoloop as gl
+from glucoloop.meals import Scenario
+from glucoloop.patients.hovorka.patient import HovorkaPatient
+from glucoloop.patients.model import patient_model
+from glucoloop.registry.patients import PATIENTS
+from glucoloop.simulation import Adaptive, Exponential
+from glucoloop.simulation.people_plant import PeoplePlant
+from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.two_forms import follows_the_clock, refuse_two_patients
+
+DAY = Scenario(meals=(), horizon_min=720.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Circadian(HovorkaPatient):
+    """A patient who makes more glucose in the morning."""
+
+    def derivative(self, t_min, x, inputs):
+        more = jnp.sin(2.0 * jnp.pi * t_min / 1440.0)
+        slow, driven = self.split(super().derivative(t_min, x, inputs))
+        return self.join(slow.at[0].add(0.1 * more), driven)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Mistaken(HovorkaPatient):
+    """A patient whose transport has a slip."""
+
+    def transport(self, y):
+        return 1.01 * super().transport(y)
+
+
+def made(kind):
+    of = gl.patient("hovorka-2004")
+    return kind(**{field.name: getattr(of, field.name) for field in dataclasses.fields(of)})
+
+
+def basal(person):
+    return gl.design_open_loop(person.basal_insulin_mU_min, sample_time_min=5.0)
+
+
+def names():
+    return [(entry.name, point.name) for entry in PATIENTS.values() for point in entry.operating_points]
+
+
+@pytest.mark.parametrize(("name", "point"), names())
+def test_the_forms_of_every_patient_are_the_same(name, point):
+    patient = patient_model(name).operating_points[point]()
+    refuse_two_patients(patient)
+    assert not follows_the_clock(patient)
+
+
+def test_a_patient_of_the_clock_keeps_it_by_default():
+    person = made(Circadian)
+    controller = basal(person)
+    usual, reference = (
+        gl.simulate(person, controller, scenario=DAY, integrator=of).fine_glucose_mg_dl for of in (None, Adaptive())
+    )
+    np.testing.assert_array_equal(usual, reference)
+    assert float(jnp.max(usual)) > float(person.setpoint_mg_dl) + 20.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [(Circadian, "its derivative follows the time"), (Mistaken, "its derivative is not what transport, kinetics")],
+)
+def test_the_fast_integrator_and_native_code_refuse_another_patient(kind, why):
+    person, grid = made(kind), SampleGrid(5.0, 4)
+    told = (
+        rf"{kind.__name__} is another patient .*{why}.* At [\d.]+ min after the start, the rate of state \d.*adaptive"
+    )
+    with pytest.raises(ValueError, match=told):
+        gl.simulate(person, basal(person), scenario=DAY, integrator=Exponential())
+    with pytest.raises(ValueError, match=told):
+        PeoplePlant(person, person, grid, 2)
