@@ -17,7 +17,7 @@ from pairs import answer
 
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
-from glucoloop.registry.guard import complete_guard
+from glucoloop.parts.guard import complete_guard
 
 CONTROLLERS = ("mpc", "mpc-se", "imc")
 

@@ -26,13 +26,13 @@ import jax
 from glucoloop.cli.compiled import keep_compiled
 from glucoloop.cli.exported import made_of
 from glucoloop.config.export import read_export
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.emulation import emulated
 from glucoloop.firmware.exported import PRECISIONS
 from glucoloop.firmware.ladder import here, interpreted, native
 from glucoloop.firmware.samples import joined
-from glucoloop.registry.controllers import CONTROLLERS
 
 FOLDER = Path(__file__).resolve().parent
 RESULTS, FIGURES = FOLDER / "chip_results.json", FOLDER / "guide" / "chip_figures.md"

@@ -20,14 +20,14 @@ import typer.main
 import glucoloop
 from glucoloop import units
 from glucoloop.cli.app import app
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.lab import pack
 from glucoloop.papers.parker1999.deviations import DEVIATIONS
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.registry.controllers import CONTROLLERS
-from glucoloop.registry.faults import FAULTS
-from glucoloop.registry.metrics import RESULTS
-from glucoloop.registry.patients import PATIENTS
+from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.metrics import RESULTS
+from glucoloop.parts.patients import PATIENTS
 
 # The everyday interface stands on the page "api"; what the command line is made of is no interface.
 LEFT_OUT = ("cli", "config")
@@ -162,7 +162,7 @@ def controllers() -> str:
                 "; ".join(elsewhere(entry.name, setting.name)),
                 setting.summary,
             ]
-            for setting in entry.settings
+            for setting in entry.settings().values()
         ]
         columns = ["Setting", "Default", "Default at", "Meaning"]
         if not any(row[2] for row in rows):
@@ -242,7 +242,7 @@ def faults() -> str:
             f"`{entry.name}`",
             entry.part,
             entry.summary,
-            "; ".join(f"`{s.name}={s.default.text}`: {lowered(s.summary)}" for s in entry.settings),
+            "; ".join(f"`{s.name}={s.default.text}`: {lowered(s.summary)}" for s in entry.settings().values()),
         ]
         for entry in FAULTS.values()
     ]

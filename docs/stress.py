@@ -19,7 +19,7 @@ import numpy as np
 import glucoloop
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
-from glucoloop.registry.guard import complete_guard
+from glucoloop.parts.guard import complete_guard
 from glucoloop.report.fault_words import short_names
 
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}

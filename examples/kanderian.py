@@ -19,8 +19,8 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.meals import HovorkaGut
+from glucoloop.parts.patients import OperatingPoint, PatientEntry
 from glucoloop.patients import Inputs, PatientModel, Population, Variation
-from glucoloop.registry.patients import OperatingPoint, PatientEntry
 
 # Constants of person 1; they may vary from person to person.
 CONSTANTS = {

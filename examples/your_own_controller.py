@@ -1,10 +1,10 @@
 """A controller of your own: proportional-integral control, written against `glucoloop.control.Controller`.
 
 A controller is a pure function of its state and of what it observes. The two lines above the class let JAX carry it
-through the loop as a constant. `simulate` takes it as it is; its entry, at the end, makes it known to every command.
+through the loop as a constant. `simulate` takes it as it is; its part makes it known to every command.
 
     python examples/your_own_controller.py
-    glucoloop run --controller your_own_controller:ENTRY --setting integral_min=200
+    glucoloop run --controller your_own_controller:YourOwnPI --setting integral_min=200
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import Decision, Observation, Status
 from glucoloop.control.design_case import DesignCase
-from glucoloop.registry.controllers import ControllerEntry
-from glucoloop.registry.settings import About, settings_record
+from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.setting import About
 
 
 @jax.tree_util.register_static
@@ -42,29 +42,20 @@ class ProportionalIntegral:
         return (basal, integral), Decision(insulin_mU_min=insulin, status=jnp.full(insulin.shape, Status.OK))
 
 
-@settings_record
-class Settings:
-    """What can be set; options, checks and help follow from it."""
+class YourOwnPI(ControllerPart, name="your-own-pi"):
+    """Proportional-integral control."""
 
+    uses_model = False  # no model is identified for it
     proportional_gain: Annotated[float, About("K, in mU/min per mg/dl.")] = 0.6
-    integral_min: Annotated[float, About("Integral time, in minutes.", above=0.0)] = 150.0
+    integral_min: Annotated[float, About("Integral time.", above=0.0)] = 150.0
 
+    def designed(self, case: DesignCase) -> ProportionalIntegral:
+        """The controller for a situation: `case` has models of the patient, the limits of the pump and the noise.
 
-def design(case: DesignCase, settings: Settings) -> ProportionalIntegral:
-    """The controller for a situation: `case` has models of the patient, the limits of the pump and the noise.
+        What is not possible is refused here, since `step` cannot raise.
+        """
+        return ProportionalIntegral(self.proportional_gain, self.integral_min, case.sample_time_min)
 
-    What is not possible is refused here, since `step` cannot raise.
-    """
-    return ProportionalIntegral(settings.proportional_gain, settings.integral_min, case.sample_time_min)
-
-
-ENTRY = ControllerEntry(
-    name="your-own-pi",
-    summary="proportional-integral control",
-    design="your_own_controller:design",
-    record=Settings,
-    uses_model=False,  # no model is identified for it
-)
 
 if __name__ == "__main__":
     scenario = gl.Scenario([gl.Meal(40.0, 60.0), gl.Meal(60.0, 420.0)], horizon_min=900.0)

@@ -1,10 +1,10 @@
 """A fault of your own: a sensor that gives its readings in coarse steps while the fault is present.
 
 A fault is a record around another sensor (or pump), whose field ``inner`` is that sensor; one that changes single
-readings needs one method. Its entry, at the end, makes it known to every command.
+readings needs one method. Its part makes it known to every command.
 
     python examples/your_own_fault.py
-    glucoloop run --fault 'your_own_fault:ENTRY, step_mg_dl=20, start_min=60'
+    glucoloop run --fault 'your_own_fault:CoarseReadings, step_mg_dl=20, start_min=60'
 """
 
 import functools
@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.episodes import Episodes, always
-from glucoloop.registry.faults import FaultEntry
-from glucoloop.registry.settings import About, settings_record
+from glucoloop.parts.faults import Timed
+from glucoloop.parts.setting import About
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.faults.wrapping import AlteredReadings
 
@@ -36,28 +36,18 @@ class Coarse(AlteredReadings):
         return Reading(glucose_mg_dl=coarse, valid=reading.valid)
 
 
-@settings_record
-class CoarseSettings:
-    """Settings of the fault; keys, help and checks follow from this declaration."""
+class CoarseReadings(Timed, name="coarse"):
+    """Readings are given in coarse steps."""
 
     step_mg_dl: Annotated[float, About("Step of the readings.", above=0.0)] = 10.0
 
+    def made(self, *, inner: Sensor, episodes: Episodes, **known: object) -> Coarse:
+        """The fault around a sensor, while its times say so."""
+        return Coarse(inner=inner, episodes=episodes, step_mg_dl=self.step_mg_dl)
 
-def coarse(step_mg_dl: float, episodes: Episodes, inner: Sensor) -> Coarse:
-    """The fault around a sensor; called with its settings, with its times and with the sensor."""
-    return Coarse(inner=inner, episodes=episodes, step_mg_dl=step_mg_dl)
-
-
-ENTRY = FaultEntry(
-    name="coarse",
-    part="sensor",
-    summary="readings are given in coarse steps",
-    make="your_own_fault:coarse",
-    record=CoarseSettings,
-)
 
 if __name__ == "__main__":
-    sensor = coarse(20.0, always(), gl.white_noise(1.45))
+    sensor = CoarseReadings(step_mg_dl=20.0).made(inner=gl.white_noise(1.45), episodes=always())
     trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), sensor, key=1)
     print(
         f"readings: {', '.join(f'{float(reading):g}' for reading in sorted(set(trace.reading_mg_dl.tolist())))} mg/dl"

@@ -1,11 +1,11 @@
 """A metric of your own: the time in a narrow range of glucose.
 
 A metric is a fold: a state before the run, the state after each point of its grid of one minute or after each sample,
-and the results. Its entry, at the end, says how they are shown, and makes the metric known to runs and trials.
+and the results. Its part says how they are shown, and makes the metric known to runs and trials.
 
     python examples/your_own_metric.py
-    glucoloop run --metric 'your_own_metric:ENTRY, low_mg_dl=63'
-    glucoloop trial --metric your_own_metric:ENTRY --people 200 --out people
+    glucoloop run --metric 'your_own_metric:TightRange, low_mg_dl=63'
+    glucoloop trial --metric your_own_metric:TightRange --people 200 --out people
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,13 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.metrics import Course, Ended, Metric
-from glucoloop.registry.metrics import MetricEntry, Result
-from glucoloop.registry.settings import About, settings_record
-
-
-@settings_record
-class RangeSettings:
-    """Settings of the metric; keys, help and checks follow from this declaration."""
-
-    low_mg_dl: Annotated[int, About("Lower end of the range, in mg/dl.", at_least=0)] = 70
-    high_mg_dl: Annotated[int, About("Upper end of the range, in mg/dl.", at_least=0)] = 140
+from glucoloop.parts.metrics import MetricPart, Result
+from glucoloop.parts.setting import About
 
 
 @dataclass(frozen=True)
-class TightRange(Metric):
-    """Counts the points of the grid at which glucose is within the range; made with the settings by name."""
+class PointsInRange(Metric):
+    """Counts the points of the grid at which glucose is within a range."""
 
     low_mg_dl: int
     high_mg_dl: int
@@ -50,22 +42,25 @@ class TightRange(Metric):
         return {f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct": ended.pct(state)}
 
 
-def results(low_mg_dl: int, high_mg_dl: int) -> tuple[Result, ...]:
-    """Names and texts of the results; a metric without settings has a tuple in place of this function."""
-    within = f"from {low_mg_dl} to {high_mg_dl} mg/dl"
-    name, summary = f"time_{low_mg_dl}_{high_mg_dl}_pct", f"Percentage of time with glucose {within}."
-    return (Result(name, summary, title=f"Time {within}", unit="%"),)
+class TightRange(MetricPart, name="tight-range"):
+    """Time in a narrow range."""
 
+    low_mg_dl: Annotated[int, About("Lower end of the range.", at_least=0)] = 70
+    high_mg_dl: Annotated[int, About("Upper end of the range.", at_least=0)] = 140
 
-ENTRY = MetricEntry(
-    name="tight-range",
-    summary="time in a narrow range",
-    make="your_own_metric:TightRange",
-    record=RangeSettings,
-    results=results,
-)
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Names and texts of the results; a metric without settings has a tuple ``numbers`` in place of this."""
+        within = f"from {self.low_mg_dl} to {self.high_mg_dl} mg/dl"
+        name, summary = f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct", f"Percentage of time with glucose {within}."
+        return (Result(name, summary, title=f"Time {within}", unit="%"),)
+
+    def made(self, **known: object) -> PointsInRange:
+        """The fold that computes them."""
+        return PointsInRange(self.low_mg_dl, self.high_mg_dl)
+
 
 if __name__ == "__main__":
     trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)))
-    metrics = gl.summarise(trace, metrics=["your_own_metric:ENTRY"])
+    metrics = gl.summarise(trace, metrics=["your_own_metric:TightRange"])
     print(f"time from 70 to 140 mg/dl: {float(metrics.time_70_140_pct):.1f} %")

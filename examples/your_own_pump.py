@@ -1,26 +1,25 @@
 """A pump of your own: its soft tube passes a change of the rate on slowly.
 
-A pump is a record with `init` and `deliver`. Its entry, at the end, tells its limits and makes it known to every
-command.
+A pump is a record with `init` and `deliver`. Its part tells its limits and makes it known to every command.
 
     python examples/your_own_pump.py
-    glucoloop run --pump 'your_own_pump:ENTRY, lag_min=15'
+    glucoloop run --pump 'your_own_pump:TubePump, lag_min=15'
 """
 
 import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import jax
 import numpy as np
 
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
+from glucoloop.parts.pumps import PumpPart
+from glucoloop.parts.setting import About
 from glucoloop.pumps import Delivery, Pump
 from glucoloop.pumps.protocol import deliver
-from glucoloop.registry.pumps import PumpEntry
-from glucoloop.registry.settings import About, settings_record
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["inner", "left"], meta_fields=[])
@@ -45,28 +44,20 @@ class SoftTube:
         return (inner, behind), dataclasses.replace(driven, insulin_mU_min=behind)
 
 
-@settings_record
-class TubeSettings:
-    """Settings of the pump; keys, help and checks follow from this declaration."""
+class TubePump(PumpPart, name="soft-tube"):
+    """A tube that passes changes of the rate on slowly."""
 
-    lag_min: Annotated[float, About("Time constant of the tube, in minutes.", above=0.0)] = 10.0
+    limits: ClassVar = {"max_insulin_mU_min": 50.0, "max_change_mU_min": 10.0, "max_bolus_U": 10.0, "bolus_step_U": 0.1}
+    lag_min: Annotated[float, About("Time constant of the tube.", above=0.0)] = 10.0
 
+    def made(self, *, inner: Pump, sample_time_min: float, **known: object) -> SoftTube:
+        """The pump around one that keeps the limits, for the sample time of the loop."""
+        return SoftTube(inner, float(np.exp(-sample_time_min / self.lag_min)))
 
-def soft_tube(lag_min: float, inner: Pump, sample_time_min: float) -> SoftTube:
-    """The pump; called with its settings, with a pump that keeps the limits, and with the sample time of the loop."""
-    return SoftTube(inner, float(np.exp(-sample_time_min / lag_min)))
-
-
-ENTRY = PumpEntry(
-    name="soft-tube",
-    summary="a tube that passes changes of the rate on slowly",
-    make="your_own_pump:soft_tube",
-    record=TubeSettings,
-    limits={"max_insulin_mU_min": 50.0, "max_change_mU_min": 10.0, "max_bolus_U": 10.0, "bolus_step_U": 0.1},
-)
 
 if __name__ == "__main__":
-    pump = soft_tube(10.0, gl.LimitedPump(limits=gl.dose_limits(max_change_mU_min=10.0, max_mU_min=50.0)), 5.0)
+    limited = gl.LimitedPump(limits=gl.dose_limits(max_change_mU_min=10.0, max_mU_min=50.0))
+    pump = TubePump().made(inner=limited, sample_time_min=5.0)
     trace = gl.simulate(gl.patient(), gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0)), pump=pump)
     behind = float(abs(trace.reported_mU_min - trace.insulin_mU_min).max())
     print(f"delivery is behind the driven rate by up to {behind:.1f} mU/min")

@@ -1,9 +1,9 @@
 """A sensor of your own: glucose reaches it late, as under the skin, and it gives whole steps.
 
-A sensor is a record with `init` and `read`. Its entry, at the end, makes it known to every command.
+A sensor is a record with `init` and `read`. A part names it with its settings, and makes it known to every command.
 
     python examples/your_own_sensor.py
-    glucoloop run --sensor 'your_own_sensor:ENTRY, lag_min=12' --noise 1.45
+    glucoloop run --sensor 'your_own_sensor:LateSteps, lag_min=12' --noise 1.45
 """
 
 import functools
@@ -16,8 +16,8 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
-from glucoloop.registry.sensors import SensorEntry
-from glucoloop.registry.settings import About, settings_record
+from glucoloop.parts.sensors import SensorPart
+from glucoloop.parts.setting import About
 from glucoloop.sensors import Reading
 
 
@@ -45,28 +45,19 @@ class LateSensor:
         return behind, Reading(glucose_mg_dl=reading, valid=jnp.isfinite(reading))
 
 
-@settings_record
-class LateSettings:
-    """Settings of the sensor; keys, help and checks follow from this declaration."""
+class LateSteps(SensorPart, name="late-steps"):
+    """A lag as under the skin, and whole steps."""
 
-    lag_min: Annotated[float, About("Time constant of the lag, in minutes.", above=0.0)] = 8.0
+    lag_min: Annotated[float, About("Time constant of the lag.", above=0.0)] = 8.0
     step_mg_dl: Annotated[float, About("Step of the readings.", above=0.0)] = 1.0
 
+    def made(self, *, sample_time_min: float, site: str | None = None, **known: object) -> LateSensor:
+        """The sensor, for the sample time of the loop and the site that was asked for."""
+        return LateSensor(float(np.exp(-sample_time_min / self.lag_min)), self.step_mg_dl, site)
 
-def late_sensor(lag_min: float, step_mg_dl: float, sample_time_min: float, site: str | None) -> LateSensor:
-    """The sensor; called with its settings, with the sample time of the loop and with the site that was asked for."""
-    return LateSensor(float(np.exp(-sample_time_min / lag_min)), step_mg_dl, site)
-
-
-ENTRY = SensorEntry(
-    name="late-steps",
-    summary="a lag as under the skin, and whole steps",
-    make="your_own_sensor:late_sensor",
-    record=LateSettings,
-)
 
 if __name__ == "__main__":
     controller = gl.design_pid(internal_model_tuning(-3.45, 89.1, 5.0, 30.0))
-    trace = gl.simulate(gl.patient(), controller, late_sensor(8.0, 1.0, 5.0, None))
+    trace = gl.simulate(gl.patient(), controller, LateSteps().made(sample_time_min=5.0))
     late = float((trace.glucose_mg_dl - trace.reading_mg_dl).max())
     print(f"readings are behind glucose by up to {late:.1f} mg/dl")

@@ -325,3 +325,14 @@ _SHORT.maxstring = _SHORT.maxother = 60
 
 def _in_words(names: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def converted(name: str, value: object, annotation: Any, function: str) -> Any:
+    """An argument as `checked` hands it on.
+
+    Raises
+    ------
+    ArgumentTypeError
+        For an argument of the wrong type.
+    """
+    return _Argument(name, value, function, inspect.Signature(), {}).taken(annotation)

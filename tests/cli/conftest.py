@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.registry.plugins import _added
+from glucoloop.parts.code import entry_points, found
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -65,11 +65,13 @@ def install(tmp_path, monkeypatch) -> Callable[[str, str, str, str], None]:
         (package / "entry_points.txt").write_text(f"[glucoloop.{group}]\n{name} = {module}:{attribute}\n")
         monkeypatch.syspath_prepend(str(tmp_path))
         monkeypatch.chdir(tmp_path)
-        _added.cache_clear()
+        found.cache_clear()
+        entry_points.cache_clear()
         installed.append(module)
 
     yield installing
-    _added.cache_clear()
+    found.cache_clear()
+    entry_points.cache_clear()
     for module in installed:
         sys.modules.pop(module, None)
 

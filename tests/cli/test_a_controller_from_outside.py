@@ -1,6 +1,5 @@
 """A controller that another package brings is at home in every command."""
 
-import dataclasses
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -11,21 +10,22 @@ import pytest
 from glucoloop.cli.request import file_keys, with_lists
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import trial_keys
-from glucoloop.registry.controllers import ControllerEntry, controller_entry, controller_names
-from glucoloop.registry.plugins import _added
-from glucoloop.registry.settings import About, settings_record
+from glucoloop.control.catalogue import controller_entry, controller_names
+from glucoloop.parts.code import found
+from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.setting import About
 from glucoloop.studies.detection.keys import detection_keys
 from requests_read import request_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
-NAME = "your_own_controller:ENTRY"
+NAME = "your_own_controller:YourOwnPI"
 SHORT = ("--duration", "120", "--meal", "20g@20min")
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("your_own_controller", "controllers", "your-own-pi", "ENTRY")
+    install("your_own_controller", "controllers", "your-own-pi", "YourOwnPI")
     return tmp_path
 
 
@@ -41,15 +41,15 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
         (("--controller", "no_such_module:X"), "no_such_module cannot be imported: ModuleNotFoundError"),
         (("--controller", "your_own_controller:NO"), "your_own_controller has no NO; name what it defines"),
         (
-            ("--controller", "your_own_controller:design"),
-            "your_own_controller:design is an instance of function; it has to be one of ControllerEntry",
+            ("--controller", "your_own_controller:ProportionalIntegral"),
+            "your_own_controller:ProportionalIntegral is no controller: make it a class of ControllerPart",
         ),
         (("--controller", NAME, "--setting", "integral=9"), "unknown key 'integral'; did you mean 'integral_min'?"),
         (
             ("--controller", NAME, "--setting", "integral_min=-1"),
-            "an integral of -1 min is not possible; give a finite value above 0",
+            "integral_min is -1 min; give a finite number above 0 min",
         ),
-        (("--controller", NAME, "--setting", "integral_min=much"), "integral_min is 'much'; give a number"),
+        (("--controller", NAME, "--setting", "integral_min=much"), "integral_min is 'much'; give a finite number"),
         (("--controller", NAME, "--move-weight", "1"), "your-own-pi has no setting 'move_weight'"),
         (("--setting", "integral_min=9"), "unknown key 'integral_min'"),
         (("--setting", "move_weight"), "'move_weight' in the option --setting is not a key with a value"),
@@ -119,10 +119,8 @@ def test_it_is_not_tuned_unless_its_entry_says_so(outside):
 
 
 def test_a_setting_that_is_a_key_of_every_run_is_refused(outside, refused):
-    Path("clash.py").write_text(
-        EXAMPLE.read_text().replace("integral_min", "seed").replace("your_own_controller:design", "clash:design")
-    )
-    told = refused("run", "--controller", "clash:ENTRY")
+    Path("clash.py").write_text(EXAMPLE.read_text().replace("integral_min", "seed"))
+    told = refused("run", "--controller", "clash:YourOwnPI")
     assert told.startswith("the controller your-own-pi has a setting 'seed', which is a key of every run already")
 
 
@@ -137,39 +135,31 @@ def test_a_trial_designs_it_for_each_person(outside, glucoloop):
     assert dict(varied.iter_rows())["mine"] > dict(varied.iter_rows())["none"] == 0.0
 
 
-@settings_record
-class Whole:
-    k: Annotated[int, About("")] = 1
-
-
-@settings_record
-class Mistyped:
-    k: Annotated[int, About("")] = "a"
-
-
-@dataclasses.dataclass(frozen=True)
-class Unsaid:
-    k: int = 1
-
-
-def _entry(**changed):
-    return ControllerEntry(**{"name": "x", "summary": "", "design": "a:b", **changed})
-
-
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
         ({"design": "module"}, "'module' of the controller x is no place; write it like module:function"),
-        ({"tunable": True, "record": Whole}, "the controller x cannot be tunable: it has no setting 'move_horizon'"),
+        ({"tunable": True}, "the controller x cannot be tunable: it lacks one of move_horizon"),
         ({"individual": ":f"}, "':f' of the controller x is no place"),
-        ({"record": "Settings"}, "'Settings' of the controller x is no place"),
-        ({"record": Mistyped}, "a default of the controller x is not allowed: k is 'a'; give a whole number"),
-        ({"record": Unsaid}, r"the setting k of Unsaid does not say what it means; annotate it, like k: Annotated"),
+        ({"name": 1, "__annotations__": {"name": "int"}}, "a setting of X is called 'name', as of every part"),
     ],
 )
-def test_an_entry_that_cannot_be_meant_is_refused(changed, told):
-    with pytest.raises(ValueError, match=told):
-        _entry(**changed)
+def test_a_part_that_cannot_be_meant_is_refused(changed, told):
+    with pytest.raises(TypeError, match=told):
+        type("X", (ControllerPart,), changed, name="x")
+
+
+def test_a_setting_that_does_not_say_what_it_means_is_refused():
+    class Mistyped(ControllerPart, name="mistyped"):
+        k: Annotated[int, About("")] = "a"
+
+    class Unsaid(ControllerPart, name="unsaid"):
+        k: int = 1
+
+    with pytest.raises(ValueError, match="k is 'a'; give a whole number"):
+        Mistyped.partial({}).completed()
+    with pytest.raises(TypeError, match=r"the setting k does not say what it means; annotate it, like k: Annotated"):
+        Unsaid()
 
 
 COMMANDS = {
@@ -206,19 +196,14 @@ def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, o
 def _edit(module):
     module.write_text(module.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
     sys.modules.pop(module.stem)
-    _added.cache_clear()
+    found.cache_clear()
 
 
 PLAIN = """
 import jax
 from dataclasses import dataclass
 from glucoloop.control import Decision
-from glucoloop.registry.controllers import ControllerEntry
-
-
-@dataclass(frozen=True)
-class Settings:
-    pass
+from glucoloop.parts.controllers import ControllerPart
 
 
 @jax.tree_util.register_static
@@ -234,19 +219,17 @@ class Plain:
         return state, Decision(insulin_mU_min=rate + 0.0 * state, status=0)
 
 
-def design(case, settings):
-    return Plain()
+class PlainPart(ControllerPart, name="plain"):
+    uses_model = False
 
-
-ENTRY = ControllerEntry(
-    name="plain", summary="an if on a reading", design="plain_if:design", record=Settings, uses_model=False
-)
+    def designed(self, case):
+        return Plain()
 """
 
 
 def test_an_if_on_a_reading_is_told_what_to_write(outside, refused):
     (outside / "plain_if.py").write_text(PLAIN)
-    told = refused("run", "--controller", "plain_if:ENTRY", *SHORT)
+    told = refused("run", "--controller", "plain_if:PlainPart", *SHORT)
     assert "Plain asks for the value of a number" in told
     assert "of plain_if.py" in told
     assert "jnp.where" in told

@@ -7,21 +7,21 @@ import pytest
 
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
-from glucoloop.registry.faults import FaultEntry, fault_entry, fault_names
+from glucoloop.parts.faults import FAULTS
 
-NAME = "your_own_fault:ENTRY"
+NAME = "your_own_fault:CoarseReadings"
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("your_own_fault", "faults", "coarse", "ENTRY")
+    install("your_own_fault", "faults", "coarse", "CoarseReadings")
     return tmp_path
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
-    assert "coarse" in fault_names()
-    assert fault_entry("coarse") == fault_entry(NAME)
+    assert "coarse" in FAULTS.names()
+    assert FAULTS.find("coarse") == FAULTS.find(NAME)
 
 
 @pytest.mark.parametrize("name", ["coarse", NAME])
@@ -39,10 +39,10 @@ def test_it_is_around_the_sensor_while_it_is_there(outside, name):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_fault:coarse", "your_own_fault:coarse is an instance of function; it has to be one of FaultEntry"),
+        ("your_own_fault:Coarse", "your_own_fault:Coarse is no fault: make it a class of FaultPart"),
         ("nobody", "unknown fault 'nobody'"),
         (f"{NAME}, step=1", "has no setting 'step'; the known ones are: start_min, latest_min"),
-        (f"{NAME}, step_mg_dl=0", "a step of 0 mg/dl is not possible; give a finite value above 0"),
+        (f"{NAME}, step_mg_dl=0", "step_mg_dl is 0 mg/dl; give a finite number above 0 mg/dl"),
     ],
 )
 def test_what_is_wrong_is_told(outside, refused, text, told):
@@ -56,8 +56,3 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
     assert first.code == 0, first.err
     assert first.json["config"]["faults"] == [f"{NAME}, start_min=20, step_mg_dl=10"]
     assert glucoloop("run", "--config", "a/run.toml", "--allow-code", "--json").json["config"] == first.json["config"]
-
-
-def test_an_entry_without_a_place_is_refused():
-    with pytest.raises(ValueError, match="'here' of the fault x is no place; write it like module:function"):
-        FaultEntry(name="x", part="sensor", summary="", make="here")

@@ -6,16 +6,16 @@ import polars as pl
 import pytest
 
 from glucoloop.metrics import RunningMetrics
-from glucoloop.registry.metrics import METRICS, RESULTS, MetricEntry, Result, metrics_with
+from glucoloop.parts.metrics import METRICS, RESULTS, Result, metrics_with
 
-NAME = "your_own_metric:ENTRY"
+NAME = "your_own_metric:TightRange"
 SHORT = ("--controller", "basal", "--duration", "60", "--meal", "50g@10min", "--metric")
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("your_own_metric", "metrics", "tight-range", "ENTRY")
+    install("your_own_metric", "metrics", "tight-range", "TightRange")
     return tmp_path
 
 
@@ -57,10 +57,10 @@ def test_it_is_a_column_of_a_trial_and_agrees_with_the_run(outside, glucoloop, t
     ("name", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_metric:TightRange", "it has to be one of MetricEntry"),
+        ("your_own_metric:PointsInRange", "your_own_metric:PointsInRange is no metric: make it a class of MetricPart"),
         ("nothing", "unknown metric 'nothing'"),
         (f"{NAME}, low=1", "the metric tight-range has no setting 'low'; the known ones are: low_mg_dl, high_mg_dl"),
-        (f"{NAME}, low_mg_dl=-1", "a low of -1 mg/dl is not possible; give a whole number of 0 or more"),
+        (f"{NAME}, low_mg_dl=-1", "low_mg_dl is -1 mg/dl; give a whole number of 0 mg/dl or more"),
     ],
 )
 def test_what_is_wrong_is_told(outside, refused, name, told):
@@ -95,15 +95,12 @@ def test_it_is_computed_from_python_too(outside):
 
 def test_results_that_the_entry_does_not_say_are_refused(outside, monkeypatch):
     module = __import__("your_own_metric")
-    entry = MetricEntry(
-        name="other",
-        summary="",
-        make="your_own_metric:TightRange",
-        record=module.RangeSettings,
-        results=(Result("something_else", ""),),
-    )
-    monkeypatch.setattr(module, "OTHER", entry, raising=False)
-    fold = RunningMetrics(setpoint_mg_dl=80.0, inside_min=(1.0,), further=("your_own_metric:OTHER",))
+
+    class Other(module.TightRange, name="other"):
+        results = (Result("something_else", ""),)
+
+    monkeypatch.setattr(module, "Other", Other, raising=False)
+    fold = RunningMetrics(setpoint_mg_dl=80.0, inside_min=(1.0,), further=("your_own_metric:Other",))
     tally = fold.init(jnp.asarray(100.0), jnp.asarray(0.0))
     with pytest.raises(ValueError, match="gives time_70_140_pct, but its entry says something_else"):
         fold.finish(tally, samples=1, sample_time_min=1.0, meal_t_min=0.0)

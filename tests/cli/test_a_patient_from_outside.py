@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from glucoloop.parts.code import entry_points
+from glucoloop.parts.patients import patient_names
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.registry.patients import patient_names
-from glucoloop.registry.plugins import added_names
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kanderian.py"
 NAME = "kanderian:PERSON_1"
@@ -23,7 +23,7 @@ def outside(install, tmp_path):
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
-    assert "person-1" in added_names("patients")
+    assert "person-1" in entry_points("patients")
     assert "person-1" in patient_names()
     for name in ("person-1", NAME):
         person = patient(name)

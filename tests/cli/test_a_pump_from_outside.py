@@ -1,5 +1,7 @@
 """A pump that another package brings is at home in every command, and its limits are known to controllers."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,22 +13,22 @@ from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import pump_of
+from glucoloop.parts.pumps import LIMITS, PUMPS, PumpPart
 from glucoloop.pumps.protocol import gives_bolus
-from glucoloop.registry.pumps import LIMITS, PUMPS, PumpEntry
 
-NAME = "your_own_pump:ENTRY"
+NAME = "your_own_pump:TubePump"
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("your_own_pump", "pumps", "soft-tube", "ENTRY")
+    install("your_own_pump", "pumps", "soft-tube", "TubePump")
     return tmp_path
 
 
 def in_a_file(run):
     """Keys of a run as its file has them."""
-    return {key: value for key, value in run.keys().items() if value is not None}
+    return dict(run.given)
 
 
 def limits_of(run):
@@ -90,13 +92,13 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_pump:soft_tube", "is an instance of function; it has to be one of PumpEntry"),
+        ("your_own_pump:SoftTube", "your_own_pump:SoftTube is no pump: make it a class of PumpPart"),
         ("nothing", "unknown pump 'nothing'"),
         (f"{NAME}, lag=1", "the pump soft-tube has no setting 'lag'; did you mean 'lag_min'?"),
-        (f"{NAME}, lag_min=0", "a lag of 0 min is not possible; give a finite value above 0"),
+        (f"{NAME}, lag_min=0", "soft-tube: lag_min is 0 min; give a finite number above 0 min"),
         ("resolution, step_mU_min=0.05", "step_mU_min of the pump resolution"),
-        ("expiring, samples=0", "a number of samples for which a command holds of 0 is not possible"),
-        ("samples=1", "is not a pump; write one like 'expiring, samples=3'"),
+        ("expiring, samples=0", "samples is 0; give a whole number of 1 or more"),
+        ("samples=1", "nothing names no pump; begin with its name, like 'expiring, samples=3'"),
     ],
 )
 def test_what_is_wrong_is_told(outside, refused, text, told):
@@ -126,5 +128,7 @@ def test_the_pump_with_a_resolution_is_that_of_the_option():
 
 
 def test_an_entry_with_a_limit_that_no_run_has_is_refused():
-    with pytest.raises(ValueError, match="the pump x has a limit 'max_mU'; the known ones are: max_change_mU_min"):
-        PumpEntry(name="x", summary="", make="a:b", limits={"max_mU": 1.0})
+    with pytest.raises(TypeError, match="the pump x has a limit 'max_mU'; the known ones are: max_change_mU_min"):
+
+        class X(PumpPart, name="x"):
+            limits: ClassVar = {"max_mU": 1.0}

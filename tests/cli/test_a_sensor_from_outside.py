@@ -1,29 +1,26 @@
 """A sensor that another package brings is at home in every command, and those of this one are read by the same text."""
 
-import html
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.engine import prepare, run_people
+from glucoloop.cohorts.engine import prepare
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
-from glucoloop.registry.sensors import SENSORS, SensorEntry
-from glucoloop.report.facts import engine_facts, engine_notes
+from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors.protocol import site_of
 
-NAME = "your_own_sensor:ENTRY"
+NAME = "your_own_sensor:LateSteps"
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("your_own_sensor", "sensors", "late-steps", "ENTRY")
+    install("your_own_sensor", "sensors", "late-steps", "LateSteps")
     return tmp_path
 
 
@@ -62,13 +59,13 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
     ("text", "told"),
     [
         ("no_such_module:X", "no_such_module cannot be imported"),
-        ("your_own_sensor:late_sensor", "is an instance of function; it has to be one of SensorEntry"),
+        ("your_own_sensor:LateSensor", "your_own_sensor:LateSensor is no sensor: make it a class of SensorPart"),
         ("nothing", "unknown sensor 'nothing'"),
         (f"{NAME}, lag=1", "the sensor late-steps has no setting 'lag'; did you mean 'lag_min'?"),
-        (f"{NAME}, lag_min=0", "a lag of 0 min is not possible; give a finite value above 0"),
-        ("white-noise, variance=-1", "a noise variance of -1 is not possible; give a finite value of 0 or more"),
+        (f"{NAME}, lag_min=0", "late-steps: lag_min is 0 min; give a finite number above 0 min"),
+        ("white-noise, variance=-1", "variance is -1 (mg/dl)²; give a finite number of 0 (mg/dl)² or more"),
         ("white-noise, variance=9e4", "variance of the sensor white-noise"),
-        ("variance=1", "is not a sensor; write one like 'white-noise, variance=1.45'"),
+        ("variance=1", "nothing names no sensor; begin with its name, like 'white-noise, variance=1.45'"),
     ],
 )
 def test_what_is_wrong_is_told(outside, refused, text, told):
@@ -100,30 +97,7 @@ def test_sensors_of_this_package_are_those_of_the_options(text, by_keys):
     assert SENSORS.choose(SENSORS.choose(text).text) == SENSORS.choose(text)
 
 
-def test_an_entry_without_a_place_is_refused():
-    with pytest.raises(ValueError, match="'here' of the sensor x is no place; write it like module:function"):
-        SensorEntry(name="x", summary="", make="here")
-
-
 def test_a_trial_with_it_runs_in_native_code(outside):
     trial = read_trial({"sensor": NAME, "controllers": ["pid"], "people": 2, "days": 1})
     prepared = prepare(trial)
     assert prepared.engines == {"pid": {"engine": "native"}}
-    assert engine_facts(prepared.engines) == {"Engine": "native code"}
-    assert list(engine_notes(prepared.engines)) == []
-    assert np.isfinite(run_people(prepared, "pid", [0, 1], threads=1).metrics["mean_mg_dl"]).all()
-
-
-@pytest.mark.long
-def test_a_trial_says_which_engine_ran_and_whose_code_native_code_cannot_take(outside, glucoloop):
-    module = (outside / "your_own_sensor.py").read_text()
-    text = module.replace("jnp.round(behind / self.step_mg_dl)", "jnp.sort(behind[None] / self.step_mg_dl)[0]")
-    (outside / "sorting_sensor.py").write_text(text.replace("your_own_sensor:", "sorting_sensor:"))
-    asked = ("trial", "--sensor", "sorting_sensor:ENTRY", "--controller", "pid", "--people", 2, "--days", 1)
-    answer = glucoloop(*asked, "--out", "sorted")
-    why = "the operation 'sort' in the sensor"
-    assert f"pid: native code cannot take this loop, which has {why}" in answer.out.replace("\n", " ")
-    assert why in answer.err.replace("\n", " ")
-    told = glucoloop(*asked, "--out", "sorted", "--json").json["controllers"]["pid"]
-    assert (told["engine"], told["not_native"]) == ("xla", why)
-    assert why in html.unescape((outside / "sorted" / "report.html").read_text())

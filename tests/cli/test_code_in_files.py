@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from glucoloop.registry.plugins import _added
+from glucoloop.parts.code import found
 
 EVIL = """
 from pathlib import Path
@@ -35,7 +35,7 @@ def evil(install, tmp_path):
     install("your_own_controller", "controllers", "your-own-pi", "ENTRY")
     (tmp_path / "evil.py").write_text(EVIL)
     yield tmp_path / "harmed"
-    _added.cache_clear()
+    found.cache_clear()
     sys.modules.pop("evil", None)
 
 

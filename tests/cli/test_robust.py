@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from glucoloop.config.run import read_run
-from glucoloop.registry.controllers import ESTIMATING, SEARCHED
+from glucoloop.control.catalogue import ESTIMATING, SEARCHED
 from glucoloop.studies.robust.keys import read_robust, robust_key_names
 from glucoloop.studies.robust.objectives import METRICS, OBJECTIVES
 from glucoloop.studies.robust.options import RANGES

@@ -73,7 +73,7 @@ def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
         (("--out", "a", "--fault", "stuk"), "unknown fault 'stuk'; did you mean 'stuck'?"),
         (
             ("--out", "a", "--fault", "late, delay_min=0"),
-            "a delay of 0 min is not possible; give a finite value above 0",
+            "delay_min is 0 min; give a finite number above 0 min",
         ),
         (("--out", "a", "--guard-gap-min", -1), "until the basal rate is given, of -1 min is not possible"),
         (("--out", "a", "--workers", 0), "--workers is 0; give a whole number from 1"),

@@ -96,10 +96,10 @@ def test_wrong_sample_time_is_refused_by_name(sample_time):
     ("keys", "sentence"),
     [
         ({"prediction_horizon": 1}, "a prediction horizon of 1 is not possible with a move horizon of 2"),
-        ({"output_weight": 0.0}, "an output weight of 0 is not possible; give a finite value above 0"),
+        ({"output_weight": 0.0}, "output_weight is 0; give a finite number above 0"),
         ({"controller": "meal-mpc", "meals_by_time": "often"}, "'often' is no finite number; write values"),
         ({"controller": "meal-mpc", "meals_by_time": "0@22:00"}, "0 meals per hour from 22:00 on are not possible"),
-        ({"guard": True, "guard_gap_min": -1.0}, "until the basal rate is given, of -1 min is not possible"),
+        ({"guard": True, "guard_gap_min": -1.0}, "guard_gap_min is -1 min; give a number from 0 to 10000 min"),
         ({"guard": True, "guard_gap_min": 100.0}, "long_gap_min of 90 is less than its gap_min of 100"),
     ],
 )

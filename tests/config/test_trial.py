@@ -146,7 +146,7 @@ def test_refusals(keys, told):
         ({"label": "a", "population": "nominal"}, "case 'a': population belongs to the trial"),
         ({"label": "a", "move_wait": 1.0}, "case 'a': unknown key 'move_wait'; did you mean 'move_weight'"),
         ({"label": "a", "model": "m.json"}, "case 'a': unknown key 'model'"),
-        ({"label": "a", "move_weight": "high"}, "case 'a': move_weight is 'high'; give a number"),
+        ({"label": "a", "move_weight": "high"}, "case 'a': move_weight is 'high'; give a finite number"),
     ],
 )
 def test_cases_are_refused_by_their_label(case, told):

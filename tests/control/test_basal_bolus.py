@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.control import Observation, Status, design_basal_bolus, guarded
+from glucoloop.parts.guard import GuardSettings
 from glucoloop.pumps import bolus_limits, dose_limits
-from glucoloop.registry.guard import GuardSettings
 
 BASAL, TARGET, EVERY = 7.0, 110.0, 5.0
 CONTROLLER = design_basal_bolus(BASAL, carb_ratio_g_U=10.0, correction_mg_dl_U=40.0)

@@ -217,14 +217,14 @@ def test_a_design_that_is_not_possible_is_refused(model, bad, sentence):
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        ({"caution_weight": -1.0}, "a caution weight of -1 is not possible"),
-        ({"caution_mg_dl": float("nan")}, "a caution of nan mg/dl is not possible"),
-        ({"glucose_floor_mg_dl": -5.0}, "a glucose floor of -5 mg/dl is not possible"),
-        ({"floor_weight": 0.0}, "a floor weight of 0 is not possible"),
-        ({"doubt": -0.5}, "a doubt of -0.5 is not possible"),
-        ({"gut_doubt": 1.0}, "a gut doubt of 1 is not possible"),
-        ({"anticipation": 1.5}, "an anticipation of 1.5 is not possible"),
-        ({"iterations": 0}, "iterations of 0 are not possible; give a whole number from 1 to 10"),
+        ({"caution_weight": -1.0}, "caution_weight is -1; give"),
+        ({"caution_mg_dl": float("nan")}, "caution_mg_dl is nan mg/dl; give"),
+        ({"glucose_floor_mg_dl": -5.0}, "glucose_floor_mg_dl is -5 mg/dl; give"),
+        ({"floor_weight": 0.0}, "floor_weight is 0; give"),
+        ({"doubt": -0.5}, "doubt is -0.5; give"),
+        ({"gut_doubt": 1.0}, "gut_doubt is 1; give"),
+        ({"anticipation": 1.5}, "anticipation is 1.5; give"),
+        ({"iterations": 0}, "iterations is 0; give a whole number from 1 to 10"),
         ({"prediction_horizon": 1}, "a prediction horizon of 1 is not possible"),
     ],
 )

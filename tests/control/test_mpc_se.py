@@ -398,7 +398,7 @@ def test_statuses():
         ({"dead_time_samples": -1}, "dead time of -1 samples is not possible; give a whole number of 0 or more"),
         ({"dead_time_samples": 1.5}, "dead_time_samples is 1.5, a float; give a whole number"),
         ({"dead_time_samples": True}, "dead_time_samples is True, a bool; give a whole number"),
-        ({"dead_time_samples": 281}, "prediction horizon of 289 is not possible"),
+        ({"dead_time_samples": 281}, "prediction_horizon is 289; give"),
         ({"process_noise": [1.0, 1.0]}, r"Q must be \(3, 3\) to go with Phi, but its shape is \(2, 2\)"),
         ({"process_noise": [1.0, -1.0, 1.0]}, "Q must be positive semi-definite, but its smallest eigenvalue is -1"),
         ({"process_noise": [1.0, np.nan, 1.0]}, "Q must be finite, but it holds nan"),

@@ -237,7 +237,7 @@ def test_statuses(controller):
         ({"dead_time_samples": -1}, "dead time of -1 samples is not possible; give a whole number of 0 or more"),
         ({"dead_time_samples": 0.5}, "dead_time_samples is 0.5, a float"),
         ({"dead_time_samples": True}, "dead_time_samples is True, a bool"),
-        ({"dead_time_samples": 284}, "prediction horizon of 289 is not possible"),
+        ({"dead_time_samples": 284}, "prediction_horizon is 289; give"),
     ],
 )
 def test_what_cannot_be_designed_is_refused(imagined, changed, sentence):

@@ -1,4 +1,4 @@
-"""What the registry says is usual for the Hovorka patient does what it is there for."""
+"""What is told to be usual for the Hovorka patient does what it is there for."""
 
 import numpy as np
 import pytest

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.control import catalogue
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import population, virtual_people
-from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.patients import USUAL_PATIENT
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)

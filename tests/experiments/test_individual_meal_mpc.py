@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.control import MealMPC
+from glucoloop.control import MealMPC, catalogue
 from glucoloop.experiments import individual_meal_mpc
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.individual import individual_design
@@ -16,9 +16,8 @@ from glucoloop.experiments.individual_meal_mpc import by_record, impulse_respons
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
 from glucoloop.models.individual import individual_model
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import patient, population, virtual_people
-from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 
 PEOPLE = 24

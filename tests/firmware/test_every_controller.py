@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import Observation
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of
@@ -14,8 +15,7 @@ from glucoloop.experiments.situation import usual_situation
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
-from glucoloop.registry.controllers import CONTROLLERS
-from glucoloop.registry.guard import complete_guard
+from glucoloop.parts.guard import complete_guard
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
 

@@ -15,8 +15,8 @@ from glucoloop.config.population import read_population
 from glucoloop.config.run import read_run, run_keys
 from glucoloop.config.toml import read_toml
 from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.sorensen.varying import NOMINAL
-from glucoloop.registry.controllers import CONTROLLERS
 
 scalars = st.one_of(
     st.booleans(),
@@ -116,7 +116,7 @@ def test_population_can_only_make_finite_people(refusal, tables, name):
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_setting_that_is_not_finite_is_refused_by_its_own_name(refusal, value):
-    assert refusal(read_run, {"output_weight": value}) == f"output_weight is {value:g}; give a finite number"
+    assert refusal(read_run, {"output_weight": value}) == f"output_weight is {value:g}; give a finite number above 0"
 
 
 def test_short_sample_time_is_refused_for_itself_and_not_for_what_follows_from_it(refusal):

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from glucoloop.config.case_text import parse_case
 from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import is_printable, printable
-from glucoloop.registry.fault_text import fault_text, parse_fault
-from glucoloop.registry.faults import FAULTS
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
 awkward = st.text(alphabet="0123456789.eE+-@ghmin:,= \t\n\0'\"[]{}#_²٣", max_size=20) | st.text(max_size=12)
@@ -48,9 +47,9 @@ def test_case_has_a_label_and_plain_values_or_is_refused(refusal, text):
 @example("nonsense, value=nan")
 @settings(max_examples=200)
 def test_fault_comes_back_from_its_text_or_is_refused(refusal, text):
-    if refusal(parse_fault, text) is None:
-        told = fault_text(parse_fault(text))
-        assert fault_text(parse_fault(told)) == told
+    if refusal(FAULTS.choose, text) is None:
+        told = FAULTS.choose(text).text
+        assert FAULTS.choose(told).text == told
 
 
 @given(awkward)

@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 from designed import Designed
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Observation, Status
+from glucoloop.control.catalogue import CONTROLLERS as ENTRIES
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import LimitedPump
-from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate
 
@@ -159,7 +159,6 @@ VARIANTS = {
 def designed(variant):
     """Controller of a variant, designed when a test first asks for it."""
     name, own, dead_time_samples = VARIANTS[variant]
-    values = ENTRIES[name].values({**SETTINGS.get(name, {}), **own})
     design = MinimalDesign(
         linear=LINEAR,
         imagined=IMAGINED,
@@ -168,7 +167,7 @@ def designed(variant):
         basal_insulin_mU_min=25.0,
         dead_time_samples=dead_time_samples,
     )
-    return ENTRIES[name].designer()(design, *(() if values is None else (values,)))
+    return ENTRIES[name](**{**SETTINGS.get(name, {}), **own}).designed(design)
 
 
 ONE_PERSONS = {name for name, variant in VARIANTS.items() if ENTRIES[variant[0]].slow}

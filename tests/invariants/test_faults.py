@@ -15,12 +15,10 @@ from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
+from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import patient
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
-from glucoloop.registry.fault_text import parse_fault
-from glucoloop.registry.faults import FAULTS
-from glucoloop.registry.settings import declarations
 from glucoloop.sensors import IdealSensor, white_noise
 from glucoloop.sensors.faults import Missing, Nonsense
 from glucoloop.simulation import Adaptive, simulate
@@ -75,9 +73,9 @@ def number(kind, about):
 
 
 SETTINGS = {
-    entry.name: {} if entry.record is None else {name: number(*of) for name, of in declarations(entry.record).items()}
+    entry.name: {name: number(setting.kind, setting.about) for name, setting in entry.own_settings().items()}
     for entry in FAULTS.values()
-    if entry.timed and entry.shared is None
+    if entry.timed and not entry.shared(lambda name, least, most: least)
 }
 """Strategies of the settings of every fault that comes and goes, but of those whose settings change the program."""
 
@@ -105,7 +103,7 @@ def fault_texts(draw):
 @settings(max_examples=40)
 @given(texts=fault_texts(), key=st.integers(0, 2**31))
 def test_doses_keep_the_limits_whatever_fails(controller, texts, key):
-    told = [parse_fault(text) for text in texts]
+    told = [FAULTS.choose(text) for text in texts]
     trace = simulate(
         patient(),
         controller,

@@ -19,11 +19,11 @@ from hypothesis.stateful import (
 
 from designed import Designed
 from glucoloop.control import Observation, Status, guarded
+from glucoloop.control.catalogue import CONTROLLERS as ENTRIES
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.registry.controllers import CONTROLLERS as ENTRIES
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
 MODEL = StepResponseModel.from_impulse_response(-0.19 * np.exp(-np.arange(1, 31) / 18.0), 5.0)
@@ -76,8 +76,7 @@ def step(guard, state, numbers, valid):
 
 @functools.lru_cache
 def waking(name):
-    values = ENTRIES[name].values({})
-    guard = guarded(ENTRIES[name].designer()(DESIGN, *(() if values is None else (values,))))
+    guard = guarded(ENTRIES[name]().designed(DESIGN))
     return guard, jax.jit(lambda numbers, valid: guard.init(observation(guard, numbers, valid)))
 
 

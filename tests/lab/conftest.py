@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop.lab.pack import DATA, PAGE
 from glucoloop.native.targets.wasm.module import HOST
-from glucoloop.registry.faults import fault, fault_entry
+from glucoloop.parts import faults as parts
 
 NODE = shutil.which("node")
 
@@ -69,10 +69,10 @@ def loops_faults():
         never = (
             {"noticed": True} if noticed and name == "occlusion" else {"share": 0.0} if name == "missed-pulses" else {}
         )
-        return {**fault_entry(name).idle, **PROGRAM.get(name, {}), **never}
+        return {**parts.FAULTS[name].idle, **PROGRAM.get(name, {}), **never}
 
     return {
-        which: [fault(name, idle(name, which == NOTICED)) for name in names]
+        which: [parts.FAULTS[name](**idle(name, which == NOTICED)) for name in names]
         for which, names in {**FAULTS, **OTHERS}.items()
     }
 

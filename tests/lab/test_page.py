@@ -17,7 +17,7 @@ from browser import MODULES, NODE, needs_modules
 from glucoloop.config.run import read_run
 from glucoloop.lab.pack import DATA, MODULE, PAGE, _as_function, page
 from glucoloop.native.targets.wasm.module import HOST
-from glucoloop.registry.patients import PATIENTS
+from glucoloop.parts.patients import PATIENTS
 
 USUAL = {
     "patient": "parker-1999/setpoint-81",

@@ -15,6 +15,7 @@ import pytest
 
 from glucoloop.arguments import random_key
 from glucoloop.config.run import read_run
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.guard import Guard
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import with_guard
@@ -34,10 +35,9 @@ from glucoloop.models.step_response import Realisation, StepResponseModel
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.wasm.module import linker
+from glucoloop.parts.faults import FAULTS
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
@@ -276,7 +276,7 @@ def runs(corpus, answers):
         )
         assert situation["tuning"].items() <= dict(run.case.tuning).items()
         assert situation["guard_limits"].items() <= dict(run.case.guard_limits).items()
-        assert [parse_fault(text).name for text in asked.faults] == [fault["name"] for fault in situation["faults"]]
+        assert [FAULTS.choose(text).name for text in asked.faults] == [fault["name"] for fault in situation["faults"]]
     return found
 
 
@@ -334,7 +334,7 @@ def designed(runs, data):
         limits = run.situation.situation().limits
         of = data["patients"][f"{run.situation.patient}/{run.situation.operating_point}"]
         case = OnModelsOfThePage(of, run.case.controller, limits)
-        bare = entry.designer()(case, entry.values(run.case.tuning))
+        bare = entry(**run.case.tuning).designed(case)
         found.append(with_guard(bare, run.case.case().guard, limits))
     return found
 
@@ -362,7 +362,7 @@ def surroundings(run, faults):
 
     The faults that the run does not have never begin, and noise of no variance is none.
     """
-    around, told = run.situation.situation(), {fault.name: fault for fault in map(parse_fault, run.situation.faults)}
+    around, told = run.situation.situation(), {fault.name: fault for fault in map(FAULTS.choose, run.situation.faults)}
     sensor = white_noise(around.noise_variance, around.noise_bound_mg_dl)
     sensor = dead_time(around.dead_time_samples, sensor) if around.dead_time_samples else sensor
     pump = LimitedPump(limits=around.limits)

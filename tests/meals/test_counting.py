@@ -8,7 +8,7 @@ from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.meals import Meal
 from glucoloop.meals.counting import counted_g, counted_meals
 from glucoloop.meals.plan import MealPlan, draw_meals
-from glucoloop.registry.clock_text import parse_time_of_day, time_of_day_text
+from glucoloop.parts.clock_text import parse_time_of_day, time_of_day_text
 
 PEOPLE = np.arange(4000)
 

@@ -5,8 +5,8 @@ import pytest
 
 from glucoloop.control import Status
 from glucoloop.metrics import summarise
+from glucoloop.parts.metrics import RESULTS
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.registry.metrics import RESULTS
 from made_trace import trace_of
 
 

@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as hnp
 
 from glucoloop.control.protocol import Status
 from glucoloop.metrics import summarise
+from glucoloop.parts.metrics import RESULTS
 from glucoloop.pumps.limits import DoseLimits
-from glucoloop.registry.metrics import RESULTS
 
 
 @pytest.fixture

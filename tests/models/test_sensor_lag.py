@@ -153,7 +153,7 @@ def test_a_controller_is_told_of_a_lag_by_a_setting(name):
 
 
 def test_a_lag_beyond_two_hours_is_refused():
-    with pytest.raises(ValueError, match="a sensor lag of 150 min is not possible; give 0 to 120"):
+    with pytest.raises(ValueError, match="sensor_lag_min is 150 min; give a number from 0 to 120"):
         MPCSESettings(sensor_lag_min=150.0)
 
 

@@ -149,7 +149,7 @@ def test_many_people_are_each_alone(name):
 
 @pytest.mark.parametrize("fraction", [-0.1, 1.0, math.nan, math.inf])
 def test_an_impossible_open_fraction_is_refused(fraction):
-    with pytest.raises(ValueError, match=r"an open fraction of .* is not possible; give 0 or more and less than 1"):
+    with pytest.raises(ValueError, match=r"open_fraction is .*; give a number of 0 or more and below 1"):
         occlusion(always(), open_fraction=fraction)
 
 

@@ -143,5 +143,5 @@ def test_an_impossible_dose_range_is_refused(least, most):
 
 @pytest.mark.parametrize("step", [0.0, -0.1, np.nan, np.inf])
 def test_an_impossible_resolution_is_refused(step):
-    with pytest.raises(ValueError, match=r"delivery resolution of .* is not possible; give a finite value above 0"):
+    with pytest.raises(ValueError, match=r"step_mU_min is .* mU/min; give a finite number above 0"):
         with_resolution(step)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import population
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report._page import in_both_units
 from glucoloop.report._plot import GLUCOSE, Panel, nice_ticks, thinned
 from glucoloop.report._runs import periods
@@ -73,7 +73,7 @@ def test_a_band_is_drawn_only_where_there_is_something_between():
     ],
 )
 def test_the_time_of_a_fault_is_what_its_settings_say(fault, window):
-    assert window_of(parse_fault(fault), 600.0) == window
+    assert window_of(FAULTS.choose(fault), 600.0) == window
 
 
 def test_glucose_is_told_in_either_unit():

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from glucoloop.registry.fault_text import parse_fault
+from glucoloop.parts.faults import FAULTS
 from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
 from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
 from glucoloop.report.heat import SHADES_PCT as SHADES
@@ -76,13 +76,13 @@ def test_faults_that_differ_only_in_how_they_are_written_keep_their_texts():
     ],
 )
 def test_when_a_fault_is_there_is_said(fault, when):
-    assert when_in_words(parse_fault(fault)) == when
+    assert when_in_words(FAULTS.choose(fault)) == when
 
 
 def test_what_is_set_is_said_with_its_unit():
-    told = settings_in_words(parse_fault("compression, start_min=60, depth=0.3, tau_min=12"))
+    told = settings_in_words(FAULTS.choose("compression, start_min=60, depth=0.3, tau_min=12"))
     assert told == "depth 0.3, tau 12 min"
-    assert settings_in_words(parse_fault("stuck, start_min=60")) == ""
+    assert settings_in_words(FAULTS.choose("stuck, start_min=60")) == ""
 
 
 @pytest.mark.parametrize(

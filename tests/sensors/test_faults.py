@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
 from glucoloop.episodes import Episodes, always, never, once, recurring
-from glucoloop.registry.faults import FAULTS as CATALOGUE
+from glucoloop.parts.faults import FAULTS as CATALOGUE
 from glucoloop.sensors import (
     IdealSensor,
     calibration,
@@ -301,21 +301,21 @@ def test_native_code_takes_every_fault_and_computes_the_same():
 
 
 REFUSED = [
-    (lambda: spikes(math.nan, always()), r"a spike of nan mg/dl is not possible; give a finite value"),
-    (lambda: spikes(math.inf, always()), r"a spike of inf mg/dl is not possible; give a finite value"),
-    (lambda: drift(math.nan, always()), r"a drift of nan mg/dl per hour is not possible; give a finite value"),
+    (lambda: spikes(math.nan, always()), r"size_mg_dl is nan mg/dl; give a finite number"),
+    (lambda: spikes(math.inf, always()), r"size_mg_dl is inf mg/dl; give a finite number"),
+    (lambda: drift(math.nan, always()), r"mg_dl_h is nan mg/dl per hour; give a finite number"),
     (lambda: drift(1.0, always(), sample_time_min=0.0), r"a sample time of 0 min is not possible; give a finite"),
-    (lambda: calibration(0.0), r"a calibration gain of 0 is not possible; give a finite value above 0"),
-    (lambda: calibration(math.inf), r"a calibration gain of inf is not possible; give a finite value above 0"),
-    (lambda: calibration(1.0, math.nan), r"a calibration offset of nan mg/dl is not possible; give a finite value"),
+    (lambda: calibration(0.0), r"gain is 0; give a finite number above 0"),
+    (lambda: calibration(math.inf), r"gain is inf; give a finite number above 0"),
+    (lambda: calibration(1.0, math.nan), r"offset_mg_dl is nan mg/dl; give a finite number"),
     (lambda: saturation(50.0, 50.0), r"a sensor range of 50 to 50 mg/dl is not possible; give an upper end above"),
-    (lambda: saturation(-1.0), r"a lower end of -1 mg/dl is not possible; give a finite value of 0 or more"),
-    (lambda: saturation(40.0, math.inf), r"an upper end of inf mg/dl is not possible; give a finite value above 0"),
-    (lambda: saturation(math.nan), r"a lower end of nan mg/dl is not possible"),
-    (lambda: compression(0.0, always()), r"a compression depth of 0 is not possible; give a value above 0 and"),
-    (lambda: compression(1.1, always()), r"a compression depth of 1.1 is not possible; give a value above 0 and"),
-    (lambda: compression(math.nan, always()), r"a compression depth of nan is not possible"),
-    (lambda: compression(0.3, always(), tau_min=0.0), r"a time constant of 0 min is not possible; give a finite"),
+    (lambda: saturation(-1.0), r"low_mg_dl is -1 mg/dl; give a finite number of 0 mg/dl or more"),
+    (lambda: saturation(40.0, math.inf), r"high_mg_dl is inf mg/dl; give a finite number above 0"),
+    (lambda: saturation(math.nan), r"low_mg_dl is nan mg/dl; give"),
+    (lambda: compression(0.0, always()), r"depth is 0; give a number above 0 and up to 1"),
+    (lambda: compression(1.1, always()), r"depth is 1.1; give a number above 0 and up to 1"),
+    (lambda: compression(math.nan, always()), r"depth is nan; give"),
+    (lambda: compression(0.3, always(), tau_min=0.0), r"tau_min is 0 min; give a finite"),
     (lambda: compression(0.3, always(), sample_time_min=math.inf), r"a sample time of inf min is not possible"),
     *((lambda n=n: late(n, always()), r"give a whole number")
       for n in (0, 289, 1.0, True, "2")),

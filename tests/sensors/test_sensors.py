@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from glucoloop.registry.sensors import SENSORS
+from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors import IdealSensor, correlated_noise, dead_time, lag, white_noise
 
 N = 20_000
@@ -58,7 +58,7 @@ def test_correlated_noise_is_stationary_with_its_variance_and_correlation():
 
 
 def test_a_correlation_of_1_is_refused():
-    with pytest.raises(ValueError, match="a correlation of 1 is not possible; give 0 or more and less than 1"):
+    with pytest.raises(ValueError, match="correlation is 1; give a number of 0 or more and below 1"):
         correlated_noise(9.0, 1.0)
 
 
@@ -76,9 +76,7 @@ def test_a_sensor_behind_a_lag_reads_late_and_its_noise_does_not_lag():
 
 @pytest.mark.parametrize("lag_min", [0.0, -1.0, 121.0, np.nan, np.inf])
 def test_what_is_no_lag_of_a_sensor_is_refused(lag_min):
-    with pytest.raises(
-        ValueError, match=r"a lag of the sensor of .* is not possible; give a value above 0 and up to 120"
-    ):
+    with pytest.raises(ValueError, match=r"lag_min is .* min; give a number above 0 min and up to 120 min"):
         lag(lag_min)
 
 
@@ -150,13 +148,13 @@ def test_readings_of_a_cohort_are_those_asked_for():
 
 @pytest.mark.parametrize("variance", [-1.0, np.nan, np.inf])
 def test_an_impossible_variance_is_refused(variance):
-    with pytest.raises(ValueError, match=r"noise variance of .* is not possible; give a finite value of 0 or more"):
+    with pytest.raises(ValueError, match=r"variance is .*; give a finite number of 0"):
         white_noise(variance)
 
 
 @pytest.mark.parametrize("bound", [0.0, -1.0, np.nan])
 def test_an_impossible_bound_is_refused(bound):
-    with pytest.raises(ValueError, match=r"noise bound of .* is not possible; give a finite value above 0"):
+    with pytest.raises(ValueError, match=r"bound_mg_dl is .*; give a finite number above 0"):
         white_noise(1.45, bound)
 
 

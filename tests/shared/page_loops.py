@@ -146,11 +146,11 @@ class Loops:
         self.moments = meal_moments(parts[f"{self.family}_meal"], situations, patients, self.samples)
         sensors = [of.sensor for of in around]
         self.faults = []
-        for fault in reversed([fault for fault in faults if fault.entry.part == "sensor"]):
+        for fault in reversed([fault for fault in faults if fault.part == "sensor"]):
             alone = [dataclasses.replace(of, inner=_Passed(valid=jnp.asarray(True))) for of in sensors]
             self.faults.insert(0, (part_name(fault), side_by_side(map(numbers_of, alone))))
             sensors = [of.inner for of in sensors]
-        of_pump = [fault for fault in faults if fault.entry.part == "pump"]
+        of_pump = [fault for fault in faults if fault.part == "pump"]
         self.pump = part_name(of_pump[0]) if of_pump else "pump"
         self.of_pump = side_by_side(numbers_of(of.pump) for of in around)
         self.x = side_by_side(of["x"] for of in patients)

@@ -11,8 +11,8 @@ import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import read_trial
+from glucoloop.parts.metrics import RESULTS
 from glucoloop.patients.population import draw
-from glucoloop.registry.metrics import RESULTS
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows, rows_folder
 from glucoloop.storage.trials.folder import trial_folder

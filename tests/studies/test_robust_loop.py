@@ -13,8 +13,8 @@ from glucoloop.config.trial import read_trial
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
+from glucoloop.parts.ranges import Tuned
 from glucoloop.patients import patient
-from glucoloop.registry.ranges import Tuned
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.studies.robust.loop import TuningLoop

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from glucoloop.registry.ranges import Tuned, parse_range
+from glucoloop.parts.ranges import Tuned, parse_range
 from glucoloop.studies.robust.front import BOTH, Bound, choose, keeps, pareto
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores
 from glucoloop.studies.robust.options import RANGES

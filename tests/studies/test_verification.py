@@ -14,12 +14,12 @@ from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.episodes import Episode, never
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
+from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.soundness import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.pumps.faults import occlusion
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.verification import campaign, invariants
@@ -263,7 +263,7 @@ def test_faults_as_text_are_the_same_faults_to_the_bit(faults):
     for place, person in enumerate(chosen):
         texts = faults.texts(int(person))
         seen |= {text.split(",")[0] for text in texts}
-        told = [parse_fault(text) for text in texts]
+        told = [FAULTS.choose(text) for text in texts]
         noise = WhiteNoise(
             inner=IdealSensor(), variance=few.noise_variance[place], bound_mg_dl=few.noise_bound_mg_dl[place]
         )

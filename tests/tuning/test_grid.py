@@ -84,5 +84,5 @@ def test_empty_and_impossible_grids():
         tuning_grid([], [2])
     with pytest.raises(ValueError, match="look farther ahead"):
         tuning_grid([4], [2, 3])
-    with pytest.raises(ValueError, match="move weight of -1"):
+    with pytest.raises(ValueError, match="move_weight is -1"):
         tuning_grid([1], [2], move_weights=[-1.0])

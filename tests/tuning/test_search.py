@@ -15,6 +15,7 @@ from glucoloop.control import (
     design_nlqdmc_se,
     design_open_loop,
 )
+from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.situation import usual_situation
@@ -22,7 +23,6 @@ from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.registry.controllers import CONTROLLERS, controller_entry
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.tuning.designers import designer, usual_filters

@@ -23,7 +23,7 @@ from glucoloop.cli import (
     hil,
     identify,
     lab,
-    patients,
+    listing,
     query,
     reproduce,
     robust,
@@ -37,7 +37,7 @@ from glucoloop.cli.options import ALLOW_CODE
 from glucoloop.cli.results import forgotten
 from glucoloop.cli.screen import note
 from glucoloop.cli.whole_names import WholeNames
-from glucoloop.registry.plugins import only_code
+from glucoloop.parts.code import only_code
 from glucoloop.storage.trials.stoppable import left_behind
 from glucoloop.studies.catalogue import STUDIES
 
@@ -55,7 +55,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-_BEFORE: Final = {"run": run, "patients": patients, "identify": identify, "compare": compare, "trial": trial}
+_BEFORE: Final = {"run": run, "list": listing, "identify": identify, "compare": compare, "trial": trial}
 _STUDIES: Final = {
     "bound": bound,
     "robust": robust,

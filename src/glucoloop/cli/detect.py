@@ -22,7 +22,7 @@ from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import stage, stages
 from glucoloop.cli.study import read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL, usual_texts
-from glucoloop.registry.controllers import ESTIMATING, all_settings
+from glucoloop.control.catalogue import ESTIMATING, all_settings
 from glucoloop.studies.detection.options import ESTIMATORS_PANEL, TAKEN, USUAL, DetectionKeys
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ import typer
 from glucoloop.config.key import declared
 from glucoloop.config.options.case import CONTROLLER_PANEL, GUARD_PANEL, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
+from glucoloop.control.catalogue import all_settings
+from glucoloop.parts.guard import GUARD, usual_text
+from glucoloop.parts.number_text import in_digits, is_time, minutes_of, number_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import all_settings
-from glucoloop.registry.guard import GUARD, usual_text
-from glucoloop.registry.number_text import in_digits, is_time, minutes_of, number_of
 
 Given = dict[str, Any]
 """Value of each option that was given, by its key."""
@@ -165,10 +165,10 @@ def _setting_options() -> Iterator[Option]:
         yield Option(
             name,
             f"--{name.replace('_', '-')}",
-            first.type,
+            first.kind,
             f"{first.summary} One of {', '.join(first.choices)}." if first.choices else first.summary,
             CONTROLLER_PANEL,
-            metavar={int: "N", float: "X", str: "NAME"}[first.type],
+            metavar={int: "N", float: "X", str: "NAME"}[first.kind],
             default=defaults,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.registry.patients import patient_entry
+from glucoloop.parts.patients import patient_entry
 from glucoloop.report import Repeat, interactive_page, plot
 
 if TYPE_CHECKING:

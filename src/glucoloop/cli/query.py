@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from glucoloop.cli.screen import fits, note, show
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.number_text import number_of
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from glucoloop.cli.options import ALLOW_CODE, CASE, SETTINGS, SITUATION, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note
+from glucoloop.control.catalogue import setting_names
+from glucoloop.parts.keyed_values import keyed_values
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import setting_names
-from glucoloop.registry.keyed_values import keyed_values
 
 T = TypeVar("T")
 

@@ -12,8 +12,8 @@ from glucoloop.cli.request import split_off_output
 from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
 from glucoloop.cli.trial_options import TRIAL, usual_texts
+from glucoloop.control.catalogue import SEARCHED
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import SEARCHED
 from glucoloop.studies.robust.options import RANGES, SEARCH_PANEL, SUBJECTS_PANEL, TAKEN, USUAL, HowFar, RobustKeys
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _TOP: Final = Option(
 
 def _tuning_options() -> Iterator[Option]:
     """Settings of the controller: ranges of the numbers that can be searched, and the other settings."""
-    settings = {setting.name: setting for setting in SEARCHED.settings}
+    settings = SEARCHED.settings()
     for option in CASE:
         if option.key in RANGES:
             usual, kept = RANGES[option.key], settings[option.key].default.text

@@ -16,9 +16,9 @@ from glucoloop.cli.study import carried_out, needed_folder, read_request, read_w
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
 from glucoloop.cli.trial_telling import tell
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial

@@ -15,8 +15,8 @@ from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_peopl
 from glucoloop.cohorts.trial import Trial
 from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
+from glucoloop.parts.patients import patient_entry
 from glucoloop.printable import NOT_VALID, how_many
-from glucoloop.registry.patients import patient_entry
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
 from glucoloop.report.person_words import person_in_words

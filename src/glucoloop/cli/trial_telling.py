@@ -54,7 +54,7 @@ def _table(summary: Mapping[str, Any]) -> Table:
     from rich import box
     from rich.table import Table
 
-    from glucoloop.registry.metrics import described
+    from glucoloop.parts.metrics import described
 
     controllers = summary["controllers"]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)

@@ -46,7 +46,7 @@ class PeopleResult:
     basal_insulin_mU_min: npt.NDArray[np.float64]
     """(n,) basal rates."""
     metrics: Mapping[str, Array]
-    """(n,) values of each metric, by the name of a result of `registry.metrics`."""
+    """(n,) values of each metric, by the name of a result of `parts.metrics`."""
     glucose_counts: npt.NDArray[np.int64]
     """(samples + 1, bins) numbers of people with a basal rate in each bin."""
     insulin_counts: npt.NDArray[np.int64]

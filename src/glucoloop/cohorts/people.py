@@ -24,7 +24,7 @@ class PeopleRows:
     drawn: Mapping[str, Floats]
     """(n,) drawn values of each parameter."""
     metrics: Mapping[str, Floats]
-    """(n,) values of each metric by its name in `registry.metrics`; NaN for people without a basal rate."""
+    """(n,) values of each metric by its name in `parts.metrics`; NaN for people without a basal rate."""
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""
 

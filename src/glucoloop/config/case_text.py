@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from glucoloop.parts.keyed_values import keyed_values, value_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.keyed_values import keyed_values, value_of
 
 
 def parse_case(text: str) -> dict[str, object]:

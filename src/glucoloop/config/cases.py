@@ -7,11 +7,11 @@ from typing import Any, Final
 
 from glucoloop.config.case_text import parse_case
 from glucoloop.config.run import case_key_names, controllers_of, overlay, refuse_limits_without_guard
+from glucoloop.control import catalogue
+from glucoloop.parts.guard import GUARD
+from glucoloop.parts.setting import AMONG_OPTIONS, known_names
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.guard import GUARD
-from glucoloop.registry.settings import AMONG_OPTIONS, known_names
 
 CASES_KEY: Final = "case"
 """Key of the tables of cases in a file: ``[[case]]``."""
@@ -102,7 +102,7 @@ def refuse_idle(
     refuse_limits_without_guard(keys, guarded=guarded, names=names)
     used = list(dict.fromkeys(controllers))
     idle = catalogue.setting_names() - {
-        setting.name for name in used for setting in catalogue.controller_entry(name).settings
+        setting for name in used for setting in catalogue.controller_entry(name).settings()
     }
     for key in keys:
         if key in idle:
@@ -117,7 +117,7 @@ def _with(given: Mapping[str, Any], case: Mapping[str, Any], of_file: Mapping[st
     told = {**of_file, **case, **given}
     controllers = [catalogue.USUAL_CONTROLLER, *controllers_of(of_file, [told])]
     upper = {key: value for key, value in given.items() if key in case_key_names(*controllers)}
-    own = {setting.name for setting in catalogue.controller_entry(controllers[-1]).settings}
+    own = set(catalogue.controller_entry(controllers[-1]).settings())
     foreign = {*(catalogue.setting_names(*controllers) - own), *(() if told.get("guard") is True else GUARD)}
     return overlay(case, {key: value for key, value in upper.items() if key not in foreign})
 

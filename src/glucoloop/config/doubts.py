@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.patients import patient_entry
+from glucoloop.control.catalogue import controller_entry
+from glucoloop.parts.patients import patient_entry
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "

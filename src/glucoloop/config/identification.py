@@ -14,8 +14,8 @@ from glucoloop.config.options.situation import (
 )
 from glucoloop.config.run import patient_of
 from glucoloop.config.unusual import ask_about
+from glucoloop.parts.setting import refuse_unknown_keys
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import refuse_unknown_keys
 
 
 def read_identification(keys: Mapping[str, object], names: Mapping[str, str] | None = None) -> IdentificationKeys:

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from glucoloop.registry.settings import About
+from glucoloop.parts.setting import About
 
 _METAVARS = {"_mg_dl": "MG_DL", "_mU_min": "MU_MIN", "_min": "MIN", "_pct": "PCT", "_variance": "VARIANCE"}
 """Placeholder of a value in help, by the unit at the end of a key."""

@@ -7,9 +7,9 @@ from typing import Final
 
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
+from glucoloop.parts.number_text import NUMBER, UNIT_OF_TIME, UNITS_OF_TIME
 from glucoloop.plausible import MEAL
 from glucoloop.refusal import Refusal
-from glucoloop.registry.number_text import NUMBER, UNIT_OF_TIME, UNITS_OF_TIME
 
 _MEAL: Final = re.compile(
     rf"\s*(?P<carbs>{NUMBER})\s*(?P<of_carbs>g\s*)?@\s*(?P<time>{NUMBER})\s*(?:(?P<unit>{UNIT_OF_TIME})\s*)?"

@@ -10,12 +10,12 @@ from typing import Final, Literal
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, plain
 from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
+from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.parts.setting import known_names, refuse_unknown_keys
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import USUAL_PATIENT
-from glucoloop.registry.settings import known_names, refuse_unknown_keys
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""

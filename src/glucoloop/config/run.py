@@ -26,25 +26,26 @@ from glucoloop.config.unusual import (
     ask_about,
     ask_about_clock,
     ask_about_meals,
+    ask_about_part,
     ask_about_pump,
     ask_about_settings,
 )
+from glucoloop.control import catalogue
 from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import meal_model_of
+from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.faults import FAULTS, START
+from glucoloop.parts.guard import GUARD, complete_guard
+from glucoloop.parts.metrics import METRICS, metrics_with
+from glucoloop.parts.part import Part
+from glucoloop.parts.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.parts.pumps import PUMPS, USUAL_PUMP
+from glucoloop.parts.sensors import SENSORS
+from glucoloop.parts.setting import Value, refuse_unknown_keys
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.plausible import ANY_SETTING, LARGEST_RATE_UNDER_THE_SKIN
 from glucoloop.refusal import Refusal
-from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.entries import Choice
-from glucoloop.registry.fault_text import fault_text, parse_fault
-from glucoloop.registry.faults import START
-from glucoloop.registry.guard import GUARD, complete_guard
-from glucoloop.registry.metrics import METRICS, metrics_with
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.pumps import PUMPS, USUAL_PUMP
-from glucoloop.registry.sensors import SENSORS
-from glucoloop.registry.settings import Value, refuse_unknown_keys
 
 _OF_PATIENT: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
 """Limits of the pump whose usual values are the patient's, unless the pump has its own."""
@@ -118,7 +119,7 @@ def completed(keys: Mapping[str, object]) -> dict[str, object]:
 def _usual_limits(keys: Mapping[str, object]) -> dict[str, object]:
     """Limits of the pump that flat keys leave out: those usual for the patient, or the pump's own."""
     entry, pump = patient_of(keys), keys.get("pump", USUAL_PUMP)
-    own = PUMPS.choose(pump).entry.limits if isinstance(pump, str) else {}
+    own = PUMPS.choose(pump).limits if isinstance(pump, str) else {}
     return {**{key: getattr(entry, key) for key in _OF_PATIENT}, **own}
 
 
@@ -187,21 +188,21 @@ def read_case(keys: Mapping[str, object], situation: SituationKeys, names: Mappi
     guard = _guard_limits(keys, entry, bool(own.get("guard", False)), names)
     case = checked(CaseKeys, {**own, "tuning": tuning, "guard_limits": guard}, names)
     if settings:
-        catalogue.controller_entry(controller).values(case.tuning)  # refuses before anything is designed
+        catalogue.controller_entry(controller)(**case.tuning)  # refuses before anything is designed
     if not situation.allow_unusual:
         ask_about(case, names)
-        settings_of_case = (*catalogue.controller_entry(case.controller).settings, *GUARD.values())
+        settings_of_case = (*catalogue.controller_entry(case.controller).settings().values(), *GUARD.values())
         ask_about_settings(settings_of_case, keys, names, otherwise=ANY_SETTING)
     return case
 
 
-def _refuse_reserved(entry: catalogue.ControllerEntry) -> None:
+def _refuse_reserved(entry: type[ControllerPart]) -> None:
     """Refuse a controller of another package with a setting whose key means something else."""
     reserved = {*declared(SituationKeys), *declared(CaseKeys), *GUARD, "label"}
-    for setting in entry.settings:
-        if setting.name in reserved:
+    for name in entry.settings():
+        if name in reserved:
             raise Refusal(
-                f"the controller {entry.name} has a setting {setting.name!r}, which is a key of every run already; "
+                f"the controller {entry.name} has a setting {name!r}, which is a key of every run already; "
                 "its author has to give it another name"
             )
 
@@ -235,18 +236,17 @@ def faults_told(texts: Iterable[str], duration_min: float, *, allow_unusual: boo
         For a text that is no fault, one that begins after the end of the run, or an unusual setting,
         unless that is allowed.
     """
-    faults = [parse_fault(text) for text in texts]
+    faults = [FAULTS.choose(text) for text in texts]
     for told in faults:
         if not allow_unusual:
-            called = {setting.name: f"{setting.name} of the fault {told.name}" for setting in told.entry.settings}
-            ask_about_settings(told.entry.settings, told.settings, called)
-        start_min = float(told.settings.get(START, 0.0))
+            ask_about_part(told)
+        start_min = float(told.values().get(START, 0.0))
         if start_min >= duration_min:
             raise Refusal(
                 f"the fault {told.name} begins at {start_min:g} min, but the run ends at {duration_min:g} min; "
                 "let it begin earlier, or leave it out"
             )
-    return tuple(fault_text(told) for told in faults)
+    return tuple(told.text for told in faults)
 
 
 def parts_told(situation: SituationKeys) -> dict[str, Any]:
@@ -259,11 +259,10 @@ def parts_told(situation: SituationKeys) -> dict[str, Any]:
     """
     sensor, pump = SENSORS.choose(situation.sensor), PUMPS.choose(situation.pump)
     metrics = [METRICS.choose(text) for text in situation.metrics]
-    parts: list[Choice[Any]] = [sensor, pump, *metrics]
+    parts: list[Part] = [sensor, pump, *metrics]
     if not situation.allow_unusual:
         for part in parts:
-            settings, whose = part.entry.settings, f"of the {part.entry.kind} {part.name}"
-            ask_about_settings(settings, part.settings, {one.name: f"{one.name} {whose}" for one in settings})
+            ask_about_part(part)
     sensor_of(situation.situation())
     pump_of(situation.situation())
     return {"sensor": sensor.text, "pump": pump.text, "metrics": tuple(metric.text for metric in metrics)}
@@ -303,7 +302,7 @@ def overlay(
         kept.pop("model", None)
     if "controller" in upper:
         entry = catalogue.controller_entry(str(upper["controller"]))
-        own = {setting.name for setting in entry.settings}
+        own = set(entry.settings())
         foreign = catalogue.setting_names(*controllers_of(lower)) - own
         kept = {key: value for key, value in kept.items() if key not in foreign}
     if "patient" in upper and upper["patient"] != lower.get("patient", USUAL_PATIENT.name):

@@ -8,8 +8,8 @@ from typing import Any, Final
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from glucoloop.parts.setting import About
 from glucoloop.plausible import Quantity
-from glucoloop.registry.settings import About
 
 _KINDS: Final = {
     "int": "a whole number",

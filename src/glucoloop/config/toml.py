@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple
 import tomli_w
 
 import glucoloop
+from glucoloop.parts.code import names_code
+from glucoloop.parts.number_text import with_minutes
 from glucoloop.refusal import Refusal
-from glucoloop.registry.number_text import with_minutes
-from glucoloop.registry.plugins import names_code
 
 VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""

@@ -37,13 +37,13 @@ from glucoloop.config.run import (
     refuse_unknown_beside,
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
+from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
+from glucoloop.parts.clock_text import time_of_day_text
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.clock_text import time_of_day_text
-from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
-from glucoloop.registry.patients import patient_entry
 from glucoloop.units import MIN_PER_DAY
 
 _LENGTHS: Final = ("days", "duration_min")

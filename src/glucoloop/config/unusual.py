@@ -7,14 +7,14 @@ fault stands in the catalogue. `allow_unusual` in a file, or the option, confirm
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.config.key import quantities
 from glucoloop.config.meal_text import meal_text, names_units, parse_meal
+from glucoloop.parts.part import Part
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Setting
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 Names = Mapping[str, str] | None
@@ -37,13 +37,19 @@ def ask_about(record: object, names: Names = None, others: Mapping[str, Quantity
 
 
 def ask_about_settings(
-    settings: Iterable[Setting], given: Mapping[str, object], names: Names = None, *, otherwise: Quantity | None = None
+    settings: Iterable[Any], given: Mapping[str, object], names: Names = None, *, otherwise: Quantity | None = None
 ) -> None:
     """Ask for confirmation of unusual settings of a catalogue that were given; `otherwise` is that of other numbers."""
     for setting in settings:
         value, quantity = given.get(setting.name), setting.quantity or otherwise
         if quantity is not None and setting.type in (int, float) and isinstance(value, int | float):
             _ask(value, quantity, setting.name, names)
+
+
+def ask_about_part(part: Part) -> None:
+    """Ask for confirmation of unusual settings of a part."""
+    for name, value in part.values().items():
+        part.setting(name).ask(value, f"{name} of the {part.kind} {part.name}")
 
 
 def ask_about_meals(texts: Iterable[str]) -> None:

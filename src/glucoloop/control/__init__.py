@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from glucoloop.control.pid import PID, PIDTuning, design_pid, internal_model_tuning
     from glucoloop.control.protocol import Controller, Decision, Observation, Status
     from glucoloop.control.settings import MealTuning, MPCTuning, StateTuning
-    from glucoloop.registry.guard import GuardSettings
+    from glucoloop.parts.guard import GuardSettings
 
 __all__ = [
     "IMC",

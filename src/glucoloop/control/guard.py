@@ -14,9 +14,9 @@ from glucoloop.arguments import checked, is_traced
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses, settled
+from glucoloop.parts.guard import GuardSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import GuardSettings
 from glucoloop.units import MIN_PER_DAY
 
 _ORDINARY_MG_DL: Final = 100.0

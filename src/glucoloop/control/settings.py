@@ -7,12 +7,14 @@ Nothing here imports JAX, so that help is shown at once.
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.ranges import Tuned
+from glucoloop.parts.sensors import LONGEST_LAG_MIN
+from glucoloop.parts.setting import About, usual
 from glucoloop.plausible import GLUCOSE_BOUND, PID_GAIN
 from glucoloop.refusal import Refusal
-from glucoloop.registry.sensors import LONGEST_LAG_MIN
-from glucoloop.registry.settings import About, settings_record, usual
 
 if TYPE_CHECKING:
     from glucoloop.estimation.unknown_meal import MealHabits
@@ -75,8 +77,7 @@ FittedStep = Annotated[
 DEFAULT_FLOOR_WEIGHT: Final = 10.0
 
 
-@settings_record
-class MPCTuning:
+class MPCTuning(ControllerPart):
     """Horizons and weights of a predictive controller."""
 
     move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
@@ -97,7 +98,6 @@ class MPCTuning:
         return dataclasses.replace(self, prediction_horizon=longer)
 
 
-@settings_record
 class StateTuning(MPCTuning):
     """Tuning of the controllers that estimate the state: the horizons and weights, and a reference filter.
 
@@ -131,16 +131,18 @@ class _Planned:
         return {name: getattr(self, name) for name in names if hasattr(self, name)}
 
 
-@settings_record
-class LinearMPCSettings(MPCTuning, _Planned):
-    """Settings of linear MPC."""
+class LinearMPCSettings(MPCTuning, _Planned, name="mpc"):
+    """Linear model predictive control on the identified step response."""
+
+    design: ClassVar = "glucoloop.control.linear_mpc:design"
+    individual: ClassVar = "glucoloop.experiments.individual:linear_mpc"
+    tunable: ClassVar = True
 
     constraints: Constraints = "clip"
     glucose_floor_mg_dl: GlucoseFloor = 0.0
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
 
 
-@settings_record
 class _Estimating(StateTuning, _Planned):
     """Settings of a controller with a Kalman filter."""
 
@@ -164,9 +166,14 @@ class _Estimating(StateTuning, _Planned):
         return self.glucose_process_noise, self.other_process_noise, self.glucagon_process_noise
 
 
-@settings_record
-class MPCSESettings(_Estimating):
-    """Settings of linear MPC with state estimation."""
+class MPCSESettings(_Estimating, name="mpc-se"):
+    """Linear MPC with a Kalman filter on the linearised patient."""
+
+    design: ClassVar = "glucoloop.control.mpc_se:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:mpc_se"
+    tunable: ClassVar = True
+    reference_filters: ClassVar = ".3:.8:.05"
 
     prediction_horizon: PredictionHorizon = usual(default=7, noisy=8)
     offset_free: Annotated[
@@ -178,9 +185,14 @@ class MPCSESettings(_Estimating):
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
 
 
-@settings_record
-class NLQDMCSettings(_Estimating):
-    """Settings of NLQDMC with state estimation."""
+class NLQDMCSettings(_Estimating, name="nlqdmc-se"):
+    """Predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter."""
+
+    design: ClassVar = "glucoloop.control.nlqdmc_se:design"
+    uses_model: ClassVar = False
+    tunable: ClassVar = True
+    reference_filters: ClassVar = ".3:.5:.1,.57,.7,.8"  # half as many, since its loops take a hundred times as long
+    slow: ClassVar = True
 
     prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)
     reference_filter: ReferenceFilter = 0.57
@@ -188,7 +200,6 @@ class NLQDMCSettings(_Estimating):
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
 
 
-@settings_record
 class MealTuning(MPCTuning):
     """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
 
@@ -234,9 +245,42 @@ class MealTuning(MPCTuning):
     iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
 
 
-@settings_record
-class MealMPCSettings(MealTuning):
-    """Settings of the meal-aware controller and of its estimator."""
+class MealMPCSettings(MealTuning, name="meal-mpc"):
+    """Predictive control on the nonlinear patient that estimates meals nobody announced."""
+
+    design: ClassVar = "glucoloop.control.meal_mpc:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual_meal_mpc:individual_meal_mpc"
+    slow: ClassVar = True
+    searched: ClassVar = (
+        Tuned("move_weight", 0.02, 2.0, log=True),
+        Tuned("caution_weight", 0.5, 50.0, log=True),
+        Tuned("caution_mg_dl", 0.0, 15.0, log=False),
+        Tuned("meals_per_h", 0.02, 5.0, log=True),
+        Tuned("mean_carbs_g", 10.0, 150.0, log=True),
+        Tuned("disturbance_variance", 0.1, 1000.0, log=True),
+        Tuned("output_weight", 0.1, 10.0, log=True, unasked=False),
+        Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False, unasked=False),
+        Tuned("floor_weight", 0.5, 50.0, log=True, unasked=False),
+        Tuned("measurement_variance", 0.3, 30.0, log=True, unasked=False),
+    )
+    estimator_settings: ClassVar = (
+        "meal_horizon",
+        "fast_horizon",
+        "meals_per_h",
+        "meals_by_time",
+        "mean_carbs_g",
+        "fast_meals",
+        "ends_unseen",
+        "disturbance_variance",
+        "largest_disturbance_mg_min",
+        "measurement_variance",
+        "noise_pace",
+        "noise_patience",
+        "failures_per_h",
+        "failure_min",
+        "sensor_lag_min",
+    )
 
     estimator: Annotated[
         Literal["moving-horizon", "kalman"],
@@ -320,18 +364,22 @@ class MealMPCSettings(MealTuning):
         return MealHabits(self.meals_per_h, self.mean_carbs_g, self.meals_by_time)
 
 
-@settings_record
-class IMCSettings:
-    """Settings of internal model control."""
+class IMCSettings(ControllerPart, name="imc"):
+    """Internal model control with a filter, on a first-order model with dead time."""
+
+    design: ClassVar = "glucoloop.control.imc:design"
+    uses_model: ClassVar = False
 
     filter_min: Annotated[float, About("Time constant of the filter, λ, in minutes.", above=0.0)] = 1.0
     delay_min: Annotated[float, About("Dead time of the first-order model, in minutes.", at_least=0.0)] = 5.0
     step_mU_min: FittedStep = 0.0
 
 
-@settings_record
-class PIDSettings:
-    """Settings of the PID controller; parameters that are not given come from a first-order model."""
+class PIDSettings(ControllerPart, name="pid"):
+    """PID whose integral waits at limits, tuned on a first-order model with dead time."""
+
+    design: ClassVar = "glucoloop.control.pid:design"
+    uses_model: ClassVar = False
 
     closed_loop_min: Annotated[float, About("Desired time constant of the loop, in minutes.", above=0.0)] = 30.0
     gain: Annotated[
@@ -344,9 +392,13 @@ class PIDSettings:
     step_mU_min: FittedStep = 0.0
 
 
-@settings_record
-class BasalBolusSettings:
-    """Settings of basal-bolus therapy; values that are not given follow from the basal rate."""
+class BasalBolusSettings(ControllerPart, name="basal-bolus"):
+    """Basal rate, and boluses for announced meals and against high glucose, by the usual formula."""
+
+    design: ClassVar = "glucoloop.control.basal_bolus:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:by_basal_rate"
+    gives_boluses: ClassVar = True
 
     carb_ratio_g_U: Annotated[
         float, About("Carbohydrate that 1 U covers, in g; 0: 500 over the total daily dose.", at_least=0.0)
@@ -365,3 +417,11 @@ class BasalBolusSettings:
         float,
         About("Minutes since the last bolus before which no correction is given without a meal.", at_least=0.0),
     ] = 180.0
+
+
+class BasalSettings(ControllerPart, name="basal"):
+    """The rate at which the loop starts, without a controller."""
+
+    design: ClassVar = "glucoloop.control.open_loop:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = None

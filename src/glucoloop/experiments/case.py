@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from glucoloop.control.catalogue import complete, controller_entry
 from glucoloop.experiments.situation import Situation
-from glucoloop.registry.controllers import complete, controller_entry
-from glucoloop.registry.settings import Value
+from glucoloop.parts.setting import Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class Case:
     guard: Mapping[str, Value] | None = None
     """All limits of the guard, or None for a controller without a guard."""
     faults: tuple[str, ...] = ()
-    """Faults of the case, around those of the situation; see `registry.fault_text`."""
+    """Faults of the case, around those of the situation, each as its text."""
 
 
 def usual_case(controller: str, situation: Situation) -> Case:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, GuardSettings, guarded
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.situation import Situation
@@ -22,16 +23,14 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.guard import PREFIX
+from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.setting import Value
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.guard import PREFIX
-from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.plugins import made_by
-from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
 
 
@@ -173,9 +172,9 @@ def design_of(
             )
 
     def designed(tuning: Mapping[str, Value]) -> Controller:
-        settings = entry.values(tuning)
+        settings = entry(**tuning)
         refuse_without_clock(settings)  # before a design that takes long
-        controller: Controller = made_by(entry.designer(), design, *(() if settings is None else (settings,)))
+        controller: Controller = settings.designed(design)
         refuse_without_clock(controller)
         return with_guard(controller, case.guard, situation.limits)
 
@@ -235,7 +234,7 @@ def with_guard(
     limits: DoseLimits,
     basal_insulin_mU_min: jax.Array | None = None,
 ) -> Controller:
-    """A controller with the requested guard, if any; its limits are those of `registry.guard`.
+    """A controller with the requested guard, if any; its limits are those of `parts.guard`.
 
     The guard holds the given basal rates ``(people,)``, or for None the rate at which the loop starts.
 

@@ -7,16 +7,16 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from glucoloop.episodes import Episodes, always, once, recurring
+from glucoloop.parts.faults import DURATION, KEY, LATEST, PER_DAY, START, FaultPart
 from glucoloop.pumps import DoseLimits, Pump
 from glucoloop.refusal import Refusal
-from glucoloop.registry.faults import DURATION, KEY, LATEST, PER_DAY, START, Fault
 from glucoloop.sensors import Sensor
 from glucoloop.units import MIN_PER_DAY
 
 _HAIR: Final = 1e-9
 
 
-def faulty_sensor(sensor: Sensor, faults: Iterable[Fault], sample_time_min: float) -> Sensor:
+def faulty_sensor(sensor: Sensor, faults: Iterable[FaultPart], sample_time_min: float) -> Sensor:
     """A sensor wrapped in faults, the first one innermost; faults of a pump are skipped.
 
     Raises
@@ -25,20 +25,20 @@ def faulty_sensor(sensor: Sensor, faults: Iterable[Fault], sample_time_min: floa
         If a fault is not possible.
     """
     for fault in faults:
-        if fault.entry.part == "sensor":
+        if fault.part == "sensor":
             sensor = put_around(sensor, fault, sample_time_min)
     return sensor
 
 
-def faulty_pump(pump: Pump, faults: Iterable[Fault], sample_time_min: float, limits: DoseLimits) -> Pump:
+def faulty_pump(pump: Pump, faults: Iterable[FaultPart], sample_time_min: float, limits: DoseLimits) -> Pump:
     """A pump wrapped in faults, the first one innermost; faults of a sensor are skipped."""
     for fault in faults:
-        if fault.entry.part == "pump":
+        if fault.part == "pump":
             pump = put_around(pump, fault, sample_time_min, limits)
     return pump
 
 
-def put_around(inner: Any, fault: Fault, sample_time_min: float, limits: DoseLimits | None = None) -> Any:
+def put_around(inner: Any, fault: FaultPart, sample_time_min: float, limits: DoseLimits | None = None) -> Any:
     """A sensor or pump wrapped in one fault.
 
     Raises
@@ -46,20 +46,19 @@ def put_around(inner: Any, fault: Fault, sample_time_min: float, limits: DoseLim
     ValueError
         If the fault is not possible.
     """
-    entry, settings = fault.entry, fault.settings
-    return entry.made(
-        {setting.name: settings[setting.name] for setting in entry.settings},
+    return fault.made(
         inner=inner,
         sample_time_min=sample_time_min,
         limits=limits,
-        key=int(settings.get(KEY, 0)),
-        **({"episodes": episodes_of(fault, sample_time_min)} if entry.timed else {}),
+        key=int(fault.values().get(KEY, 0)),
+        **({"episodes": episodes_of(fault, sample_time_min)} if fault.timed else {}),
     )
 
 
-def episodes_of(fault: Fault, sample_time_min: float) -> Episodes:
+def episodes_of(fault: FaultPart, sample_time_min: float) -> Episodes:
     """Episodes in which a fault is present."""
-    when, key = fault.settings, int(fault.settings.get(KEY, 0))
+    when = fault.values()
+    key = int(when.get(KEY, 0))
 
     def samples(name: str) -> int:
         return math.ceil(float(when[name]) / sample_time_min - _HAIR)

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.control import Controller
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.estimation import filter_gain, steady_state_covariance
@@ -34,10 +35,9 @@ from glucoloop.identification import (
     laguerre_realisation,
     skin_coefficients,
 )
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.patients import patient_entry
 from glucoloop.simulation.internal_model import linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
@@ -86,7 +86,7 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         sample_time_min=situation.sample_time_min,
     )
     late = situation.dead_time_samples if case.known_dead_time else 0
-    settings = controller_entry(case.controller).values(case.tuning)
+    settings: Any = controller_entry(case.controller)(**case.tuning)
     tuning = settings.longer(late)
 
     def design(people: VirtualPeople) -> Controller:
@@ -132,7 +132,7 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
         return one_by_one(situation, case, example)
     nominal = situation.nominal
     varies = varying(example.patient, nominal)
-    settings = controller_entry(case.controller).values(case.tuning)
+    settings: Any = controller_entry(case.controller)(**case.tuning)
     noise, variance = process_noise(nominal, *settings.process_noise), settings.measurement_variance
 
     def of_person(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -6,12 +6,12 @@ import functools
 from dataclasses import dataclass
 
 from glucoloop.meals import MealModel, meal_model
+from glucoloop.parts.patients import USUAL_PATIENT, PatientEntry, patient_entry
+from glucoloop.parts.pumps import USUAL_PUMP
+from glucoloop.parts.sensors import USUAL_SENSOR
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients import patient as named_patient
 from glucoloop.pumps import BolusLimits, DoseLimits, bolus_limits, dose_limits
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry, patient_entry
-from glucoloop.registry.pumps import USUAL_PUMP
-from glucoloop.registry.sensors import USUAL_SENSOR
 
 
 @functools.cache
@@ -42,14 +42,14 @@ class Situation:
     start_min: float | None = None
     """Time of day at the start, in minutes after midnight, which the controller gets, or None if it gets none."""
     sensor: str = USUAL_SENSOR
-    """Sensor, around which are noise and dead time; see `registry.sensors`."""
+    """Sensor, around which are noise and dead time; see `parts.sensors`."""
     noise_variance: float = 0.0
     noise_bound_mg_dl: float = 5.0
     dead_time_samples: int = 0
     site: str | None = None
     """Site of the sensor, or None for the site at which glucose is controlled."""
     pump: str = USUAL_PUMP
-    """Pump, which is given the limits below, and around which is the resolution; see `registry.pumps`."""
+    """Pump, which is given the limits below, and around which is the resolution; see `parts.pumps`."""
     max_change_mU_min: float = USUAL_PATIENT.max_change_mU_min
     min_insulin_mU_min: float = USUAL_PATIENT.min_insulin_mU_min
     max_insulin_mU_min: float = USUAL_PATIENT.max_insulin_mU_min
@@ -58,9 +58,9 @@ class Situation:
     min_bolus_U: float = 0.05
     bolus_step_U: float = 0.05
     faults: tuple[str, ...] = ()
-    """Faults of sensor and pump, the first innermost; see `registry.fault_text`."""
+    """Faults of sensor and pump, the first innermost, each as its text."""
     metrics: tuple[str, ...] = ()
-    """Metrics that are computed beside the usual ones; see `registry.metrics`."""
+    """Metrics that are computed beside the usual ones; see `parts.metrics`."""
     sample_time_min: float = 5.0
     seed: int = 0
     allow_unusual: bool = False

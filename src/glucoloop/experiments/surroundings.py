@@ -19,11 +19,11 @@ import numpy as np
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.situation import Situation
+from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.pumps import PUMPS
+from glucoloop.parts.sensors import SENSORS
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.refusal import Refusal
-from glucoloop.registry.fault_text import parse_fault
-from glucoloop.registry.pumps import PUMPS
-from glucoloop.registry.sensors import SENSORS
 from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
 from glucoloop.sensors.protocol import site_of
 
@@ -96,7 +96,7 @@ def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroun
     ValueError
         If a fault is not possible.
     """
-    limits, every = situation.limits, [parse_fault(text) for text in (*situation.faults, *faults)]
+    limits, every = situation.limits, [FAULTS.choose(text) for text in (*situation.faults, *faults)]
     pump = pump_of(situation)
     return Surroundings(
         sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min),
@@ -114,8 +114,8 @@ def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Map
     """
     alike: dict[str, list[Case]] = {}
     for case in cases:
-        own = [parse_fault(text) for text in case.faults]
-        shareable = len(own) <= 1 and all(fault.entry.comes_and_goes for fault in own)
+        own = [FAULTS.choose(text) for text in case.faults]
+        shareable = len(own) <= 1 and all(fault.comes_and_goes for fault in own)
         same = repr(dataclasses.replace(case, label="" if shareable else case.label, faults=()))
         alike.setdefault(same, []).append(case)
     return [_together(situation, cases) for cases in alike.values()]

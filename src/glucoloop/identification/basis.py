@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from glucoloop.identification.laguerre import laguerre_functions
 from glucoloop.identification.reliability import held_out_errors
-from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
 
 Floats = npt.NDArray[np.float64]
 

@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.experiments.situation import Situation, usual_situation
-from glucoloop.lab.part import Part, part, starting
+from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.interpreter import interpret
+from glucoloop.parts.patients import PatientEntry, patient_entry
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
-from glucoloop.registry.patients import PatientEntry, patient_entry
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
@@ -202,7 +202,7 @@ def portable_glucose_mg_dl(family: str, operating_point: str, x: jax.Array) -> f
     return float(glucose)
 
 
-def plant_part(family: str) -> Part:
+def plant_part(family: str) -> CompiledPart:
     """The patient for one step of the integrator: from the infusion to the state and to glucose on the way there.
 
     It gives the readings of all steps of a sample; `inside` tells which of them are those of a step.
@@ -233,7 +233,7 @@ def gut_numbers(patient: SemilinearPatient, family: str) -> list[jax.Array]:
     return chosen(meal_model_of(patient, None), gut_varies(family))
 
 
-def meal_part(family: str) -> Part:
+def meal_part(family: str) -> CompiledPart:
     """Moments of one meal over a step, as the plant takes them; meals are added up."""
     nominal = next(iter(patients(family).values()))
 

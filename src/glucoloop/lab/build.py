@@ -15,7 +15,7 @@ from typing import Any
 
 from glucoloop.lab.numbers import numbers
 from glucoloop.lab.pack import DATA, MODULE
-from glucoloop.lab.part import Part
+from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.parts import parts
 from glucoloop.native.targets.wasm.module import held_numbers, linker_version, wasm_module
 
@@ -31,7 +31,7 @@ def tools() -> dict[str, str]:
     return {"llvmlite": importlib.metadata.version("llvmlite"), "linker": linker_version()}
 
 
-def module(of_page: Mapping[str, Part]) -> bytes:
+def module(of_page: Mapping[str, CompiledPart]) -> bytes:
     """The module with the functions of the page.
 
     Raises
@@ -42,7 +42,7 @@ def module(of_page: Mapping[str, Part]) -> bytes:
     return wasm_module({name: part.lowered for name, part in of_page.items()})
 
 
-def functions(of_page: Mapping[str, Part]) -> dict[str, Any]:
+def functions(of_page: Mapping[str, CompiledPart]) -> dict[str, Any]:
     """Names and counts of the numbers that each function takes and gives, and how many it keeps of a person."""
     return {
         name: {**{group: dict(names) for group, names in part.names.items()}, "held": held_numbers(part.lowered)}

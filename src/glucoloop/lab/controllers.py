@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.control import Controller, LinearMPC
+from glucoloop.control.catalogue import complete
 from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
@@ -24,12 +25,11 @@ from glucoloop.control.protocol import Observation
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
-from glucoloop.lab.part import Part, part, starting
+from glucoloop.lab.part import CompiledPart, part, starting
+from glucoloop.parts.guard import PREFIX, GuardSettings, usual_limit
+from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.parts.setting import Value
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.registry.controllers import complete
-from glucoloop.registry.guard import PREFIX, GuardSettings, usual_limit
-from glucoloop.registry.routes import INTRAVENOUS, SUBCUTANEOUS
-from glucoloop.registry.settings import Value
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
@@ -119,7 +119,7 @@ def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
     return Adjustable(guarded(bare, GuardSettings(**limits), PARKER_1999_LIMITS))
 
 
-def controller_parts(adjusted: Adjustable) -> dict[str, Part]:
+def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
     """The two functions of a controller: its state at the start, and its step."""
     zero = jnp.zeros(())
     observation = Observation(

@@ -19,10 +19,10 @@ from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.faulty import put_around
 from glucoloop.lab.body import SAMPLE_TIME_MIN
-from glucoloop.lab.part import Part, part, starting
+from glucoloop.lab.part import CompiledPart, part, starting
+from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.registry.faults import FAULTS, Fault, FaultEntry, fault
 from glucoloop.sensors import Reading, white_noise
 
 OFFERED: Final = (
@@ -49,15 +49,15 @@ _OF_ANOTHER: Final = ("out-of-order",)
 NOTICED: Final = "noticed"
 
 
-def offered() -> list[FaultEntry]:
-    """Entries of the faults of the page."""
+def offered() -> list[type[FaultPart]]:
+    """Faults of the page."""
     return [FAULTS.find(name) for name in OFFERED]
 
 
-def part_name(of: Fault) -> str:
+def part_name(of: FaultPart) -> str:
     """Name under which the function of a fault is exported."""
-    ending = f"_{NOTICED}" if of.settings.get(NOTICED) else ""
-    return f"{of.entry.part}_{of.name.replace('-', '_')}{ending}"
+    ending = f"_{NOTICED}" if of.values().get(NOTICED) else ""
+    return f"{of.part}_{of.name.replace('-', '_')}{ending}"
 
 
 @pytree
@@ -75,17 +75,17 @@ class _Passed:
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=self.valid)
 
 
-def sensor_parts() -> dict[str, Part]:
+def sensor_parts() -> dict[str, CompiledPart]:
     """Noise, and the faults of a sensor, each with its state at the start."""
     found = {"noise": noise_part()}
     for entry in offered():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
             own = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
-            found |= fault_parts(fault(entry.name, {"start_min": 0.0, **own}))
+            found |= fault_parts(entry.partial({"start_min": 0.0, **own}).completed())
     return found
 
 
-def fault_parts(told: Fault) -> dict[str, Part]:
+def fault_parts(told: FaultPart) -> dict[str, CompiledPart]:
     """The two functions of a fault of a sensor: its state at the start, and its step."""
     zero = jnp.zeros(())
     shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
@@ -105,7 +105,7 @@ def fault_parts(told: Fault) -> dict[str, Part]:
     return {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, shown)}
 
 
-def noise_part() -> Part:
+def noise_part() -> CompiledPart:
     """The reading of glucose with bounded white noise, from a normal number that was drawn before."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
@@ -135,16 +135,16 @@ def pumps() -> dict[str, Pump]:
         if entry.part != "pump":
             continue
         times = {"start_min": 0.0} if entry.timed else {}
-        noticing = any(setting.name == NOTICED for setting in entry.settings)
+        noticing = NOTICED in entry.settings()
         for own in ({NOTICED: False}, {NOTICED: True}) if noticing else ({},):
-            told = fault(entry.name, {**times, **own})
+            told = entry.partial({**times, **own}).completed()
             found[part_name(told)] = put_around(usual, told, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
     return found
 
 
-def pump_parts() -> dict[str, Part]:
+def pump_parts() -> dict[str, CompiledPart]:
     """Pumps, each with its state at the start: from a decision to what is delivered and what is reported."""
-    found: dict[str, Part] = {}
+    found: dict[str, CompiledPart] = {}
     zero = jnp.zeros(())
     decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int)}
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.config.run import read_run
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.protocol import Status
 from glucoloop.lab.body import (
     FAMILIES,
@@ -32,14 +33,13 @@ from glucoloop.lab.controllers import (
 )
 from glucoloop.lab.devices import normals, offered
 from glucoloop.lab.people import people_numbers
+from glucoloop.parts.guard import GUARD, PREFIX, usual_limit
+from glucoloop.parts.patients import PatientEntry
+from glucoloop.parts.routes import SUBCUTANEOUS
+from glucoloop.parts.setting import Value
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.guard import GUARD, PREFIX, usual_limit
-from glucoloop.registry.patients import PatientEntry
-from glucoloop.registry.routes import SUBCUTANEOUS
-from glucoloop.registry.settings import Value
 from glucoloop.simulation import fit_step
 
 SEEDS: Final = 10
@@ -198,10 +198,10 @@ def _faults() -> dict[str, Any]:
             "timed": entry.timed,
             "settings": {
                 setting.name: {
-                    **_offered(setting.summary, setting.type in (int, bool), OFFERED_FAULTS[setting.name]),
+                    **_offered(setting.summary, setting.kind in (int, bool), OFFERED_FAULTS[setting.name]),
                     "usual": setting.default.noise_free,
                 }
-                for setting in entry.settings
+                for setting in entry.own_settings().values()
             },
         }
         for entry in offered()
@@ -281,8 +281,8 @@ def _controller(name: str, of_patient: PatientEntry) -> dict[str, Any]:
     if "prediction_horizon" in bounds:
         bounds["prediction_horizon"] = (1, LONGEST_HORIZON[of_patient.insulin_route], 1)
     offered = {
-        setting.name: _offered(setting.summary, setting.type is int, bounds[setting.name])
-        for setting in entry.settings
+        setting.name: _offered(setting.summary, setting.kind is int, bounds[setting.name])
+        for setting in entry.settings().values()
         if setting.name in bounds
     }
     usual: dict[str, Any] = {}

@@ -12,7 +12,7 @@ from glucoloop.native.lower import Lowered, lower
 
 
 @dataclass(frozen=True)
-class Part:
+class CompiledPart:
     """A lowered function with the names of its inputs and outputs."""
 
     step: Callable[..., Any]
@@ -22,7 +22,7 @@ class Part:
     """Name -> number of numbers, in their order, of each group; see `glucoloop.native.lower.Layout`."""
 
 
-def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> Part:
+def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> CompiledPart:
     """Lower a function, and name what it takes and gives by the places in its trees; drawn numbers come last in own."""
     lowered = lower(step, person, carry, own, shared, jax.random.key(0), as_written=True)
     shapes = lowered.shapes
@@ -31,10 +31,10 @@ def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: An
     drawn = lowered.layout.sizes["own"] - sum(names["own"].values())
     if drawn:
         names["own"]["drawn"] = drawn
-    return Part(step=step, lowered=lowered, names=names)
+    return CompiledPart(step=step, lowered=lowered, names=names)
 
 
-def starting(init: Callable[..., Any], person: Any, own: Any) -> Part:
+def starting(init: Callable[..., Any], person: Any, own: Any) -> CompiledPart:
     """Lower a function that gives the state at the start: its outputs are the state."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:

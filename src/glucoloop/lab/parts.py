@@ -16,14 +16,14 @@ import numpy as np
 from glucoloop.lab.body import FAMILIES, entry_of, meal_part, plant_part
 from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, adjustable, controller_parts
 from glucoloop.lab.devices import pump_parts, sensor_parts
-from glucoloop.lab.part import Part
+from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.people import draw_part, person_part
 from glucoloop.refusal import Refusal
 
 GUARDED: Final = "_guarded"
 
 
-def parts() -> dict[str, Part]:
+def parts() -> dict[str, CompiledPart]:
     """All functions of the page, by the name under which the module exports them."""
     found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
     for family in FAMILIES:

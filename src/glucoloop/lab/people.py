@@ -21,7 +21,7 @@ from glucoloop.lab.body import (
     people_of,
     plants,
 )
-from glucoloop.lab.part import Part, part
+from glucoloop.lab.part import CompiledPart, part
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
@@ -37,7 +37,7 @@ _MOST_OPERATIONS: Final = 5000
 """Length of a person's function up to which it finds the rest too. The page has a shorter search for longer ones."""
 
 
-def draw_part() -> Part:
+def draw_part() -> CompiledPart:
     """A parameter of a person by a uniform number, as `glucoloop.patients.variation` draws it."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
@@ -68,7 +68,7 @@ def _distribution(of: Distribution) -> dict[str, float]:
 
 
 @functools.cache
-def person_part(family: str) -> Part:
+def person_part(family: str) -> CompiledPart:
     """Function of a person's parameters that gives what the page needs of the person.
 
     These are the numbers of the patient and of the gut in which people differ, and the rates of insulin; and where rest
@@ -82,7 +82,7 @@ def person_part(family: str) -> Part:
     )
 
 
-def _person_part(family: str, *, rests: bool) -> Part:
+def _person_part(family: str, *, rests: bool) -> CompiledPart:
     point = entry_of(family).usual_point
     setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
     states = plants(family)[point].matrices.driven_end.shape[0]

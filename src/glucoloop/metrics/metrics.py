@@ -18,7 +18,7 @@ from glucoloop.refusal import Refusal
 class Metrics:
     """Metrics of a run; each is an attribute and has the shape of the people, `()` for one.
 
-    The names and definitions are those of the results in `registry.metrics.METRICS`, and of metrics of other packages
+    The names and definitions are those of the results in `parts.metrics.METRICS`, and of metrics of other packages
     that were asked for. Glucose is the patient's own, free of noise, on the trace's grid of one minute. A time in a
     range is the percentage of the points of that grid, both ends included. Insulin is what the pump delivered.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from glucoloop.registry.metrics import RESULTS
+from glucoloop.parts.metrics import RESULTS
 
 
 def short_table(metrics: Mapping[str, Any]) -> str:
@@ -16,7 +16,7 @@ def short_table(metrics: Mapping[str, Any]) -> str:
     Parameters
     ----------
     metrics : mapping of str to array
-        Metrics by the names of the results of `registry.metrics.METRICS`.
+        Metrics by the names of the results of `parts.metrics.METRICS`.
     """
     people = np.shape(metrics["minimum_mg_dl"])
     lines = [f"{'':31}{'5 %':>9}{'median':>9}{'95 %':>9}   of {np.prod(people, dtype=int)} people"] if people else []

@@ -14,9 +14,9 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.metrics.metrics import Metrics
 from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
+from glucoloop.parts.metrics import metrics_with
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.metrics import metrics_with
 from glucoloop.simulation.loop import Sampled
 
 _ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
@@ -140,7 +140,7 @@ class RunningMetrics:
             found, names = metric.finish(self._course, state, ended), [result.name for result in choice.results]
             if sorted(found) != sorted(names):
                 raise Refusal(
-                    f"the metric {choice.entry.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
+                    f"the metric {choice.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
                     f"{', '.join(sorted(names))}; let both say the same"
                 )
             yield from ((name, found[name]) for name in names)

@@ -49,7 +49,7 @@ def summarise(
         Bound of the constraint (19).
     metrics : sequence of str
         Metrics of other packages, which are computed beside those of this one: name and settings, see
-        `registry.metrics`.
+        `parts.metrics`.
 
     Returns
     -------

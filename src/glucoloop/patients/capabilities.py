@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.parts.routes import INTRAVENOUS, PumpRange, route_of
 from glucoloop.patients.protocol import Patient
-from glucoloop.registry.routes import INTRAVENOUS, PumpRange, route_of
 
 USUAL_SITE: Final = "plasma"
 
@@ -28,7 +28,7 @@ def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
 
 
 def insulin_route(patient: Patient) -> str:
-    """Route by which insulin enters the body, one of `registry.routes.ROUTES`; by default it enters a vein."""
+    """Route by which insulin enters the body, one of `parts.routes.ROUTES`; by default it enters a vein."""
     told: str = getattr(patient, "insulin_route", INTRAVENOUS)
     return told
 

@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.arguments import checked
+from glucoloop.parts.patients import PatientEntry, patient_entry
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import PatientEntry, patient_entry
 
 Values = Mapping[str, Any]
 """Number, or array ``(people,)``, of each parameter."""
@@ -107,7 +107,7 @@ def patient(name: str = "parker-1999", operating_point: str | None = None) -> Se
     Parameters
     ----------
     name : str
-        ``"parker-1999"`` or another of ``glucoloop patients``; or ``"module:attribute"`` of a `PatientEntry`.
+        ``"parker-1999"`` or another of ``glucoloop list patients``; or ``"module:attribute"`` of a `PatientEntry`.
     operating_point : str, optional
         The usual one by default. Of ``"parker-1999"``: ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min;
         ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl; ``"fasting-81"``: 22.33 mU/min, holding 81.153 mg/dl in

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.parts.routes import PUMP_OF_1999
 from glucoloop.refusal import Refusal
-from glucoloop.registry.routes import PUMP_OF_1999
 
 
 @pytree

@@ -11,11 +11,11 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
+from glucoloop.parts.faults import ResolutionSettings
 from glucoloop.pumps.limited import LimitedPump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 from glucoloop.refusal import Refusal
-from glucoloop.registry.fault_settings import ResolutionSettings
 
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
 
@@ -90,7 +90,7 @@ def with_resolution(
         Unless the step is positive and finite, and the least dose from 0 to the largest dose of the limits.
     """
     traced = is_traced(step_mU_min, least_mU_min, inner, limits)
-    ResolutionSettings(step_mU_min, least_mU_min)
+    ResolutionSettings(step_mU_min=step_mU_min, least_mU_min=least_mU_min)
     pump = LimitedPump() if inner is None else inner
     kept = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
     whole = jnp.ceil if traced else np.ceil

@@ -14,8 +14,8 @@ from glucoloop.metrics.control_variability import (
     region_pct,
     zone_pct,
 )
+from glucoloop.parts.metrics import Result, described
 from glucoloop.printable import percent
-from glucoloop.registry.metrics import Result, described
 from glucoloop.report._page import count, either
 from glucoloop.report._plot import colour, nice_ticks
 from glucoloop.report._style import ZONE_COLOURS

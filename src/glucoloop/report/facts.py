@@ -11,15 +11,15 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.comparison import Comparison
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
+from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.pumps import USUAL_PUMP
+from glucoloop.parts.sensors import USUAL_SENSOR
+from glucoloop.parts.setting import Value
 from glucoloop.printable import the_first
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.fault_text import parse_fault
-from glucoloop.registry.pumps import USUAL_PUMP
-from glucoloop.registry.sensors import USUAL_SENSOR
-from glucoloop.registry.settings import Value
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
 
@@ -108,7 +108,7 @@ def case_in_words(case: Case) -> str:
 
 def fault_in_words(text: str) -> str:
     """A fault with its settings and times."""
-    fault = parse_fault(text)
+    fault = FAULTS.choose(text)
     return ", ".join(part for part in (fault.name, settings_in_words(fault), when_in_words(fault)) if part)
 
 

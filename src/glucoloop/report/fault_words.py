@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from glucoloop.registry.fault_text import parse_fault
-from glucoloop.registry.faults import DURATION, LATEST, PER_DAY, START, Fault
-from glucoloop.registry.settings import Value
+from glucoloop.parts.faults import DURATION, FAULTS, LATEST, PER_DAY, START, FaultPart
+from glucoloop.parts.setting import Value
 
 # The longest first: what a name ends in.
 _UNITS: Final = {
@@ -30,28 +29,28 @@ def short_names(faults: Sequence[str]) -> dict[str, str]:
     Settings that are the same for all faults of a kind are left out, and so are settings without effect. Two faults
     never have the same name: if necessary it is the full text of the fault.
     """
-    parsed = {fault: parse_fault(fault) for fault in faults}
+    parsed = {fault: FAULTS.choose(fault) for fault in faults}
     names = {fault: _short_name(of, [f for f in parsed.values() if f.name == of.name]) for fault, of in parsed.items()}
     taken = list(names.values())
     return {fault: fault if taken.count(name) > 1 else name for fault, name in names.items()}
 
 
-def _short_name(fault: Fault, kind: Sequence[Fault]) -> str:
-    keys = [key for key in fault.entry.all_settings if len({_comparable(of.settings.get(key)) for of in kind}) > 1]
+def _short_name(fault: FaultPart, kind: Sequence[FaultPart]) -> str:
+    keys = [key for key in fault.settings() if len({_comparable(of.values().get(key)) for of in kind}) > 1]
     # what it is comes before when it is
     own = [key for key in keys if key not in _TIMES]
     chosen = own if _tell_apart(own, kind) else _tell_apart_with_time(own, kind) or keys
-    values = {key: fault.settings[key] for key in chosen if key in fault.settings}
+    values = {key: fault.values()[key] for key in chosen if key in fault.values()}
     matter = {key: value for key, value in values.items() if isinstance(value, bool) or value != _NEUTRAL.get(key, 0.0)}
     told = ", ".join(setting_in_words(key, value) for key, value in (matter or values).items())
     return f"{fault.name} {told}" if told else fault.name
 
 
-def _tell_apart(keys: Sequence[str], kind: Sequence[Fault]) -> bool:
-    return len({tuple(_comparable(of.settings.get(key)) for key in keys) for of in kind}) == len(kind)
+def _tell_apart(keys: Sequence[str], kind: Sequence[FaultPart]) -> bool:
+    return len({tuple(_comparable(of.values().get(key)) for key in keys) for of in kind}) == len(kind)
 
 
-def _tell_apart_with_time(own: Sequence[str], kind: Sequence[Fault]) -> list[str]:
+def _tell_apart_with_time(own: Sequence[str], kind: Sequence[FaultPart]) -> list[str]:
     """Names with one time added, if that makes them unique; the duration is preferred to the start."""
     for key in (DURATION, PER_DAY, START, LATEST):
         if _tell_apart([*own, key], kind):
@@ -81,16 +80,16 @@ def _name_and_unit(key: str) -> tuple[str, str]:
     return key.replace("_", " "), ""
 
 
-def settings_in_words(fault: Fault) -> str:
+def settings_in_words(fault: FaultPart) -> str:
     """Settings of a fault apart from its times; empty if it has none."""
-    return ", ".join(setting_in_words(key, value) for key, value in fault.settings.items() if key not in _TIMES)
+    return ", ".join(setting_in_words(key, value) for key, value in fault.values().items() if key not in _TIMES)
 
 
-def when_in_words(fault: Fault) -> str:
+def when_in_words(fault: FaultPart) -> str:
     """Times of a fault, in a phrase."""
-    when = fault.settings
-    if not fault.entry.timed:
-        return "at random, at any time" if fault.entry.comes_and_goes else "always"
+    when = fault.values()
+    if not fault.timed:
+        return "at random, at any time" if fault.comes_and_goes else "always"
     if PER_DAY in when:
         lasting = f"for {_number(when, DURATION)} min" if DURATION in when else "for one sample"
         return f"at random, {_number(when, PER_DAY)} times a day, {lasting}"
@@ -102,10 +101,10 @@ def when_in_words(fault: Fault) -> str:
     return f"{begins}, for {_number(when, DURATION)} min" if DURATION in when else f"{begins} to the end"
 
 
-def window_of(fault: Fault, end_min: float) -> tuple[float, float] | None:
+def window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
     """Time within which a fault is present, by its settings; None if it comes at random at any time."""
-    when = fault.settings
-    if not fault.entry.timed or PER_DAY in when:
+    when = fault.values()
+    if not fault.timed or PER_DAY in when:
         return None
     start = float(when.get(START, 0.0))
     latest = float(when.get(LATEST, start))

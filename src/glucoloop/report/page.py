@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
+from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import _page
 from glucoloop.report._page import FOOTER as FOOTER
 from glucoloop.report._page import Repeat, either, in_both_units
@@ -79,7 +79,7 @@ def interactive_page(
     lowest_glucose_mg_dl : float
         The bound on glucose.
     faults : sequence of str
-        Faults of sensor and pump in all runs, as `registry.fault_text` writes them, whose times are marked.
+        Faults of sensor and pump in all runs, each as its text, whose times are marked.
     facts : mapping, optional
         Settings of the runs by name.
     repeat : Repeat, optional
@@ -248,14 +248,14 @@ def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
 def mark_faults(panels: Sequence[Panel], faults: Sequence[str], end_min: float) -> None:
     """Shade the times of faults below the curves: those of the sensor in the first panel, of the pump in the second."""
     for fault, window in _windows(faults, end_min):
-        panel = panels[0] if parse_fault(fault).entry.part == "sensor" else panels[1]
+        panel = panels[0] if FAULTS.choose(fault).part == "sensor" else panels[1]
         panel.area("fault", window, (panel.low, panel.high))
         panel.shapes.insert(0, panel.shapes.pop())
 
 
 def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple[float, float]]]:
     for fault in faults:
-        window = window_of(parse_fault(fault), end_min)
+        window = window_of(FAULTS.choose(fault), end_min)
         if window is not None:
             yield fault, window
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
-from glucoloop.registry.patients import patient_entry
 from glucoloop.units import u_h_from_mu_min
 
 _REMARKABLE: Final = 3

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from glucoloop.metrics import Metrics
+from glucoloop.parts.metrics import Result, metrics_with
 from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.refusal import Refusal
-from glucoloop.registry.metrics import Result, metrics_with
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 
@@ -38,7 +38,7 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
         raise Refusal("there are no metrics to show; give those of at least one run")
     plain = [of_run.as_dict() for of_run in metrics.values()]
     return [
-        _row(metric.entry.section, result, plain)
+        _row(metric.section, result, plain)
         for metric in metrics_with(next(iter(metrics.values())).further)
         for result in metric.results
         if result.title and (not result.seldom or any(values[result.name] for values in plain))

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from glucoloop.cohorts.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
+from glucoloop.parts.metrics import described
 from glucoloop.printable import NOT_AVAILABLE, glucose_text, how_many, percent
-from glucoloop.registry.metrics import described
 from glucoloop.report import _page
 from glucoloop.report._page import count, either, in_both_units, scrolling
 from glucoloop.report._plot import GLUCOSE, INSULIN, Panel, colour, extent, linked, plot, thinned

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.parts.metrics import described
 from glucoloop.refusal import Refusal
-from glucoloop.registry.metrics import described
 from glucoloop.report._page import Repeat
 
 Floats = npt.NDArray[np.float64]
@@ -111,7 +111,7 @@ class TrialReport:
     meals: Sequence[tuple[float, float]] = ()
     """Planned time in min and carbohydrate in g of each meal."""
     faults: Sequence[str] = ()
-    """Faults of sensor and pump under every controller, as `registry.fault_text` writes them."""
+    """Faults of sensor and pump under every controller."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""
 

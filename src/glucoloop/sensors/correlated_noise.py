@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
-from glucoloop.registry.sensors import CorrelatedNoiseSettings
+from glucoloop.parts.sensors import CorrelatedNoiseSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 

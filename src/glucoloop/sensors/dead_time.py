@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.registry.sensors import DeadTimeSettings
+from glucoloop.parts.sensors import DeadTimeSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 

@@ -19,8 +19,8 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.parts.sensors import LagSettings
 from glucoloop.refusal import Refusal
-from glucoloop.registry.sensors import LagSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
-from glucoloop.registry.sensors import WhiteNoiseSettings
+from glucoloop.parts.sensors import WhiteNoiseSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 

@@ -26,10 +26,10 @@ from glucoloop.identification.basis import usual_bases
 from glucoloop.meals import fasting, meal_model_of
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.capabilities import insulin_route, seen_mg_dl
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
-from glucoloop.registry.routes import SUBCUTANEOUS
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.adaptive import Adaptive

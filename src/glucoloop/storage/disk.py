@@ -40,7 +40,7 @@ _MENDS: Final = {
     errno.ENFILE: "close other programs",
     errno.ENAMETOOLONG: "give a shorter name",
 }
-"""Remedies of a person for errors of the system."""
+"""Mends of errors of the system."""
 SUMS: Final = "SHA256SUMS"
 PART: Final = ".part"
 LARGEST_BYTES: Final = 4_000_000_000
@@ -69,7 +69,7 @@ _KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
 
 
 def mend(error: OSError) -> str:
-    """Remedy of a person for an error of the system, as an imperative; the empty text where nothing is known."""
+    """Mend of an error of the system, as an imperative; the empty text where none is known."""
     return _MENDS.get(error.errno or 0, "")
 
 

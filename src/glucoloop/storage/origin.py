@@ -10,8 +10,8 @@ from typing import Any, Final, TypeGuard
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.config.cases import CASES_KEY
+from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
-from glucoloop.registry.plugins import outside_code
 from glucoloop.storage.strict_json import json_text
 
 ARITHMETIC: Final = "arithmetic.json"

@@ -13,6 +13,7 @@ from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.run import Run
 from glucoloop.control import Controller
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
@@ -21,7 +22,6 @@ from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summar
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
 from glucoloop.simulation.plant import SteppingIntegrator

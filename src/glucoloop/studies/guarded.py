@@ -9,10 +9,10 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.config.unusual import ask_about_settings
+from glucoloop.parts.guard import GUARD, complete_guard
+from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.guard import GUARD, complete_guard
-from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.settings import Value
 from glucoloop.studies.options import Guards
 
 WITH_GUARD: Final[Mapping[Guards, tuple[bool, ...]]] = {"both": (False, True), "with": (True,), "without": (False,)}

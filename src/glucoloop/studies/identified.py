@@ -34,10 +34,10 @@ from glucoloop.identification import (
     validate,
 )
 from glucoloop.identification.record import FROM_ZERO
+from glucoloop.parts.patients import patient_entry
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import patient_entry
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text

@@ -6,13 +6,13 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 from glucoloop.control import Controller, MPCTuning, StateTuning
+from glucoloop.control.catalogue import TUNABLE, controller_entry
 from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import design_of
 from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import TUNABLE, controller_entry
-from glucoloop.registry.settings import Value
 
 Designer = Callable[[MPCTuning], Controller]
 """Function that makes the controller of a tuning."""
@@ -29,7 +29,7 @@ def kind_of_tuning(controller: str) -> type[MPCTuning]:
     entry = controller_entry(controller)
     if not entry.tunable:
         raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
-    return StateTuning if any(setting.name == "reference_filter" for setting in entry.settings) else MPCTuning
+    return StateTuning if "reference_filter" in entry.settings() else MPCTuning
 
 
 def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:

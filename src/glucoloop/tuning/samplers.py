@@ -15,8 +15,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from glucoloop._extras import needed_for
+from glucoloop.parts.ranges import Tuned
 from glucoloop.refusal import Refusal
-from glucoloop.registry.ranges import Tuned
 
 SAMPLERS: Final = ("tpe", "nsga2", "random")
 """Names of the samplers: Parzen estimators, an evolutionary algorithm, and random draws."""

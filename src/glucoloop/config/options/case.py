@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from glucoloop.config.key import Key, plain
+from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
+from glucoloop.parts.setting import Value
 from glucoloop.plausible import NOISE_VARIANCE
-from glucoloop.registry.controllers import CONTROLLERS, USUAL_CONTROLLER
-from glucoloop.registry.settings import Value
 
 if TYPE_CHECKING:
     from glucoloop.experiments.case import Case
@@ -75,7 +75,7 @@ class CaseKeys:
         ),
     ] = False
     guard_limits: Mapping[str, Value] = field(default_factory=dict)
-    """Limits of the guard, which `registry.guard` declares; empty without a guard."""
+    """Limits of the guard, which `parts.guard` declares; empty without a guard."""
     model: Annotated[
         str | None,
         _model("Model from `glucoloop identify`; by default one is identified from the patient.", metavar="FILE"),

@@ -22,8 +22,8 @@ from glucoloop.config.options.situation import (
     situation_of,
     whole_samples,
 )
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
-from glucoloop.registry.patients import USUAL_PATIENT
 
 if TYPE_CHECKING:
     from glucoloop.experiments.situation import Situation

@@ -9,6 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from glucoloop.config.key import Key, declared
 from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
+from glucoloop.parts.clock_text import parse_time_of_day
+from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.parts.pumps import PUMPS, USUAL_PUMP
+from glucoloop.parts.sensors import SENSORS, USUAL_SENSOR
 from glucoloop.plausible import (
     DEAD_TIME,
     DURATION,
@@ -23,11 +28,6 @@ from glucoloop.plausible import (
     SETPOINT,
 )
 from glucoloop.refusal import Refusal
-from glucoloop.registry.clock_text import parse_time_of_day
-from glucoloop.registry.faults import FAULTS
-from glucoloop.registry.patients import PATIENTS, USUAL_PATIENT
-from glucoloop.registry.pumps import PUMPS, USUAL_PUMP
-from glucoloop.registry.sensors import SENSORS, USUAL_SENSOR
 
 if TYPE_CHECKING:
     from glucoloop.experiments.situation import Situation
@@ -57,7 +57,7 @@ SENSORS_TOLD: Final = "; ".join(f"{entry.name}: {entry.summary}" for entry in SE
 def _of_part(part: str) -> str:
     """List of faults with their settings, for help."""
     return "; ".join(
-        " ".join([entry.name, *(f"{setting.name}={setting.default.text}" for setting in entry.settings)])
+        " ".join([entry.name, *(f"{setting.name}={setting.default.text}" for setting in entry.own_settings().values())])
         for entry in FAULTS.values()
         if entry.part == part
     )

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Final, Literal
 from glucoloop.config.key import Key, declared
 from glucoloop.config.options.case import CONTROLLERS_TOLD, OF_OTHERS
 from glucoloop.config.options.situation import SituationKeys
+from glucoloop.control.catalogue import USUAL_CONTROLLER
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.plausible import DURATION
-from glucoloop.registry.controllers import USUAL_CONTROLLER
-from glucoloop.registry.patients import PATIENTS
 from glucoloop.units import MIN_PER_DAY
 
 PEOPLE_PANEL: Final = "People"

@@ -47,7 +47,7 @@ export function predicted(lab, situation, trace, sample) {
 
 /**
  * The terms of a PID or of an internal model controller at a sample, from its own memory.
- * @typedef {{rate_mU_min: number, proportional_mU_min: number, integral_mU_min: number, derivative_mU_min: number}} Pid moves from a rate
+ * @typedef {{proportional_mU_min: number, integral_mU_min: number, derivative_mU_min: number}} Pid
  * @typedef {{model_mg_dl: number, rest_mg_dl: number, filtered_mg_dl: number, wanted_mU_min: number}} Imc
  */
 
@@ -69,14 +69,12 @@ export function termsOf(lab, situation, trace, sample) {
   const after = (/** @type {string} */ name) => memory(name, keptAt(trace, sample + 1))[0];
   if (controller === "pid") {
     const reading = after("last_mg_dl");
-    const error = reading - after("setpoint_mg_dl");
-    const earlier = before("last_mg_dl");
+    const error = reading - lab.data.patients[situation.patient].setpoint_mg_dl;
     return {
       pid: {
-        rate_mU_min: after("insulin_mU_min"),
-        proportional_mU_min: number("proportional")[0] * (error - (earlier - before("setpoint_mg_dl"))),
-        integral_mU_min: number("integral")[0] * error,
-        derivative_mU_min: number("derivative")[0] * (reading - 2 * earlier + before("before_last_mg_dl")),
+        proportional_mU_min: number("proportional")[0] * error,
+        integral_mU_min: after("integral_mU_min"),
+        derivative_mU_min: number("derivative")[0] * (reading - before("last_mg_dl")),
       },
     };
   }

@@ -257,8 +257,8 @@ export const texts = {
     `Its model expects ${of.kept} ${of.glucose_unit} at ${of.t} min if insulin stayed at ${of.rate} ${of.insulin_unit} (dotted), ` +
     `and ${of.dosed} with the delivered rate (dashed); the setpoint is ${of.setpoint}.`,
   pidTerms: (/** @type {Record<string, string>} */ of) =>
-    `The PID moves insulin from ${of.rate} by ${of.sum} ${of.unit}: ${of.p} because the error changed (P), ${of.i} for the error itself (I) ` +
-    `and ${of.d} because its change changed (D).`,
+    `The PID wants ${of.sum} ${of.unit}: ${of.i} that it has learned from all errors so far (I), ${of.p} for the error now (P) ` +
+    `and ${of.d} for its change (D).`,
   imcTerms: (/** @type {Record<string, string>} */ of) =>
     `Its model explains ${of.model} ${of.glucose_unit} of the distance from the setpoint by the insulin that was given; it corrects the rest, ${of.rest}. ` +
     `After the filter that is ${of.filtered}, for which it wants ${of.wanted} ${of.unit}.`,

@@ -19,6 +19,7 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.config.run import Run, read_run
 from glucoloop.config.trial import read_trial
 from glucoloop.control import Controller, Observation
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments import situation as experiments
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, identified_model
@@ -32,7 +33,6 @@ from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, Mismat
 from glucoloop.papers.meal_aware.mismatches import Mismatch
 from glucoloop.papers.meal_aware.options import ClaimsKeys
 from glucoloop.papers.meal_aware.situations import CONTROLLERS, OURS, SITUATIONS, NamedSituation
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace

@@ -70,7 +70,7 @@ def numbers_of(
     Parameters
     ----------
     metrics : mapping
-        (runs,) each, by the name of a result of `registry.metrics`.
+        (runs,) each, by the name of a result of `parts.metrics`.
     t_min : (points,) array
     glucose_mg_dl : (points, runs) array
         Glucose; it is interpolated linearly where the points are farther apart than a minute.

@@ -27,13 +27,13 @@ from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.papers.meal_aware.measures import Floats, numbers_at_samples
 from glucoloop.papers.meal_aware.mismatches import Mismatch
 from glucoloop.papers.meal_aware.situations import HORIZON_MIN, OPERATING_POINT
+from glucoloop.parts.guard import complete_guard
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.faults import battery_gap, occlusion
-from glucoloop.registry.guard import complete_guard
 from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People

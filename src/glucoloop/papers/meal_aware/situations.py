@@ -9,8 +9,8 @@ from typing import Any, Final, Literal
 from glucoloop.config.key import declared
 from glucoloop.papers.meal_aware.mismatches import GROUPS, MISMATCHES, Mismatch
 from glucoloop.papers.meal_aware.options import ClaimsKeys
+from glucoloop.parts.setting import refuse_unknown_keys
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import refuse_unknown_keys
 
 OURS: Final = "meal-mpc"
 CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se", OURS)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.meals.hovorka import HovorkaGut
+from glucoloop.parts.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaConstants
 from glucoloop.patients.hovorka.rest import (
@@ -23,7 +24,6 @@ from glucoloop.patients.hovorka.rest import (
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
 from glucoloop.refusal import Refusal
-from glucoloop.registry.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"

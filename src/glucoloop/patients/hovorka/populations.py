@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.hovorka.parameters import boiroux2017, wilinska2010
 from glucoloop.patients.hovorka.parameters.distributions import LEAST_OF_MEAN, Lognormal, Normal, Uniform
 from glucoloop.patients.population import Population
 from glucoloop.patients.variation import TRUNCATION_SD, Variation
-from glucoloop.registry.patients import PATIENTS
 
 
 def _variation(of: Normal | Uniform | Lognormal, within_sd: float) -> Variation:

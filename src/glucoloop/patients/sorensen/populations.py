@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.population import Population
 from glucoloop.patients.sorensen.parameters.parker2000 import LARGEST_VARIATION_PCT, UNCERTAIN
 from glucoloop.patients.sorensen.varying import ADULTS
 from glucoloop.patients.variation import Variation
-from glucoloop.registry.patients import PATIENTS
 
 _NAME: Final = "parker-1999"
 _SUMMARIES: Final = PATIENTS[_NAME].populations

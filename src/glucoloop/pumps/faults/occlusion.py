@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, recurring
+from glucoloop.parts.faults import OcclusionSettings
 from glucoloop.pumps.faults.wrapping import Within, begin, deliver_within, or_limited
 from glucoloop.pumps.protocol import Delivery, Pump
-from glucoloop.registry.fault_settings import OcclusionSettings
 
 
 @pytree
@@ -70,7 +70,7 @@ def occlusion(
     ValueError
         Unless ``0 <= open_fraction < 1``.
     """
-    OcclusionSettings(open_fraction)
+    OcclusionSettings(open_fraction=open_fraction)
     return Occlusion(inner=or_limited(inner), episodes=episodes, open_fraction=open_fraction, noticed=noticed)
 
 

@@ -7,7 +7,7 @@ import jax
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
-from glucoloop.registry.fault_settings import CalibrationSettings
+from glucoloop.parts.faults import CalibrationSettings
 from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -48,6 +48,6 @@ def calibration(
     ValueError
         For a gain that is not positive, or a number that is not finite.
     """
-    CalibrationSettings(gain, offset_mg_dl)
+    CalibrationSettings(gain=gain, offset_mg_dl=offset_mg_dl)
     when = always() if episodes is None else episodes
     return Calibration(inner=or_ideal(inner), episodes=when, gain=gain, offset_mg_dl=offset_mg_dl)

@@ -20,7 +20,7 @@ import numpy as np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
-from glucoloop.registry.fault_settings import CompressionSettings
+from glucoloop.parts.faults import CompressionSettings
 from glucoloop.sensors.faults.sample_time import checked_sample_time
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -100,6 +100,6 @@ def compression(
     ValueError
         For a depth that is no fraction, or a time that is not positive and finite.
     """
-    CompressionSettings(depth, tau_min)
+    CompressionSettings(depth=depth, tau_min=tau_min)
     left = math.exp(-checked_sample_time(sample_time_min) / tau_min)
     return Compression(inner=or_ideal(inner), episodes=episodes, depth=float(depth), left=left)

@@ -10,7 +10,7 @@ import jax
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
-from glucoloop.registry.fault_settings import DriftSettings
+from glucoloop.parts.faults import DriftSettings
 from glucoloop.sensors.faults.sample_time import checked_sample_time
 from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -53,6 +53,6 @@ def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sa
     ValueError
         For a growth that is not finite or a sample time that is not positive.
     """
-    DriftSettings(mg_dl_h)
+    DriftSettings(mg_dl_h=mg_dl_h)
     a_sample = mg_dl_h * checked_sample_time(sample_time_min) / MIN_PER_H
     return Drift(inner=or_ideal(inner), episodes=episodes, mg_dl_sample=a_sample)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
-from glucoloop.registry.fault_settings import OutOfOrderSettings
+from glucoloop.parts.faults import OutOfOrderSettings
 from glucoloop.sensors.faults.past import filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
@@ -59,5 +59,5 @@ def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) ->
     ValueError
         Unless `among` is a whole number from 2 to 48.
     """
-    OutOfOrderSettings(among)
+    OutOfOrderSettings(among=among)
     return OutOfOrder(inner=or_ideal(inner), episodes=episodes, among=among)

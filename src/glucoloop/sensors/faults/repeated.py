@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
-from glucoloop.registry.fault_settings import RepeatedSettings
+from glucoloop.parts.faults import RepeatedSettings
 from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -51,5 +51,5 @@ def repeated(times: int, episodes: Episodes, inner: Sensor | None = None) -> Rep
     ValueError
         Unless `times` is a whole number of 2 or more.
     """
-    RepeatedSettings(times)
+    RepeatedSettings(times=times)
     return Repeated(inner=or_ideal(inner), episodes=episodes, times=float(times))

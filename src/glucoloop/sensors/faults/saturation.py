@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, always
-from glucoloop.registry.fault_settings import SaturationSettings
+from glucoloop.parts.faults import SaturationSettings
 from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -50,6 +50,6 @@ def saturation(
     ValueError
         Unless ``0 <= low < high``, both finite.
     """
-    SaturationSettings(low_mg_dl, high_mg_dl)
+    SaturationSettings(low_mg_dl=low_mg_dl, high_mg_dl=high_mg_dl)
     when = always() if episodes is None else episodes
     return Saturation(inner=or_ideal(inner), episodes=when, low_mg_dl=float(low_mg_dl), high_mg_dl=float(high_mg_dl))

@@ -7,7 +7,7 @@ import jax
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes
-from glucoloop.registry.fault_settings import SpikesSettings
+from glucoloop.parts.faults import SpikesSettings
 from glucoloop.sensors.faults.wrapping import AlteredReadings, or_ideal
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -33,5 +33,5 @@ def spikes(size_mg_dl: float, episodes: Episodes, inner: Sensor | None = None) -
     ValueError
         For a size that is not finite.
     """
-    SpikesSettings(size_mg_dl)
+    SpikesSettings(size_mg_dl=size_mg_dl)
     return Spikes(inner=or_ideal(inner), episodes=episodes, size_mg_dl=float(size_mg_dl))

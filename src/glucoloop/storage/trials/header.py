@@ -15,8 +15,8 @@ from glucoloop import arithmetic
 from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.trial import trial_keys
+from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
-from glucoloop.registry.plugins import outside_code
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import Origin

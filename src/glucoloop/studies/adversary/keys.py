@@ -13,9 +13,9 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.options.situation import whole_samples
 from glucoloop.config.trial import with_people
+from glucoloop.control.catalogue import controller_entry
+from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import controller_entry
-from glucoloop.registry.settings import Value
 from glucoloop.studies.adversary.options import FEW_GENERATIONS, GENERATIONS, REFUSED, USUAL, AdversaryKeys
 from glucoloop.studies.adversary.outcome import ErrorSearch
 from glucoloop.studies.adversary.search import Effort

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 from glucoloop.config.key import Key
+from glucoloop.control.catalogue import controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.registry.controllers import controller_entry
 from glucoloop.studies.options import PAPER_CONTROLLERS, PAPER_MEAL, GuardsKey
 
 GENERATIONS: Final = 300

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
+from glucoloop.control.catalogue import ESTIMATING, complete
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.case import Case
@@ -22,7 +23,6 @@ from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten
 from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import virtual_people
-from glucoloop.registry.controllers import ESTIMATING, complete
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals.plan import MealPlan
+from glucoloop.parts.setting import Value, known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value, known_names
 from glucoloop.studies.detection.options import ESTIMATORS
 
 MOST_RUNS: Final = 100_000
@@ -36,7 +36,7 @@ class Detection:
     """Number of days of each person."""
     estimators: tuple[str, ...]
     settings: Mapping[str, Value]
-    """All settings of every estimator; see `registry.controllers.ESTIMATING`."""
+    """All settings of every estimator; see `control.catalogue.ESTIMATING`."""
     threshold: float
     """Probability of a meal above which it counts as detected."""
     given: Mapping[str, Any] | None = field(default=None, compare=False)

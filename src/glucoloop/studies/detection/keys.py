@@ -9,9 +9,9 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import controllers_of, refuse_unknown_beside
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys, with_people
+from glucoloop.control import catalogue
+from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.refusal import Refusal
-from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.controllers import ESTIMATING
 from glucoloop.studies.detection.detection import Detection, check_estimators
 from glucoloop.studies.detection.options import NO_SITUATION, TAKEN, USUAL, USUAL_DAYS, DetectionKeys
 
@@ -56,7 +56,7 @@ def read_detection(keys: Mapping[str, object], names: Mapping[str, str] | None =
     asked = {key: value for key, value in settings.items() if key in ESTIMATING.estimator_settings}
     complete = catalogue.complete(ESTIMATING.name, asked, *trial.whom, noisy=trial.noise_variance > 0.0)
     if asked:
-        ESTIMATING.values(complete)  # refuses before anything is designed
+        ESTIMATING(**complete)  # refuses before anything is designed
     return Detection(
         trial=trial,
         days=own.days or (USUAL_DAYS if trial.people == 1 else 1),

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Final
 from glucoloop.config.key import Key
 from glucoloop.config.options.case import CONTROLLER_PANEL, OF_OTHERS
 from glucoloop.config.options.trial import MEALS_PANEL, SITUATION_KEYS
+from glucoloop.control.catalogue import CONTROLLERS, ESTIMATING
 from glucoloop.limits import MOST_DAYS
-from glucoloop.registry.controllers import CONTROLLERS, ESTIMATING
 
 ESTIMATORS: Final = ESTIMATING.setting("estimator").choices
 USUAL: Final[Mapping[str, Any]] = {

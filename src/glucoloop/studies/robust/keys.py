@@ -10,12 +10,12 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.run import Run, read_run, refuse_unknown_beside
 from glucoloop.config.trial import read_trial, trial_keys, with_people
+from glucoloop.control import catalogue
 from glucoloop.experiments.case import Case
+from glucoloop.parts.number_text import number_of
+from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry import controllers as catalogue
-from glucoloop.registry.number_text import number_of
-from glucoloop.registry.ranges import Tuned, parse_range
-from glucoloop.registry.settings import known_names
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search
@@ -58,7 +58,7 @@ class Robust:
 
 def robust_key_names() -> list[str]:
     """All flat keys of a search."""
-    settings = [setting.name for setting in catalogue.SEARCHED.settings]
+    settings = list(catalogue.SEARCHED.settings())
     return [*declared(RobustKeys), *declared(HowFar), *TAKEN, *_CASE, *settings]
 
 
@@ -94,9 +94,7 @@ def read_robust(keys: Mapping[str, object], names: Mapping[str, str] | None = No
             f"{tuned} not at all, since it is tuned"
         )
     space, fixed = _space({key: keys[key] for key in RANGES if key in keys}, called)
-    settings = {
-        of.name: keys[of.name] for of in catalogue.SEARCHED.settings if of.name in keys and of.name not in RANGES
-    }
+    settings = {name: keys[name] for name in catalogue.SEARCHED.settings() if name in keys and name not in RANGES}
     plain = {**USUAL, **{key: keys[key] for key in (*TAKEN, *_CASE) if keys.get(key) is not None}}
     cases = [{"label": tuned, "controller": tuned, **settings, **fixed}]
     cases += [{"label": name, "controller": name} for name in own.beside]

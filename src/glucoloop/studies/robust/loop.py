@@ -24,8 +24,8 @@ from glucoloop.experiments.designs import design_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.metrics import RunningMetrics
+from glucoloop.parts.ranges import Tuned
 from glucoloop.refusal import Refusal
-from glucoloop.registry.ranges import Tuned
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.robust.objectives import METRICS
 from glucoloop.studies.robust.subjects import Subjects

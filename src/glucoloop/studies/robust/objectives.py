@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import known_names
 
 Floats = npt.NDArray[np.float64]
 

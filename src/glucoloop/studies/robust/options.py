@@ -9,8 +9,8 @@ from typing import Annotated, Any, Final, Literal
 
 from glucoloop.config.key import Key
 from glucoloop.config.options.trial import SITUATION_KEYS
+from glucoloop.control.catalogue import SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.registry.controllers import SEARCHED
 from glucoloop.studies.options import PAPER_MEAL
 
 BOTH: Final = "both"

@@ -15,9 +15,9 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import faults_told
 from glucoloop.config.trial import with_people
+from glucoloop.parts.setting import Value
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Value
 from glucoloop.report.columns import Column, Row, measured, terse_percent, whole, whole_glucose
 from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
 from glucoloop.studies.stress import STRESS, StressSettings

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cohorts.engine import prepare
 from glucoloop.config.doubts import boluses_into_a_vein
+from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import how_many, percent
-from glucoloop.registry.fault_text import parse_fault
 from glucoloop.report import Repeat
 from glucoloop.report.columns import FittingTable, Row, headings, terminal_table, whole_glucose
 from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
@@ -324,7 +324,7 @@ def page(asked: StressTest, found: Findings) -> str:
             for controller in grid.controllers
         },
         "columns": COLUMNS,
-        "faults": [(name, parse_fault(fault)) for fault, name in grid.names.items() if fault != NO_FAULT],
+        "faults": [(name, FAULTS.choose(fault)) for fault, name in grid.names.items() if fault != NO_FAULT],
     }
     return render(
         Path(__file__).with_name("page.html"),

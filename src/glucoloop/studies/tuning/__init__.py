@@ -8,8 +8,8 @@ from typing import Annotated, Final
 
 from glucoloop.config.key import Key
 from glucoloop.config.options.case import OF_OTHERS
-from glucoloop.registry.controllers import CONTROLLERS, TUNABLE, setting_names
-from glucoloop.registry.guard import GUARD
+from glucoloop.control.catalogue import CONTROLLERS, TUNABLE, setting_names
+from glucoloop.parts.guard import GUARD
 from glucoloop.studies.study import PlainStudy
 
 MOST_SEEDS: Final = 1000
@@ -54,7 +54,7 @@ class GridSettings:
     top: Annotated[int, _grid("Number of tunings in the table.", at_least=1, at_most=100_000)] = 10
 
 
-_TUNABLE_SETTINGS: Final = {setting.name for name in TUNABLE for setting in CONTROLLERS[name].settings}
+_TUNABLE_SETTINGS: Final = {setting for name in TUNABLE for setting in CONTROLLERS[name].settings()}
 _CONTROLLERS: Final = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNABLE)
 
 TUNE: Final = PlainStudy(

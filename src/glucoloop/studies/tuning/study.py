@@ -15,10 +15,10 @@ from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys
 from glucoloop.config.run import Run, read_run
 from glucoloop.control import MPCTuning
+from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import USUAL_CONTROLLER, controller_entry
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report import Repeat
 from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table

@@ -8,9 +8,9 @@ from typing import Annotated, Final
 
 from glucoloop.config.key import Key
 from glucoloop.config.options.situation import PatientKey
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.registry.controllers import CONTROLLERS
-from glucoloop.registry.patients import USUAL_PATIENT
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.studies.study import PlainStudy
 
 USUAL_LOOPS: Final = 100_000

@@ -16,13 +16,13 @@ from typing import Final
 import numpy as np
 
 from glucoloop.control import Controller
+from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.situation import usual_situation
+from glucoloop.parts.guard import complete_guard
+from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
 from glucoloop.refusal import Refusal
-from glucoloop.registry.controllers import CONTROLLERS, controller_entry
-from glucoloop.registry.guard import complete_guard
-from glucoloop.registry.patients import USUAL_PATIENT, patient_entry
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.studies.verification import MOST_LOOPS, USUAL_LOOPS
 from glucoloop.studies.verification.invariants import PROMISES

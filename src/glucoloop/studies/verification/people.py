@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.threefry import uniforms
 

@@ -19,10 +19,9 @@ import numpy.typing as npt
 
 from glucoloop.episodes import Episodes
 from glucoloop.experiments.faulty import put_around
+from glucoloop.parts.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
+from glucoloop.parts.setting import Value
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
-from glucoloop.registry.fault_text import fault_text
-from glucoloop.registry.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultEntry, fault
-from glucoloop.registry.settings import Value
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
@@ -72,10 +71,7 @@ def random_order(seed: int, number: int) -> Order:
 
     return Order(
         sensor=tuple(kind for _, kind in sorted(zip(score, SENSOR_KINDS, strict=True))),
-        shared={
-            kind: {} if entry.shared is None else entry.shared(whole)
-            for kind, entry in ((kind, _entry(kind)) for kind in KINDS)
-        },
+        shared={kind: entry.shared(whole) for kind, entry in ((kind, _entry(kind)) for kind in KINDS)},
     )
 
 
@@ -117,7 +113,7 @@ class RandomFaults:
     def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
         """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
         entry = _entry(kind)
-        usual = put_around(inner, fault(entry.name, self._shared(kind)), SAMPLE_MIN, limits)
+        usual = put_around(inner, entry(**self._shared(kind)), SAMPLE_MIN, limits)
         values: dict[str, Any] = {name: _of(many, person) for name, many in self.settings[kind].items()}
         if entry.idle:
             there = _of(self.there[kind], person)
@@ -152,7 +148,7 @@ class RandomFaults:
         entry, given = _entry(kind), {KEY: _key(kind), **self._shared(kind)}
         for setting, values in self.settings[kind].items():
             value = float(values[person])
-            given[setting] = int(value) if entry.all_settings[setting].type is int else value
+            given[setting] = int(value) if entry.settings()[setting].kind is int else value
         often, lasts = float(self.probability[kind][person]), float(self.length[kind][person])
         if entry.each_sample is not None:
             given[entry.each_sample] = often
@@ -163,7 +159,7 @@ class RandomFaults:
                 given[START] = float(self.earliest[kind][person]) * SAMPLE_MIN
             if math.isfinite(lasts):
                 given[DURATION] = lasts * SAMPLE_MIN
-        return fault_text(fault(entry.name, given))
+        return entry(**given).text
 
 
 def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) -> RandomFaults:
@@ -208,11 +204,10 @@ def _settings(kind: str, drawn: Callable[..., Floats]) -> dict[str, Floats]:
     def even(low: float, high: float, index: int = 0) -> Floats:
         return low + (high - low) * drawn(f"size {kind}", index)
 
-    draw = _entry(kind).draw
-    return {} if draw is None else {name: np.asarray(values) for name, values in draw(even).items()}
+    return {name: np.asarray(values) for name, values in _entry(kind).draw(even).items()}
 
 
-def _entry(kind: str) -> FaultEntry:
+def _entry(kind: str) -> type[FaultPart]:
     return FAULTS[kind.partition(", ")[0]]
 
 

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 from glucoloop.config.checked import checked
 from glucoloop.config.doubts import boluses_into_a_vein
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import USUAL_PATIENT
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.report.facts import engine_notes
 from glucoloop.storage.findings import Findings

@@ -54,9 +54,9 @@ function terms(session) {
   const rate = (/** @type {number} */ of) => shown(of, insulin);
   const signed = (/** @type {string} */ text) => (text.startsWith("-") ? text.replace("-", "\u2212") : `+${text}`);
   if ("pid" in found) {
-    const { rate_mU_min, proportional_mU_min, integral_mU_min, derivative_mU_min } = found.pid;
+    const { proportional_mU_min, integral_mU_min, derivative_mU_min } = found.pid;
     const [p, i, d] = [proportional_mU_min, integral_mU_min, derivative_mU_min];
-    return texts.pidTerms({ rate: rate(rate_mU_min), sum: signed(rate(p + i + d)), p: signed(rate(p)), i: signed(rate(i)), d: signed(rate(d)), unit: insulin.name });
+    return texts.pidTerms({ sum: rate(p + i + d), p: signed(rate(p)), i: rate(i), d: signed(rate(d)), unit: insulin.name });
   }
   const level = (/** @type {number} */ of) => signed(shown(of, glucose));
   const { model_mg_dl, rest_mg_dl, filtered_mg_dl, wanted_mU_min } = found.imc;

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from glucoloop.parts.setting import Default, Tunings, known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.settings import Default, Tunings, known_names
 
 INTRAVENOUS: Final = "intravenous"
 SUBCUTANEOUS: Final = "subcutaneous"

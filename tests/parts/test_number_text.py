@@ -2,8 +2,8 @@
 
 import pytest
 
-from glucoloop.registry.keyed_values import keyed_values
-from glucoloop.registry.number_text import is_time, minutes_of, number_of
+from glucoloop.parts.keyed_values import keyed_values
+from glucoloop.parts.number_text import is_time, minutes_of, number_of
 
 TIMES = {"10h": 600.0, "90min": 90.0, "90m": 90.0, "2d": 2880.0, " 1.5 h ": 90.0, "1e1h": 600.0, "-3h": -180.0}
 

@@ -3,14 +3,14 @@
 import pytest
 
 import glucoloop as gl
+from glucoloop.control.catalogue import CONTROLLERS, all_settings, complete, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
+from glucoloop.parts.setting import About, Default, Setting, known_names
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.registry.controllers import CONTROLLERS, all_settings, complete, controller_entry
-from glucoloop.registry.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
-from glucoloop.registry.settings import Default, Setting, known_names
 
 
 @pytest.mark.parametrize("operating_point", ["setpoint-81", "nominal-22"])
@@ -26,9 +26,7 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
         dead_time_samples=0,
     )
     entry = controller_entry(name)
-    settings = entry.values(complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy))
-    given = () if settings is None else (settings,)
-    controller = entry.designer()(case, *given)
+    controller = entry(**complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy)).designed(case)
     assert controller.sample_time_min == 5.0
     assert gives_boluses(controller) == entry.gives_boluses
 
@@ -46,7 +44,7 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
     for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
         settings = complete(name, given, USUAL_PATIENT, "setpoint-81", noisy=False)
         entry = controller_entry(name)
-        controller = entry.designer()(case, entry.values(settings))
+        controller = entry(**settings).designed(case)
         floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
         if given:
             assert (floor.glucose_mg_dl, floor.weight) == (65.0, given.get("floor_weight", DEFAULT_FLOOR_WEIGHT))
@@ -56,7 +54,7 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
 
 def test_a_name_has_one_type_in_all_controllers():
     for owners in all_settings().values():
-        assert len({(setting.type, setting.choices) for setting in owners.values()}) == 1
+        assert len({(setting.kind, setting.choices) for setting in owners.values()}) == 1
 
 
 def test_a_default_follows_noise():
@@ -98,15 +96,15 @@ def test_unknown_names_are_answered():
 
 @pytest.mark.parametrize(
     ("kind", "value", "told"),
-    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a number"), (str, 1, "a text")],
+    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a finite number"), (str, 1, "a text")],
 )
 def test_setting_of_another_type_is_refused(kind, value, told):
     with pytest.raises(ValueError, match=f"x is {value!r}; give {told}"):
-        Setting("x", kind, "", Default(kind())).check(value)
+        Setting("x", kind, (), False, False, Default(kind()), About("")).check(value)
 
 
 def test_whole_number_will_do_for_a_number():
-    checked = Setting("x", float, "", Default(0.0)).check(1)
+    checked = Setting("x", float, (), False, False, Default(0.0), About("")).check(1)
     assert isinstance(checked, float)
 
 

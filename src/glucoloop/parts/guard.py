@@ -8,13 +8,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
+from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.part import Part
+from glucoloop.parts.patients import USUAL_PATIENT, PatientEntry
+from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.parts.setting import About, Setting, Value, known_names
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
-from glucoloop.registry.patients import USUAL_PATIENT, PatientEntry
-from glucoloop.registry.routes import INTRAVENOUS, SUBCUTANEOUS
-from glucoloop.registry.settings import About, Setting, Value, known_names, settings_of, settings_record
 
 PREFIX: Final = "guard_"
 _limit = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
@@ -41,9 +43,10 @@ OF_ROUTE: Final[dict[str, dict[str, float]]] = {
 """Usual settings by route of insulin, where they differ from the setting's own default, which is for a vein."""
 
 
-@settings_record
-class GuardSettings:
-    """Limits of a guard; see `control.guarded`. Values without a source were chosen by the experiments of the guide.
+class GuardSettings(Part, name="usual"):
+    """Limits on readings, times and doses around any controller.
+
+    See `control.guarded`. Values without a source were chosen by the experiments of the guide.
 
     The defaults are for insulin into a vein; `for_route` gives those for insulin under the skin. Their sources:
 
@@ -61,13 +64,14 @@ class GuardSettings:
       patient falls by 77 mg/dl, in the end, under twice the basal rate.
     """
 
+    kind: ClassVar = "guard"
+
     lowest_reading_mg_dl: Annotated[
         float,
         _limit(
             "Lowest reading that the guard accepts.",
             at_least=0.0,
             quantity=GLUCOSE_BOUND,
-            called="guard's lowest reading",
         ),
     ] = 20.0
     highest_reading_mg_dl: Annotated[
@@ -76,7 +80,6 @@ class GuardSettings:
             "Highest reading that the guard accepts.",
             above=0.0,
             quantity=GLUCOSE_BOUND,
-            called="guard's highest reading",
         ),
     ] = 600.0
     fastest_mg_dl_min: Annotated[
@@ -84,7 +87,6 @@ class GuardSettings:
         _limit(
             "Fastest rise of a reading that the guard accepts.",
             above=0.0,
-            called="guard's fastest rise",
         ),
     ] = 3.0
     stuck_min: Annotated[
@@ -92,7 +94,6 @@ class GuardSettings:
         _limit(
             "Minutes after which an unchanged reading is rejected while much or little insulin is on board.",
             above=0.0,
-            called="guard's time until an unchanged reading is rejected",
         ),
     ] = 20.0
     stuck_on_board: Annotated[
@@ -100,7 +101,6 @@ class GuardSettings:
         _limit(
             "Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.",
             at_least=0.0,
-            called="guard's insulin on board that counts as much, in basal rates,",
         ),
     ] = 0.25
     held_min: Annotated[
@@ -108,7 +108,6 @@ class GuardSettings:
         _limit(
             "Minutes for which a reading may stay unchanged before at most the basal rate is given.",
             at_least=0.0,
-            called="guard's time for an unchanged reading",
         ),
     ] = 10.0
     gap_min: Annotated[
@@ -116,7 +115,6 @@ class GuardSettings:
         _limit(
             "Minutes without an accepted reading after which the basal rate is given.",
             at_least=0.0,
-            called="guard's time without a reading, until the basal rate is given,",
         ),
     ] = 20.0
     long_gap_min: Annotated[
@@ -124,7 +122,6 @@ class GuardSettings:
         _limit(
             "Minutes without an accepted reading after which a part of the basal rate is given.",
             at_least=0.0,
-            called="guard's time without a reading, until a part of the basal rate is given,",
         ),
     ] = 90.0
     reduced_fraction: Annotated[
@@ -133,7 +130,6 @@ class GuardSettings:
             "Part of the basal rate that is given then.",
             at_least=0.0,
             at_most=1.0,
-            called="guard's part of the basal rate",
         ),
     ] = 0.5
     low_mg_dl: Annotated[
@@ -142,24 +138,18 @@ class GuardSettings:
             "Predicted glucose below which insulin is suspended.",
             at_least=0.0,
             quantity=GLUCOSE_BOUND,
-            called="guard's bound on predicted glucose",
         ),
     ] = 65.0
-    ahead_min: Annotated[
-        float, _limit("Time of this prediction.", at_least=0.0, called="guard's time of prediction")
-    ] = 40.0
+    ahead_min: Annotated[float, _limit("Time of this prediction.", at_least=0.0)] = 40.0
     hysteresis_mg_dl: Annotated[
         float,
-        _limit(
-            "Distance above that bound from which insulin is given again.", at_least=0.0, called="guard's hysteresis"
-        ),
+        _limit("Distance above that bound from which insulin is given again.", at_least=0.0),
     ] = 5.0
     max_hour: Annotated[
         float,
         _limit(
             "Largest dose in an hour, in basal hours.",
             at_least=1.0,
-            called="guard's largest dose in an hour, in basal hours,",
         ),
     ] = 2.4
     max_on_board: Annotated[
@@ -167,7 +157,6 @@ class GuardSettings:
         _limit(
             "Largest insulin on board beyond the basal rate, as a multiple of it.",
             at_least=0.0,
-            called="guard's largest insulin on board, in basal rates,",
         ),
     ] = 1.3
     on_board_tau_min: Annotated[
@@ -175,7 +164,6 @@ class GuardSettings:
         _limit(
             "Time constant with which insulin on board decays.",
             at_least=1.0,
-            called="guard's time constant of insulin on board",
         ),
     ] = 90.0
     fall_mg_dl: Annotated[
@@ -183,18 +171,14 @@ class GuardSettings:
         _limit(
             "Glucose above the setpoint for which one basal rate may be on board.",
             at_least=1.0,
-            called="guard's fall of glucose for a basal rate",
         ),
     ] = 60.0
-    error_mg_dl: Annotated[
-        float, _limit("Sensor error for which no insulin is added.", at_least=0.0, called="guard's sensor error")
-    ] = 5.0
+    error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.", at_least=0.0)] = 5.0
     always_basal: Annotated[
         float,
         _limit(
             "Multiple of the basal rate that is allowed at any reading.",
             at_least=1.0,
-            called="guard's rate at any reading, in basal rates,",
         ),
     ] = 1.2
     doubt_tau_min: Annotated[
@@ -202,7 +186,6 @@ class GuardSettings:
         _limit(
             "Time constant with which a jump of the reading is forgotten.",
             above=0.0,
-            called="guard's time constant of a jump",
         ),
     ] = 480.0
 
@@ -240,9 +223,10 @@ class GuardSettings:
             )
 
 
+GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_hour=2")
 GUARD: Final[dict[str, Setting]] = {
     key: dataclasses.replace(setting, name=key)
-    for setting in settings_of(GuardSettings)
+    for setting in GuardSettings.settings().values()
     for key in [f"{PREFIX}{setting.name}"]
 }
 """Settings of a guard by the key of a run."""

@@ -7,14 +7,65 @@ point of another package in the group ``glucoloop.patients``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
+from glucoloop.parts.code import added, entry_points, loaded
+from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, pole_at, samples_of_memory
+from glucoloop.parts.setting import Default, Tunings, known_names
 from glucoloop.refusal import Refusal
-from glucoloop.registry.plugins import Catalogue, loaded
-from glucoloop.registry.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, pole_at, samples_of_memory
-from glucoloop.registry.settings import Default, Tunings, known_names
+
+
+class Named(Protocol):
+    """Anything with a name."""
+
+    @property
+    def name(self) -> str:
+        """Name under which it is found."""
+        ...
+
+
+E = TypeVar("E", bound=Named)
+
+
+class EntryCatalogue(dict[str, E]):
+    """Entries of one kind by name: those of this package, to which `find` adds those of other packages.
+
+    Parameters
+    ----------
+    what : str
+        Kind in messages, ``"controller"``; entry points of packages are in the group ``glucoloop.controllers``.
+    kind : type
+        Class of the entries.
+    entries : iterable
+        Entries of this package.
+    """
+
+    def __init__(self, what: str, kind: type[E], entries: Iterable[E]) -> None:
+        super().__init__({entry.name: entry for entry in entries})
+        self._what, self._kind, self._group = what, kind, f"{what}s"
+
+    def find(self, name: str) -> E:
+        """An entry by name: of this package, of another one, or ``module:attribute``.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name, or an entry of another package that cannot be loaded.
+        """
+        entry: E | None = self.get(name) or added(self._group, name)
+        if entry is None:
+            raise Refusal(f"unknown {self._what} {name!r}; {known_names(name, self.names())}")
+        if not isinstance(entry, self._kind):
+            kind = type(entry).__name__
+            raise Refusal(f"{name} is an instance of {kind}; it has to be one of {self._kind.__name__}")
+        return entry
+
+    def names(self) -> list[str]:
+        """Names of all entries, those of other packages included."""
+        return [*self, *sorted(entry_points(self._group))]
+
 
 NOMINAL: Final = "nominal"
 """Name of the population of nominal patients, which every patient model has."""
@@ -44,7 +95,7 @@ class PatientEntry:
     populations: Mapping[str, str] = field(default_factory=dict)
     """Summary of each population by name besides the nominal one; the first is the usual one."""
     insulin_route: str = INTRAVENOUS
-    """Way of insulin into the body, one of `registry.routes.ROUTES`: it decides on units, and on all that is usual and
+    """Way of insulin into the body, one of `parts.routes.ROUTES`: it decides on units, and on all that is usual and
     that the entry does not tell: pump, identification, tunings and the limits of a guard."""
     max_change_mU_min: float = math.nan
     """Largest change of the rate of a usual pump, from one sample to the next; NaN: that of the route."""
@@ -168,7 +219,7 @@ _UNDER_THE_SKIN: Final[dict[str, Any]] = {
     },
 }
 
-PATIENTS: Final = Catalogue(
+PATIENTS: Final = EntryCatalogue(
     "patient",
     PatientEntry,
     (

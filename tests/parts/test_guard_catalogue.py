@@ -6,10 +6,10 @@ import pytest
 
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.experiments.designs import with_guard
+from glucoloop.parts.guard import GUARD, OF_ROUTE, complete_guard
+from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.registry.guard import GUARD, OF_ROUTE, complete_guard
-from glucoloop.registry.patients import patient_entry
-from glucoloop.registry.routes import SUBCUTANEOUS
 
 
 def test_every_limit_can_be_set_and_has_the_guards_default():

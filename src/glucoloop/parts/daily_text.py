@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from glucoloop.parts.clock_text import parse_time_of_day
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.clock_text import parse_time_of_day
-from glucoloop.registry.number_text import number_of
 from glucoloop.units import MIN_PER_H
 
 DailyValues = tuple[tuple[float, float], ...]

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
-from glucoloop.registry.number_text import number_of
 
 DIGITS: Final = 4
 """Significant digits of a tuned number; more make no difference to a loop."""

@@ -6,8 +6,8 @@ import contextlib
 from collections.abc import Iterable
 from typing import Final
 
+from glucoloop.parts.number_text import number_of, with_minutes
 from glucoloop.refusal import Refusal
-from glucoloop.registry.number_text import number_of, with_minutes
 
 _TRUTHS: Final = {"true": True, "false": False}
 

@@ -1,0 +1,80 @@
+"""The declaration of a controller: what studies, designs and reports have to know of it without designing it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from glucoloop.parts.code import loaded
+from glucoloop.parts.part import Part
+from glucoloop.parts.ranges import Tuned
+
+_TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
+
+
+class ControllerPart(Part):
+    """Declaration of a controller.
+
+    A controller joins every command by one class, entered in `control.catalogue.CONTROLLERS` or by the entry point of
+    another package in the group ``glucoloop.controllers``.
+
+    Raises
+    ------
+    TypeError
+        For a place that is not written as ``module:function``, or a tunable controller without horizons and weights.
+    """
+
+    kind: ClassVar = "controller"
+    design: ClassVar[str] = ""
+    """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
+    the part if it has settings, and returns a controller. A class that overrides `designed` needs none."""
+    uses_model: ClassVar[bool] = True
+    """Whether it is designed on an identified model; if not, none is identified for it."""
+    individual: ClassVar[str | None] = "glucoloop.experiments.individual:one_by_one"
+    """Place ``module:function`` of the design for each person of a trial, see
+    `experiments.individual.individual_design`; None for a controller that is the same for all people."""
+    tunable: ClassVar[bool] = False
+    """Whether `glucoloop tune` tries a grid of it: it has the settings of a predictive controller, and `horizons` and
+    `padded` as `control.LinearMPC` has them."""
+    reference_filters: ClassVar[str | None] = None
+    """Range of the setting ``reference_filter`` that `glucoloop tune` tries unless another one is given, like
+    ``.3:.8:.05``; without it, the usual value alone."""
+    gives_boluses: ClassVar[bool] = False
+    """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
+    slow: ClassVar[bool] = False
+    """Whether a decision takes so long that studies of many loops use fewer and shorter ones with this controller."""
+    searched: ClassVar[tuple[Tuned, ...]] = ()
+    """Settings that `glucoloop robust` can search, with their usual ranges."""
+    estimator_settings: ClassVar[tuple[str, ...]] = ()
+    """Settings of the estimator of unknown meals in the controller, which `glucoloop detect` tries. The controller then
+    has a setting ``estimator``, and a ``model`` and an ``estimator`` as `control.MealMPC` has them."""
+
+    def __init_subclass__(cls, **of: Any) -> None:
+        super().__init_subclass__(**of)
+        for place in filter(None, (cls.design, cls.individual)):
+            if not all(place.partition(":")):
+                raise TypeError(f"{place!r} of the controller {cls.name} is no place; write it like module:function")
+        if cls.tunable and not hasattr(cls, "move_horizon"):
+            raise TypeError(f"the controller {cls.name} cannot be tunable: it lacks one of {', '.join(_TUNED)}")
+
+    def designed(self, case: Any) -> Any:
+        """The controller for a `control.design_case.DesignCase`; designing imports JAX.
+
+        Raises
+        ------
+        Refusal
+            If it cannot be designed.
+        """
+        designer = loaded(self.design)
+        return designer(case, self) if self.settings() else designer(case)
+
+    @classmethod
+    def individual_designer(cls) -> Callable[..., Any] | None:
+        """Function that designs the controller for each person; None if it is the same for all people.
+
+        Raises
+        ------
+        Refusal
+            If there is no such function.
+        """
+        return None if cls.individual is None else loaded(cls.individual)

@@ -1,0 +1,422 @@
+"""Catalogue of metrics: the numbers of each, how they are shown, and the place of the fold that computes them.
+
+A metric joins the table and the JSON of a run, the columns of a trial, and the documentation by one entry in `METRICS`.
+One of another package, by an entry point in the group ``glucoloop.metrics`` or as ``module:attribute``, is computed
+where it is asked for by name. Nothing here imports a numerical library.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.part import MadePart
+from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
+from glucoloop.refusal import Refusal
+from glucoloop.units import MU_PER_U
+
+REGULATION: Final = "Regulation"
+GLYCEMIA: Final = "Glycemia"
+INSULIN: Final = "Insulin"
+CONSTRAINTS: Final = "Bounds of Parker et al. (1999)"
+SAMPLES: Final = "Samples"
+FURTHER: Final = "Further metrics"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One number of a metric."""
+
+    name: str
+    """Key in JSON and column of trials, with the unit of the value at its end."""
+    summary: str
+    """Definition, one sentence."""
+    title: str = ""
+    """Name in tables; without one it is not shown there."""
+    unit: str = ""
+    """Unit in tables."""
+    digits: int = 1
+    divisor: float = 1.0
+    """Number by which the value is divided to be in the unit of tables."""
+    settled: str = ""
+    """Result that says whether the value is more than a lower bound."""
+    seldom: bool = False
+    """Whether tables leave it out if it is 0 in all runs."""
+    concentration: bool = False
+    """Whether it is a concentration of glucose; one below 0 is not valid."""
+    fall: bool = False
+    """Whether it is a fall of glucose below the setpoint; one to below 0 is not valid."""
+    everyday: bool = False
+    """Whether it is in the short table of ``print(metrics)``."""
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise Refusal(
+                f"{self.name!r} cannot name the result of a metric; use letters, digits and underscores only, "
+                "as in 'time_70_140_pct'"
+            )
+
+    @property
+    def heading(self) -> str:
+        """Name and unit in tables."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    def text(self, value: float, setpoint_mg_dl: float = math.inf) -> str:
+        """Text of a value in the unit of tables, without the unit; the setpoint is that of a fall."""
+        if (self.concentration and value < 0.0) or (self.fall and value > setpoint_mg_dl):
+            return NOT_VALID
+        return f"{value / self.divisor:z.{self.digits}f}" if math.isfinite(value) else NOT_AVAILABLE
+
+
+class MetricPart(MadePart):
+    """A metric; `make` names the `metrics.protocol.Metric`, a class or a function."""
+
+    kind: ClassVar = "metric"
+    section: ClassVar[str] = FURTHER
+    """Heading of its rows in tables."""
+    numbers: ClassVar[tuple[Result, ...]] = ()
+    """Numbers that it gives, where they do not depend on its settings."""
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Numbers that it gives with these settings.
+
+        Raises
+        ------
+        Refusal
+            For settings with which the name of a number is not possible.
+        """
+        return self.numbers
+
+
+_METRICS: Final = "glucoloop.metrics"
+
+
+def _share(
+    name: str, where: str, title: str, *, seldom: bool = False, everyday: bool = False, more: str = ""
+) -> Result:
+    summary = f"Percentage of time with glucose {where}{more}."
+    return Result(name, summary, title, "%", seldom=seldom, everyday=everyday)
+
+
+def _events(name: str, bound_mg_dl: int) -> Result:
+    summary = f"Times that glucose fell below {bound_mg_dl} mg/dl for 15 min or longer, on the controller's samples."
+    return Result(name, summary, f"Events below {bound_mg_dl} mg/dl", digits=0)
+
+
+def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Result:
+    return Result(f"samples_{name}", f"Samples {where}.", title, digits=0, seldom=seldom)
+
+
+class TimeInRangesPart(MetricPart, name="time-in-ranges"):
+    """Times in ranges of glucose, and the risk index that follows from them."""
+
+    make: ClassVar = f"{_METRICS}.time_in_ranges:TimeInRanges"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        _share(
+            "time_70_180_pct",
+            "from 70 to 180 mg/dl",
+            "Time from 70 to 180 mg/dl",
+            everyday=True,
+            more=", both included; with those below 70 and above 180 it makes 100",
+        ),
+        _share("time_above_180_pct", "above 180 mg/dl", "Time above 180 mg/dl", everyday=True),
+        _share("time_above_250_pct", "above 250 mg/dl", "Time above 250 mg/dl", everyday=True),
+        _share("time_below_70_pct", "below 70 mg/dl", "Time below 70 mg/dl", everyday=True),
+        _share("time_below_60_pct", "below 60 mg/dl", "Time below 60 mg/dl"),
+        _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
+        _share(
+            "time_below_validity_pct",
+            "below the valid range of the patient's model",
+            "Time below the model's validity",
+            seldom=True,
+            more="; a value above 0 means severe hypoglycemia",
+        ),
+        Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
+    )
+
+
+class LowEventsPart(MetricPart, name="low-events"):
+    """Events of low glucose."""
+
+    make: ClassVar = f"{_METRICS}.low_events:LowEvents"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        _events("low_events", 70),
+        _events("very_low_events", 54),
+    )
+
+
+class MeanAndVariationPart(MetricPart, name="mean-and-variation"):
+    """Mean glucose and its variation."""
+
+    make: ClassVar = f"{_METRICS}.mean_and_variation:MeanAndVariation"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        Result(
+            "mean_mg_dl",
+            "Mean glucose over the grid.",
+            "Mean glucose",
+            "mg/dl",
+            concentration=True,
+            everyday=True,
+        ),
+        Result(
+            "cv_pct",
+            "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
+            "Coefficient of variation",
+            "%",
+            everyday=True,
+        ),
+        Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
+    )
+
+
+class RiskIndicesPart(MetricPart, name="risk-indices"):
+    """Risk of low and of high glucose."""
+
+    make: ClassVar = f"{_METRICS}.risk_indices:RiskIndices"
+    section: ClassVar = GLYCEMIA
+    numbers: ClassVar = (
+        Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
+        Result("hbgi", "High blood glucose index.", "High blood glucose index", "", 2),
+    )
+
+
+class ExtremesPart(MetricPart, name="extremes"):
+    """Least and greatest glucose."""
+
+    make: ClassVar = f"{_METRICS}.extremes:Extremes"
+    section: ClassVar = REGULATION
+    numbers: ClassVar = (
+        Result(
+            "undershoot_mg_dl",
+            "Setpoint minus the least glucose.",
+            "Undershoot",
+            "mg/dl",
+            fall=True,
+            everyday=True,
+        ),
+        Result(
+            "minimum_mg_dl",
+            "Least glucose of the run.",
+            "Least glucose",
+            "mg/dl",
+            concentration=True,
+            everyday=True,
+        ),
+        Result(
+            "minimum_t_min",
+            "Time from the start of the run at which the minimum is first reached.",
+            "  at",
+            "min",
+            0,
+        ),
+        Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
+        Result(
+            "peak_mg_dl",
+            "Greatest glucose of the run.",
+            "Greatest glucose",
+            "mg/dl",
+            concentration=True,
+            everyday=True,
+        ),
+        Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
+    )
+
+
+class SettlingPart(MetricPart, name="settling"):
+    """Time until glucose stays near the setpoint."""
+
+    make: ClassVar = f"{_METRICS}.settling:Settling"
+    section: ClassVar = REGULATION
+    numbers: ClassVar = (
+        Result(
+            "settling_2pct_min",
+            "Last minute farther than 2 % of the setpoint from it, plus 1, minus the time of the first meal, "
+            "or of the start if nothing is eaten; 0 if never so far. Where not settled, the horizon plus 1 "
+            "takes the place of that minute.",
+            "Settling, 2 % band",
+            "min",
+            0,
+            settled="settled_2pct",
+            everyday=True,
+        ),
+        Result("settled_2pct", "Whether glucose is within 2 % of the setpoint at the end."),
+        Result(
+            "settling_5pct_min",
+            "Settling time for a band of 5 % of the setpoint.",
+            "Settling, 5 % band",
+            "min",
+            0,
+            settled="settled_5pct",
+        ),
+        Result("settled_5pct", "Whether glucose is within 5 % of the setpoint at the end."),
+    )
+
+
+class SquaredErrorPart(MetricPart, name="squared-error"):
+    """Sum of squared errors."""
+
+    make: ClassVar = f"{_METRICS}.squared_error:SquaredError"
+    section: ClassVar = REGULATION
+    numbers: ClassVar = (
+        Result(
+            "sse",
+            "Sum over the controller's samples of the squared distance from the setpoint [(mg/dl)^2].",
+            "Sum of squared errors",
+            "(mg/dl)²",
+            0,
+        ),
+    )
+
+
+class InsulinPart(MetricPart, name="insulin"):
+    """Insulin delivered and its changes."""
+
+    make: ClassVar = f"{_METRICS}.insulin:Insulin"
+    section: ClassVar = INSULIN
+    numbers: ClassVar = (
+        Result(
+            "insulin_total_mU",
+            "Insulin delivered over the run.",
+            "Insulin delivered",
+            "U",
+            2,
+            divisor=MU_PER_U,
+            everyday=True,
+        ),
+        Result(
+            "insulin_off_min",
+            "Time of the samples at which the pump delivered no insulin at all.",
+            "Time without insulin",
+            "min",
+            0,
+            everyday=True,
+        ),
+        Result(
+            "longest_insulin_off_min",
+            "Longest time without insulin that no delivery interrupts.",
+            "  longest",
+            "min",
+            0,
+        ),
+        Result(
+            "insulin_total_variation_mU_min",
+            "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
+            "Total variation",
+            "mU/min",
+        ),
+        Result("largest_change_mU_min", "Largest of these changes.", "Largest change", "mU/min"),
+    )
+
+
+class SamplesPart(MetricPart, name="samples"):
+    """Samples at which the controller or its guard met a difficulty."""
+
+    make: ClassVar = f"{_METRICS}.samples:Samples"
+    section: ClassVar = SAMPLES
+    numbers: ClassVar = (
+        _samples("saturated", "at which the controller wanted a dose beyond its limits", "Dose beyond limits"),
+        _samples("missing", "without a valid, finite reading", "Reading missing"),
+        _samples("not_converged", "at which an optimisation did not converge", "Not converged"),
+        _samples(
+            "non_finite",
+            "at which the controller computed no finite dose, or was restarted by its guard because of that",
+            "Dose not finite",
+        ),
+        _samples(
+            "rejected",
+            "at which the guard rejected a reading; 0, like the next three, without a guard",
+            "Reading not believed",
+            seldom=True,
+        ),
+        _samples(
+            "fallback",
+            "at which the guard gave the basal rate, or a part of it, because readings were missing",
+            "Fallback to the basal rate",
+            seldom=True,
+        ),
+        _samples("suspended", "at which the guard suspended insulin", "Insulin suspended", seldom=True),
+        _samples(
+            "dose_limited",
+            "at which the guard cut the dose to its limit per hour or of insulin on board",
+            "Dose cut by the guard",
+            seldom=True,
+        ),
+    )
+
+
+class ConstraintsPart(MetricPart, name="constraints"):
+    """Constraints of Parker, Doyle and Peppas (1999)."""
+
+    make: ClassVar = f"{_METRICS}.constraints:Constraints"
+    section: ClassVar = CONSTRAINTS
+    numbers: ClassVar = (
+        Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
+        Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
+        Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
+        Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
+    )
+
+
+METRICS: Final = Catalogue(
+    MetricPart,
+    (
+        TimeInRangesPart,
+        LowEventsPart,
+        MeanAndVariationPart,
+        RiskIndicesPart,
+        ExtremesPart,
+        SettlingPart,
+        SquaredErrorPart,
+        InsulinPart,
+        SamplesPart,
+        ConstraintsPart,
+    ),
+    example="NAME, setting=value",
+)
+
+_USUAL: Final[tuple[MetricPart, ...]] = tuple(part() for part in METRICS.values())
+RESULTS: Final = tuple(result for metric in _USUAL for result in metric.results)
+"""Results of all metrics of this package, in the order of tables and columns."""
+
+
+def metrics_with(further: Iterable[str] = ()) -> Iterator[MetricPart]:
+    """All metrics of this package, and further ones by their texts: name and settings.
+
+    Raises
+    ------
+    ValueError
+        For an unknown metric or setting, or one with a result of a name that another one has.
+    """
+    seen: dict[str, str] = {}
+    asked = (METRICS.choose(text) for text in further)
+    others = (metric for metric in asked if metric.name not in METRICS)
+    for metric in (*_USUAL, *others):
+        for result in metric.results:
+            if result.name in seen:
+                raise Refusal(
+                    f"the metric {metric.name} gives {result.name}, which the metric {seen[result.name]} gives "
+                    "already; leave one of them out, or rename it"
+                )
+            seen[result.name] = metric.name
+        yield metric
+
+
+def described(name: str, further: Iterable[str] = ()) -> Result:
+    """Description of a result by its name.
+
+    Raises
+    ------
+    ValueError
+        For a name that no metric has.
+    """
+    known = {result.name: result for metric in metrics_with(further) for result in metric.results}
+    if name not in known:
+        raise Refusal(f"unknown metric {name!r}; use one of {', '.join(known)}")
+    return known[name]

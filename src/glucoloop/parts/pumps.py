@@ -1,0 +1,77 @@
+"""Pumps: name and settings of each, its limits, and the place of the function that makes it.
+
+A pump joins every command by one class, entered in `PUMPS` or by the entry point of another package in the group
+``glucoloop.pumps``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Final
+
+from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.part import MadePart
+from glucoloop.parts.setting import About, known_names
+from glucoloop.plausible import RATE_STEP
+
+LIMITS: Final = (
+    "max_change_mU_min",
+    "min_insulin_mU_min",
+    "max_insulin_mU_min",
+    "pump_resolution_mU_min",
+    "max_bolus_U",
+    "min_bolus_U",
+    "bolus_step_U",
+)
+"""Keys of a run that say what a pump can deliver."""
+
+Step = Annotated[float, About("Step of the rate.", above=0.0, quantity=RATE_STEP)]
+Least = Annotated[float, About("Least rate that is delivered.", at_least=0.0)]
+
+
+class PumpPart(MadePart):
+    """Declaration of a pump.
+
+    Its function is also given, if it has parameters of these names, ``inner`` (a pump that only keeps the limits of the
+    run), ``limits`` (`pumps.DoseLimits`), ``bolus`` (`pumps.BolusLimits`) and ``sample_time_min``.
+    """
+
+    kind: ClassVar = "pump"
+    limits: ClassVar[Mapping[str, float]] = {}
+    """Limits of the pump by key, of `LIMITS`, where they are not those usual for the patient. With this pump they are
+    the defaults of a run, so that controllers, guard and metrics know them."""
+
+    def __init_subclass__(cls, **of: Any) -> None:
+        super().__init_subclass__(**of)
+        for key in cls.limits:
+            if key not in LIMITS:
+                raise TypeError(f"the pump {cls.name} has a limit {key!r}; {known_names(key, LIMITS)}")
+
+
+class LimitedSettings(PumpPart, name="limited"):
+    """Keeps its limits."""
+
+    make: ClassVar = "glucoloop.pumps:LimitedPump"
+
+
+class ResolutionPumpSettings(PumpPart, name="resolution"):
+    """Delivers whole steps of the rate, and the remainder later."""
+
+    make: ClassVar = "glucoloop.pumps:with_resolution"
+    step_mU_min: Step = 0.5
+    least_mU_min: Least = 0.0
+
+
+class ExpiringSettings(PumpPart, name="expiring"):
+    """Returns to the basal rate if no command arrives for some samples."""
+
+    make: ClassVar = "glucoloop.pumps:expiring"
+    samples: Annotated[
+        int, About("Samples for which a command holds, the one in which it arrives included.", at_least=1)
+    ] = 2
+
+
+PUMPS: Final = Catalogue(
+    PumpPart, (LimitedSettings, ResolutionPumpSettings, ExpiringSettings), example="expiring, samples=3"
+)
+USUAL_PUMP: Final = PUMPS.usual

@@ -1,1 +1,0 @@
-"""Catalogue of patients, controllers and faults by name, with their settings."""
