@@ -11,6 +11,7 @@ every sample by as much as the paper's pump can: so the steps of a sample are ch
 import itertools
 import platform
 import sys
+from datetime import date
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "src"))
@@ -126,7 +127,8 @@ def main():
         before = smooth[name] if exponential else None
         lines.append(f"| {name} | {loop[name]:.1e} | {smooth[name]:.1e} | {order} |")
     lines.append(
-        f"\nMeasured in float64 with JAX {jax.__version__} and SciPy {scipy.__version__} on {platform.machine()}."
+        f"\nMeasured on {date.today().isoformat()} in float64 with JAX {jax.__version__} and SciPy {scipy.__version__} "
+        f"on {platform.machine()}."
     )
     text = "\n".join(lines) + "\n"
     (Path(__file__).resolve().parent / "guide" / "accuracy.md").write_text(text, encoding="utf-8")

@@ -11,6 +11,8 @@ import json
 import sys
 from pathlib import Path
 
+from made import made
+
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}
 HEADS = (
     *("Controller", "Errors, ±%", "Sequences tried", "Worst: min below 54", "lowest, mg/dl", "peak"),
@@ -51,7 +53,8 @@ def main(places):
     rows.sort(key=lambda row: (order.index(row["controller"]), row["guarded"], row["error_pct"]))
     page = Path(__file__).parent / "guide" / "adversary_figures.md"
     page.write_text(
-        "\n".join([f"| {' | '.join(HEADS)} |", f"| :--- |{' ---: |' * (len(HEADS) - 1)}", *map(line, rows)]) + "\n",
+        "\n".join([f"| {' | '.join(HEADS)} |", f"| :--- |{' ---: |' * (len(HEADS) - 1)}", *map(line, rows)])
+        + f"\n\nThe table was {made(*places)}.\n",
         encoding="utf-8",
     )
 

@@ -9,6 +9,7 @@ some minutes and rewrites ``guide/guarded_boluses.md``.
 from pathlib import Path
 
 import numpy as np
+from made import made
 
 import glucoloop as gl
 from glucoloop.control import GuardSettings, guarded
@@ -71,7 +72,7 @@ def main():
             run = gl.simulate_people(people, controller, scenario=day(situation))
             lines.append(row(name, controller is inside, run, feasible))
             print(lines[-1], flush=True)
-    text = "\n".join([*lines, "", f"{feasible.sum()} people of seed {SEED}, made with glucoloop {gl.__version__}.", ""])
+    text = "\n".join([*lines, "", f"{feasible.sum()} people of seed {SEED}, {made()}.", ""])
     (Path(__file__).resolve().parent / "guide" / "guarded_boluses.md").write_text(text, encoding="utf-8")
 
 

@@ -12,6 +12,8 @@ import math
 import sys
 from pathlib import Path
 
+from made import made
+
 DIGITS = {"": 0, "mU/min": 1}
 SHOWN = {
     "undershoot_mg_dl": "Undershoot, mg/dl",
@@ -118,8 +120,8 @@ def main(paths):
                 "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:",
                 mismatches(told),
             ),
-            f"Made with glucoloop {told['version']} and `--seed {config['seed']}`. The tuning was chosen on sensor "
-            f"seeds {first} to {last} and on people of seed {tuning['people_seed']}.",
+            f"The tables were {made(*paths, version=told['version'])} and `--seed {config['seed']}`. The tuning was "
+            f"chosen on sensor seeds {first} to {last} and on people of seed {tuning['people_seed']}.",
         ]
     )
     (Path(__file__).resolve().parent / "guide" / "claims_figures.md").write_text(text + "\n", encoding="utf-8")

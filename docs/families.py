@@ -14,6 +14,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from made import made
+
 DOCS = Path(__file__).resolve().parent
 PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian:PERSON_1")
 
@@ -119,7 +121,6 @@ def written(command):
 
 def table(cells):
     """The page: a row for each command, in which a cell that was never made is empty."""
-    version = subprocess.run(["glucoloop", "--version"], capture_output=True, text=True, check=True).stdout.split()[-1]
     lines = [
         f"| Command | {' | '.join(f'`{patient}`' for patient in PATIENTS)} |",
         f"| :--- |{' :--- |' * len(PATIENTS)}",
@@ -134,7 +135,7 @@ def table(cells):
         *map(written, COMMANDS),
         "```",
         "",
-        f"Made with glucoloop {version}.",
+        f"The cells were {made()}.",
         "",
     ]
     return "\n".join(lines)

@@ -12,8 +12,8 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made import made
 
-import glucoloop
 from glucoloop._pytree import pytree
 from glucoloop.control import Controller, design_linear_mpc, design_mpc_se
 from glucoloop.control.parker1999 import PARKER_1999
@@ -183,7 +183,7 @@ def main():
                 print(lines[-1], flush=True)
     lines += [
         "",
-        f"Made with glucoloop {glucoloop.__version__}: {SEEDS} seeds, floor weight {DEFAULT_FLOOR_WEIGHT:g}.\n",
+        f"{SEEDS} seeds, floor weight {DEFAULT_FLOOR_WEIGHT:g}; {made()}.\n",
     ]
     (Path(__file__).resolve().parent / "guide" / "floor.md").write_text("\n".join(lines), encoding="utf-8")
 

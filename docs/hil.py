@@ -11,6 +11,8 @@ import platform
 import subprocess
 from pathlib import Path
 
+from made import made
+
 GUIDE = Path(__file__).resolve().parent / "guide"
 NIGHT = "--guard --duration 1440 --noise 1.45"
 CALM = ""
@@ -62,7 +64,7 @@ def main():
         f"them. The machine has 2 cores ({platform.machine()}), and its load of the last minute was "
         f"{os.getloadavg()[0]:.0f} at the end: an idle one is quicker by about as much. A decision that came late, "
         "after an outage, is compared too."
-        "\n\n" + "\n".join(lines) + "\n"
+        "\n\n" + "\n".join(lines) + f"\n\nThe table was {made()}.\n"
     )
     (GUIDE / "hil_figures.md").write_text(text, encoding="utf-8")
 

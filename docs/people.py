@@ -17,6 +17,8 @@ import json
 import sys
 from pathlib import Path
 
+from made import made
+
 COLUMNS = (
     "Controller",
     "Undershoot, median",
@@ -58,7 +60,7 @@ def main(arguments):
     page, paths = (arguments[1], arguments[2:]) if arguments[0] == "--page" else ("people", arguments)
     summaries = [json.loads(Path(path).read_text(encoding="utf-8")) for path in paths]
     text = "\n\n".join(table(summary) for summary in summaries)
-    text += f"\n\nMade with glucoloop {summaries[0]['version']}.\n"
+    text += f"\n\nThe tables were {made(*paths, version=summaries[0]['version'])}.\n"
     (Path(__file__).resolve().parent / "guide" / f"{page}.md").write_text(text, encoding="utf-8")
     print(text)
 

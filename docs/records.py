@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "src"))
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made import made
 
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
@@ -85,7 +86,7 @@ def main():
     for name, values, digits in zip(names, measured.T, (2, 1, 1), strict=True):
         shares = np.percentile(values, [0, 5, 50, 95, 100])
         lines.append(f"| {name} | {' | '.join(f'{share:.{digits}f}' for share in shares)} |")
-    text = "\n".join(lines) + "\n"
+    text = "\n".join(lines) + f"\n\nThe table was {made()}.\n"
     (Path(__file__).resolve().parent / "guide" / "records_figures.md").write_text(text, encoding="utf-8")
     print(text)
 

@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from made import made
 
-import glucoloop
 from glucoloop.cohorts import engine
 from glucoloop.config.trial import read_trial
 from glucoloop.parts.guard import complete_guard
@@ -100,7 +100,7 @@ def main(paths):
             f"| :--- | ---: |{' ---: |' * len(columns)}",
             *(day(name, noise) for noise in (0.0, 1.45) for name in NAMES),
             "",
-            f"Made with glucoloop {glucoloop.__version__}, on `parker2000`, seed {SEED}.",
+            f"On `parker2000`, seed {SEED}; {made()}.",
         ]
     )
     (Path(__file__).resolve().parent / "guide" / "stress_figures.md").write_text(text + "\n", encoding="utf-8")

@@ -10,6 +10,8 @@ import json
 import sys
 from pathlib import Path
 
+from made import made
+
 from glucoloop.report import _style
 from glucoloop.studies.adversary.keys import read_adversary
 from glucoloop.studies.adversary.outcome import search_all
@@ -145,15 +147,15 @@ def _label(axes, places, side):
 
 
 def main(place):
-    searches = Searches(Path(place))
+    searches, told = Searches(Path(place)), f"\nThe table was {made(place)}.\n"
     head = [
         "`fall_mg_dl`, `error_mg_dl`",
         *(f"{name}: peak, mg/dl" for name in NAMES.values()),
         *(f"{name}: min below 54 (lowest), ±{WORST_PCT:g} %" for name in NAMES.values()),
     ]
-    (GUIDE / "guard_trade_off.md").write_text(table(head, target_rows(searches)), encoding="utf-8")
+    (GUIDE / "guard_trade_off.md").write_text(table(head, target_rows(searches)) + told, encoding="utf-8")
     head = ["", *(f"{NAMES[name]}, ±{error:g} %" for name in NAMES for error in SEARCH["errors_pct"])]
-    (GUIDE / "guard_rules.md").write_text(table(head, rule_rows(searches)), encoding="utf-8")
+    (GUIDE / "guard_rules.md").write_text(table(head, rule_rows(searches)) + told, encoding="utf-8")
     draw(searches).savefig(GUIDE / "guard_trade_off.png", dpi=150)
 
 

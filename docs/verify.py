@@ -11,7 +11,7 @@ import json
 import sys
 from pathlib import Path
 
-import glucoloop
+from made import made
 
 NAMES = {
     "mpc": "MPC",
@@ -54,8 +54,7 @@ def main(paths):
             "| :--- | ---: | ---: | ---: | ---: | ---: |",
             *(rows[name] for name in NAMES if name in rows),
             "",
-            "Shorter and longer count people by more than 1 % of the run. Made with glucoloop "
-            f"{glucoloop.__version__}.",
+            f"Shorter and longer count people by more than 1 % of the run. The table was {made(*paths)}.",
         ]
     )
     (Path(__file__).resolve().parent / "guide" / "verify_figures.md").write_text(text + "\n", encoding="utf-8")

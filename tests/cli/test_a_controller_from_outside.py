@@ -156,7 +156,7 @@ def test_a_setting_that_does_not_say_what_it_means_is_refused():
     class Unsaid(ControllerPart, name="unsaid"):
         k: int = 1
 
-    with pytest.raises(ValueError, match="k is 'a'; give a whole number"):
+    with pytest.raises(ValueError, match="k is 'a', a str; give a whole number"):
         Mistyped.partial({}).completed()
     with pytest.raises(TypeError, match=r"the setting k does not say what it means; annotate it, like k: Annotated"):
         Unsaid()

@@ -72,7 +72,7 @@ def test_noise_on_several_meals_is_told_to_be_left_out(glucoloop):
     [
         (["--known-after", "soon"], "--known-after is 'soon'; give a number."),
         (["--known-after", "nan"], "give a finite number"),
-        (["--objective", "glory"], "--objective is 'glory'; give one of 'deviation', 'undershoot', 'peak' or 'sse'."),
+        (["--objective", "glory"], "--objective is 'glory'; give deviation, undershoot, peak or sse."),
         (["--duration", "6000"], "a plan of 1200 doses is too long"),
         (["--config", "nothing.toml"], "nothing is asked for; give --known-after or --in-advance, or one meal and"),
         (["--config", "c.toml"], "unknown key 'controller'"),

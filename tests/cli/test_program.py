@@ -48,7 +48,7 @@ def test_help_of_each_command(glucoloop, command):
 def test_help_lists_controllers_and_symbols(glucoloop, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     out = glucoloop("run", "--help").out
-    for part in ("mpc: Linear model predictive control", "Γ_y", "Γ_u", "8, with noise", "setpoint-81"):
+    for part in ("mpc: Linear model predictive control", "Γ_y", "Γ_u", "(default mpc: 8", "setpoint-81"):
         assert part in out
 
 

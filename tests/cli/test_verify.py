@@ -149,13 +149,13 @@ def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatc
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (("--loops", 0), "--loops is 0; give a value of at least 1 and at most 1000000000."),
+        (("--loops", 0), "--loops is 0; give a whole number from 1 to 1000000000."),
         (("--loops", "many"), "--loops is 'many'; give a whole number."),
-        (("--seed", -1), "--seed is -1; give a value of at least 0 and at most 4294967295."),
+        (("--seed", -1), "--seed is -1; give a whole number from 0 to 4294967295."),
         (("--controller", "pid", "--controller", "pid"), "a controller is named twice in pid, pid; leave one out."),
         (("--person", 1, "--loops", 5), "--loops and --person exclude one another; leave one out."),
         (("--nonsense", 10, "--loops", 5), "--loops and --nonsense exclude one another; leave one out."),
-        (("--nonsense", 0), "--nonsense is 0; give a value of at least 1 and at most 100000000000."),
+        (("--nonsense", 0), "--nonsense is 0; give a whole number from 1 to 100000000000."),
     ],
 )
 def test_what_cannot_be_tried_is_refused_in_a_sentence(refused, given, told):

@@ -91,9 +91,9 @@ def test_check_follows_from_the_declaration():
         "hidden": 1.0,
     }
     for keys, told in (
-        ({"dose_mU_min": 0.0}, "dose_mU_min is 0; give a value above 0 and at most 50"),
-        ({"dose_mU_min": "5"}, "dose_mU_min is '5'; give a number above 0 and at most 50"),
-        ({"shape": "flat"}, "shape is 'flat'; give one of 'round' or 'square'"),
+        ({"dose_mU_min": 0.0}, "dose_mU_min is 0 mU/min; give a number above 0 mU/min and up to 50 mU/min"),
+        ({"dose_mU_min": "5"}, "dose_mU_min is '5'; give a number above 0 mU/min and up to 50 mU/min"),
+        ({"shape": "flat"}, "shape is 'flat'; give round or square"),
         ({"colour": 1}, "colour is not a known key; leave it out"),
     ):
         with pytest.raises(ValueError, match=f"^{told}"):

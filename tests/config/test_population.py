@@ -83,11 +83,11 @@ def test_any_population_comes_back_from_its_file(variations, summary):
         ({"vary": [{"parameter": "F_LC"}]}, r"number 1: distribution is missing; add it"),
         (
             {"vary": [{"parameter": "F_LC", "distribution": "gamma", "spread": 0.1}]},
-            "number 1: distribution is 'gamma'; give one of 'uniform', 'normal' or 'lognormal'",
+            "number 1: distribution is 'gamma'; give uniform, normal or lognormal",
         ),
         (
             {"vary": [{"parameter": "F_LC", "distribution": "normal", "spread": "0.1"}]},
-            "number 1: spread is '0.1'; give a number",
+            "number 1: spread is '0.1'; give a finite number",
         ),
         ({"vary": [{"parameter": "F_LC", "distribution": "normal"}]}, "number 1: F_LC needs one spread"),
         ({"vary": [{"parameter": "F_XX", "distribution": "normal", "spread": 1}]}, "unknown parameter 'F_XX'"),

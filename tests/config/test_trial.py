@@ -101,20 +101,20 @@ REFUSED = [
     ({"integrator": "fast"}, "unknown key 'integrator' of a trial, though a run has it; leave it out"),
     ({"controller": "mpc"}, "unknown key 'controller' of a trial; did you mean 'controllers'"),
     ({"model": "m.json"}, "unknown key 'model'"),
-    ({"people": 0}, "people is 0; give a value of at least 1 and at most 1000000000"),
+    ({"people": 0}, "people is 0; give a whole number from 1 to 1000000000"),
     ({"people": 2.5}, "people is 2.5; give a whole number"),
-    ({"days": 0}, "days is 0; give a value of at least 1"),
+    ({"days": 0}, "days is 0; give a whole number from 1 to 366"),
     ({"days": 2, "duration_min": 600.0}, "days and duration_min both tell the length"),
     ({"duration_min": 601.0}, "601 min is not a whole number of samples"),
     ({"meals": ["50g@25h"]}, "the meal at 1500 min begins after the run ends"),
-    ({"meal_size_spread_pct": 100.0}, "meal_size_spread_pct is 100; give a value of at least 0 and below 100"),
+    ({"meal_size_spread_pct": 100.0}, "meal_size_spread_pct is 100 %; give a number of 0 % or more and below 100 %"),
     ({"meal_time_spread_min": 500.0}, "can begin at -80 min"),
     ({"meals": "50g@7h"}, "meals is '50g@7h'; give a list"),
     ({"population": "parker"}, "unknown population 'parker'"),
     ({"population": 3}, "population is 3; give nominal, parker2000, lognormal, or a file"),
     ({"population": {"vary": [{"parameter": "F_LC"}]}}, "[[vary]] number 1: distribution is missing"),
-    ({"arithmetic": "exact"}, "arithmetic is 'exact'; give one of 'fused' or 'portable'"),
-    ({"precision": "float16"}, "precision is 'float16'; give one of 'float32' or 'float64'"),
+    ({"arithmetic": "exact"}, "arithmetic is 'exact'; give fused or portable"),
+    ({"precision": "float16"}, "precision is 'float16'; give float32 or float64"),
     ({"design": "own"}, "design is 'own'"),
     ({"traces": "some"}, "traces is 'some'; give none, all, or the number"),
     ({"traces": 0}, "traces is 0"),
@@ -156,7 +156,7 @@ def test_cases_are_refused_by_their_label(case, told):
 
 
 def test_options_are_called_as_they_were_given():
-    with pytest.raises(ValueError, match=r"^--meal-size-spread is -1; give"):
+    with pytest.raises(ValueError, match=r"^--meal-size-spread is -1 %; give"):
         read_trial({"meal_size_spread_pct": -1.0}, names={"meal_size_spread_pct": "--meal-size-spread"})
     with pytest.raises(ValueError, match=r"^--traces is 'x'"):
         read_trial({"traces": "x"}, names={"traces": "--traces"})

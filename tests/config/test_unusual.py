@@ -127,11 +127,11 @@ def test_a_higher_target_needs_a_smaller_pump():
 
 
 def test_what_is_not_possible_is_refused_even_so():
-    with pytest.raises(ValueError, match="setpoint_mg_dl is 5000; give a value above 0 and at most 2000"):
+    with pytest.raises(ValueError, match=r"setpoint_mg_dl is 5000 mg/dl; give .* up to 2000 mg/dl"):
         read_run({"setpoint_mg_dl": 5000.0, "allow_unusual": True})
     with pytest.raises(ValueError, match="a meal of 50000 g is not possible; that looks like mg: 50000 mg is 50 g"):
         read_run({"meals": ["50000g@50min"], "allow_unusual": True})
-    with pytest.raises(ValueError, match=r"sample_time_min is 300; give .* at most 120; that looks like s: 300 s is 5"):
+    with pytest.raises(ValueError, match=r"sample_time_min is 300 min; .* to 120 min; that looks like s: 300 s is 5"):
         read_run({"sample_time_min": 300.0})
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import platform
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +17,11 @@ from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.parts.guard import complete_guard
+
+QUICK = ("pid", "mpc")
+SETTINGS = ("-O0", "-O2", "-O3")
+if platform.machine() == "x86_64":
+    SETTINGS += ("-O3 -march=native", "-O3 -march=native -mtune=skylake-avx512")
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
 
@@ -50,3 +56,24 @@ def test_c_gives_the_bits_of_its_definition(name):
             state, decided = step(state, leaves)
             assert equal((*in_c[0], *in_c[1]), (*state, *decided)), (guard, precision, reading)
             assert 0.0 <= decided[0] <= situation.limits.max_mU_min
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in CONTROLLERS]
+)
+def test_the_settings_of_the_compiler_change_no_bit(name):
+    situation = usual_situation()
+    exported = export(
+        controller_of(situation, usual_case(name, situation)), situation.limits, SEEN, [name], precision="float32"
+    )
+    first = Library(exported.source, "float32")
+    libraries = {setting: Library(exported.source, "float32", setting) for setting in SETTINGS}
+    glucose_mg_dl = 110.0 + 60.0 * np.sin(np.arange(40.0) / 5.0)
+    state = None
+    for reading in (*glucose_mg_dl, *READINGS):
+        leaves = leaves_of(dataclasses.replace(SEEN, glucose_mg_dl=jnp.asarray(reading)), exported)
+        before = first.init(leaves) if state is None else state
+        state, decided = first.step(before, leaves)
+        for setting, library in libraries.items():
+            after = library.step(before, leaves)
+            assert equal((*after[0], *after[1]), (*state, *decided)), (setting, reading)

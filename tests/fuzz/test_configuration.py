@@ -122,6 +122,6 @@ def test_setting_that_is_not_finite_is_refused_by_its_own_name(refusal, value):
 def test_short_sample_time_is_refused_for_itself_and_not_for_what_follows_from_it(refusal):
     for read in (read_run, read_identification, read_trial):
         assert refusal(read, {"sample_time_min": 0.001}) == (
-            "sample_time_min is 0.001; give a value of at least 0.1 and at most 120"
+            "sample_time_min is 0.001 min; give a number from 0.1 to 120 min"
         )
         assert refusal(read, {"sample_time_min": 0.1, "allow_unusual": True}) is None

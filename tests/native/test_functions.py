@@ -7,6 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glucoloop.native.functions import Functions
+from glucoloop.native.program import SAMPLE, Program
+
 PRECISIONS = ["float64", "float32"]
 NAMES = ("exp", "expm1", "log", "tanh", "power")
 MOST_ULPS = {"exp": 2.0, "expm1": 4.0, "tanh": 6.0, "log": 6.0}
@@ -124,6 +127,38 @@ def test_angles_and_roots_of_extremes(native, precision):
     limits = np.finfo(precision)
     small = np.array([limits.smallest_subnormal, limits.tiny / 8, limits.max], precision)
     np.testing.assert_allclose(native(jnp.cbrt, small, precision=precision)(small), np.cbrt(small), rtol=limits.eps)
+
+
+SHARING = {"tanh": jnp.tanh, "log": jnp.log, "cbrt": jnp.cbrt, "power": lambda x: x**1.7}
+
+
+def test_functions_that_share_divisions_are_known():
+    def shares(function):
+        p = Program()
+        arguments = [p.input(i, SAMPLE) for i in range(function.__code__.co_argcount - 1)]
+        function(Functions(p, "float64"), *arguments)
+        return any(operation == "ratio" for operation, _ in p.operations)
+
+    everything = {name: of for name, of in vars(Functions).items() if not name.startswith("_")}
+    assert {name for name, of in everything.items() if shares(of)} == set(SHARING)
+
+
+@pytest.mark.parametrize("products", ["fused", "strict"])
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("name", SHARING)
+def test_no_number_spoils_functions_of_another_number(native, name, precision, products):
+    limits = np.finfo(precision)
+    size = [0.0, 1.0, 0.5, 30.0, limits.tiny, limits.smallest_subnormal, limits.max, np.inf, np.nan]
+    x = np.array([*size, *np.negative(size)], precision)
+    y = np.full_like(x, 0.3)
+
+    def of_both(x, y):
+        return SHARING[name](x), {other: of(y) for other, of in SHARING.items()}
+
+    own, others = native(of_both, x, y, precision=precision, products=products)(x, y)
+    for other, found in others.items():  # a shared quotient loses a unit or two
+        np.testing.assert_allclose(found, SHARING[other](y), rtol=8.0 * limits.eps, err_msg=other)
+    assert np.isnan(own[np.isnan(x)]).all()
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

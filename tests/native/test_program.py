@@ -207,11 +207,13 @@ def test_bits_of_a_program_as_written_do_not_depend_on_what_is_constant(numbers)
 def test_divisions_that_are_shared_come_to_the_same(pairs, numbers):
     p = Program()
     values = list(inputs_of(p).values())
+    above_half = list(values)
     inputs = dict(zip(NUMBERS, numbers, strict=True))
     ratios = []
     for i, j in pairs:
-        ratios.append(p.apply("ratio", values[i % len(values)], values[j % len(values)]))
-        values += [ratios[-1], p.apply("add", ratios[-1], p.constant(1.0))]
+        ratios.append(p.apply("ratio", values[i % len(values)], above_half[j % len(above_half)]))
+        above_half.append(p.apply("add", ratios[-1], p.constant(1.0)))
+        values += [ratios[-1], above_half[-1]]
     shared, place = share_divisions(p, ratios)
     assert not any(operation == "ratio" for operation, _ in shared.operations)
     with np.errstate(all="ignore"):

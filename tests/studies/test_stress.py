@@ -168,7 +168,7 @@ def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        ({"guards": "some"}, "guards is 'some'; give one of 'both', 'with' or 'without'"),
+        ({"guards": "some"}, "guards is 'some'; give both, with or without"),
         ({"traces": "all"}, "traces is no part of a stress test"),
         ({"guard": True}, "guard is no part of a stress test"),
         ({"faults": ["stuck", "stuck"]}, "the fault 'stuck' is given twice"),

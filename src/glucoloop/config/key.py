@@ -52,6 +52,8 @@ class Declared:
     key: Key | None
     """Declaration of the key; None for a field that is no key of its own."""
     default: Any
+    required: bool = False
+    """Whether there is no default."""
 
     @property
     def flag(self) -> str:
@@ -103,7 +105,8 @@ def _declared(field: dataclasses.Field[Any], hint: Any) -> Declared:
     if many:
         kind = typing.get_args(kind)[0]
     choices = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
-    return Declared(field.name, str if choices else kind, choices, optional, many, key, field.default)
+    required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    return Declared(field.name, str if choices else kind, choices, optional, many, key, field.default, required)
 
 
 def plain(record: Any) -> dict[str, Any]:

@@ -233,7 +233,8 @@ def readme(
 
         {checked}
 
-        Results are equal to the bit only with IEEE 754 arithmetic: no `-ffast-math`, and `-ffp-contract=off`.
+        Results are equal to the bit only with IEEE 754 arithmetic: no `-ffast-math`, and `-ffp-contract=off`. `-O0` to
+        `-O3` and `-march=` are as you like.
 
         ## Files
 

@@ -2,8 +2,9 @@
 
 A division takes as long as sixteen products. Quotients that do not need one another can share one, by Montgomery's
 trick: ``1 / a`` and ``1 / b`` are ``b`` and ``a`` times ``1 / (a b)``. It is done for the operation ``ratio``, by which
-elementary functions say that their denominators are neither large nor small; each quotient then loses a unit or two in
-the last place.
+elementary functions say that their denominators are not large, are above `LEAST`, and are numbers if the numerators
+are; each quotient then loses a unit or two in the last place. A denominator that is not a number is taken as `LEAST`:
+its own quotient is none by the numerator, and the others remain as they are.
 
 References
 ----------
@@ -12,11 +13,15 @@ P. L. Montgomery, "Speeding the Pollard and elliptic curve methods of factorizat
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Sequence
 from typing import Final
 
 from glucoloop.native.program import Program, Value
 
+LEAST: Final = 0.5
+"""Bound below the denominators that share a division."""
 TOGETHER: Final = 4
 """Quotients that share a division: more would leave the range of numbers in single precision."""
 
@@ -39,10 +44,7 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
     order = program.needed(results)
     group_of = _groups(program, order)
     new = Program(as_written=program.as_written)
-    place: dict[Value, Value] = {}
-    for value, (operation, _) in enumerate(program.operations):
-        if operation == "input":
-            place[value] = new.input(program.names[value], program.levels[value], program.types[value])
+    place = {v: new.input(name, program.levels[v], program.types[v]) for v, name in program.names.items()}
     for root in order:
         stack = [root]
         while stack:
@@ -90,13 +92,12 @@ def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value
 
 def _shared(program: Program, new: Program, place: dict[Value, Value], group: Sequence[Value]) -> list[Value]:
     """The quotients of a group."""
-    above = [place[program.operations[v][1][0]] for v in group]
-    below = [place[program.operations[v][1][1]] for v in group]
+    above, below = ([place[program.operations[v][1][i]] for v in group] for i in (0, 1))
     if len(group) == 1:
         return [new.apply("div", above[0], below[0])]
-    products = [below[0]]
-    for b in below[1:]:
-        products.append(new.apply("mul", products[-1], b))
+    least = new.constant(LEAST)
+    below = [new.apply("select", new.apply("lt", least, b), b, least) for b in below]
+    products = list(itertools.accumulate(below, functools.partial(new.apply, "mul")))
     inverse = new.apply("div", new.constant(1.0), products[-1])
     quotients: list[Value] = []
     for i in range(len(group) - 1, 0, -1):

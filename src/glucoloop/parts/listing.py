@@ -11,7 +11,7 @@ from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.guard import OF_ROUTE, GuardSettings
 from glucoloop.parts.patients import NOMINAL, PATIENTS, PatientEntry, patient_entry
 from glucoloop.parts.routes import ROUTES, SUBCUTANEOUS
-from glucoloop.parts.setting import Setting, known_names, value_text
+from glucoloop.parts.setting import Setting, in_words, known_names, value_text
 from glucoloop.refusal import Refusal
 
 PATIENT: Final = "patient"
@@ -58,7 +58,9 @@ def described(part: Any) -> dict[str, Any]:
 
 def _setting(part: Any, setting: Setting) -> dict[str, Any]:
     kind: Any = setting.kind
-    possible = " or ".join(map(str, setting.choices)) or {bool: "true or false", str: "a text"}.get(kind)
+    possible = (in_words(setting.choices) if setting.choices else "") or {bool: "true or false", str: "a text"}.get(
+        kind
+    )
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy

@@ -11,7 +11,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -89,12 +89,12 @@ class About:
         what = "a whole number" if kind is int else "a finite number" if endless else "a number"
         unit = f" {unit}" if unit else ""
         if self.at_least > -math.inf and self.at_most < math.inf:
-            return f"{what} from {self.at_least:g} to {self.at_most:g}{unit}"
+            return f"{what} from {_bound(self.at_least)} to {_bound(self.at_most)}{unit}"
         bounds = [
-            f"of {self.at_least:g}{unit} or more" if self.at_least > -math.inf else "",
-            f"above {self.above:g}{unit}" if self.above > -math.inf else "",
-            f"up to {self.at_most:g}{unit}" if self.at_most < math.inf else "",
-            f"below {self.below:g}{unit}" if self.below < math.inf else "",
+            f"of {_bound(self.at_least)}{unit} or more" if self.at_least > -math.inf else "",
+            f"above {_bound(self.above)}{unit}" if self.above > -math.inf else "",
+            f"up to {_bound(self.at_most)}{unit}" if self.at_most < math.inf else "",
+            f"below {_bound(self.below)}{unit}" if self.below < math.inf else "",
         ]
         words = " and ".join(filter(None, bounds))
         return f"{what} {words}" if words else f"{what}{unit}"
@@ -198,7 +198,7 @@ class Setting:
 
     def _wrong(self, value: object) -> str | None:
         if self.choices:
-            known = " or ".join(map(str, self.choices))
+            known = in_words(self.choices)
             return None if value in self.choices else f"{self.name} is {shown(value)}; give {known}"
         if self.kind in (str, bool):
             wanted = "a text" if self.kind is str else "true or false"
@@ -210,7 +210,11 @@ class Setting:
             return None
         unit = f" {self.unit}" if number and self.unit else ""
         meant = f"; {told}" if number and (told := self._looks_like(value)) else ""
-        huge = number and self.about.finite and LARGEST < abs(typing.cast(float, value)) < math.inf
+        about, size = (
+            self.about,
+            abs(float(typing.cast(float, value))) if number and _within_floats(value) else math.inf,
+        )
+        huge = about.finite and about.at_most == about.below == math.inf and LARGEST < size < math.inf
         mend = f"a number of a size up to {LARGEST:g}" if huge else self.about.possible(self.kind, self.unit)
         return f"{self.name} is {shown(value)}{unit}; give {mend}{meant}"
 
@@ -250,6 +254,16 @@ class Setting:
             asked = doubt(float(number), self.about.quantity, called or self.name, CONFIRM_OPTION)
             if asked is not None:
                 raise Refusal(asked)
+
+
+def _bound(value: float) -> str:
+    return str(int(value)) if float(value).is_integer() and abs(value) < 1e15 else f"{value:g}"
+
+
+def in_words(choices: Sequence[object]) -> str:
+    """Choices in words: ``a, b or c``."""
+    *first, last = map(str, choices)
+    return f"{', '.join(first)} or {last}" if first else last
 
 
 def shown(value: object) -> str:

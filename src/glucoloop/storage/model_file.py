@@ -9,10 +9,9 @@ from typing import Annotated, Any, Final, Literal, Self
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 import glucoloop
-from glucoloop.config.checked import STRICT
 from glucoloop.config.options.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.config.sentences import one_sentence
 from glucoloop.config.toml import deeper_than
@@ -22,6 +21,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
 
+STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
 _MOST_STATES: Final = 100

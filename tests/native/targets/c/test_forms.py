@@ -1,5 +1,7 @@
 """Both forms of C compute what their definitions say, to the bit, whatever they are given."""
 
+import platform
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +17,9 @@ from glucoloop.native.targets.products import STRICT
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
 
 SAMPLES = 24
+SETTINGS = ("-O0", "-O2", "-O3")
+if platform.machine() == "x86_64":
+    SETTINGS += ("-O3 -march=native", "-O3 -march=native -mtune=skylake-avx512")
 
 
 def scalars(state, seen):
@@ -175,6 +180,26 @@ def test_unrolled_is_the_program_and_native_code(step, precision):
     wanted = interpret(lowered, carry=carry, own=own[0])
     kernel.run(nobody, carry, own, np.zeros((1, 0), precision), outputs)
     equal([carry, outputs[0]], wanted)
+
+
+def tables(state, seen):
+    """Known rows in which some numbers are alike, and zeros follow."""
+    rows = [[1.0] * ones + [0.0] * (25 - ones) for ones in range(1, 25)]
+    rows += [[1.0, *[0.0] * 7, *row[:17]] for row in rows]
+    return {**state, "x": state["x"] + seen["y"]}, {f"row{i}": jnp.asarray(row) for i, row in enumerate(rows)}
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_tables_are_copied_whole_however_they_are_compiled(setting, precision):
+    of = traced(tables, precision)
+    library = Library(write_source(of, ["A test"], COMPACT), precision, setting)
+    seen = observations(precision)[0]
+    state = library.init(seen)
+    wanted = Evaluation(of.step, precision)([*state, *seen])
+    after, decided = library.step(state, seen)
+    for here, there in zip((*after, *decided), wanted, strict=True):
+        equal([here], [there])
 
 
 def test_auto_takes_loops_to_the_compact_form():

@@ -47,7 +47,7 @@ class Library:
             folder = Path(name)
             (folder / HEADER).write_text(source.header)
             (folder / "controller.c").write_text(source.code)
-            command = [found, *FLAGS, optimise, "-shared", "-fPIC", "-o", "controller.so", "controller.c"]
+            command = [found, *FLAGS, *optimise.split(), "-shared", "-fPIC", "-o", "controller.so", "controller.c"]
             made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
             if made.returncode:
                 raise ValueError(f"the C compiler refuses the code: {made.stderr.strip()[:2000]}")
@@ -76,8 +76,7 @@ class Library:
     def saved(self, state: Sequence[Any]) -> bytes:
         """Structure of a state."""
         room = (ctypes.c_uint8 * self._source.record_bytes)()
-        held = self._filled("state", state)
-        self._code.gl_save(ctypes.byref(held), room)
+        self._code.gl_save(ctypes.byref(self._filled("state", state)), room)
         return bytes(room)
 
     def restored(self, record: bytes) -> list[Array] | None:
@@ -85,9 +84,7 @@ class Library:
         room = (ctypes.c_uint8 * self._source.record_bytes)(*record)
         state = self._structures["state"]()
         self._code.gl_restore.restype = ctypes.c_bool
-        if not self._code.gl_restore(ctypes.byref(state), room):
-            return None
-        return self._leaves("state", state)
+        return self._leaves("state", state) if self._code.gl_restore(ctypes.byref(state), room) else None
 
     def _filled(self, name: str, leaves: Sequence[Any]) -> Any:
         structure = self._structures[name]()
@@ -98,14 +95,10 @@ class Library:
         return structure
 
     def _leaves(self, name: str, structure: Any) -> list[Array]:
-        leaves = []
-        for field in self._source.records[name].fields:
-            if not field.size:
-                leaves.append(np.zeros(field.shape, self._real))
-                continue
-            held = getattr(structure, field.name)
-            leaves.append(np.frombuffer(held, held._type_).copy().reshape(field.shape))
-        return leaves
+        return [
+            np.array(getattr(structure, field.name, ()), None if field.size else self._real).reshape(field.shape)
+            for field in self._source.records[name].fields
+        ]
 
 
 def _structure(name: str, of: Structure, real: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -228,17 +228,15 @@ def _lowered(traced: Traced, form: str) -> tuple[Lowered, Lowered] | None:
         return lower(first, (), (), traced.observation, (), precision=precision), stepping
 
 
-def _equations(jaxpr: Any) -> list[Any]:
+def _equations(jaxpr: Any) -> Iterator[Any]:
     """All equations, those of functions inside as well."""
-    found = []
     for equation in jaxpr.eqns:
-        found.append(equation)
+        yield equation
         for parameter in equation.params.values():
             for part in parameter if isinstance(parameter, tuple | list) else (parameter,):
                 inner = getattr(part, "jaxpr", part)
                 if hasattr(inner, "eqns"):
-                    found += _equations(inner)
-    return found
+                    yield from _equations(inner)
 
 
 def _before(format: Format) -> list[str]:
@@ -255,6 +253,10 @@ def _before(format: Format) -> list[str]:
         "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)" if format.type == "float" else
         "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 1)",
         '#error "This compiler computes in more digits than it stores; results would not be equal to the bit."',
+        "#endif",
+        "#if defined(__GNUC__) && !defined(__clang__) && defined(__AVX__)",
+        "/* gcc 12 may copy a table as wide constants, and loses zeros after numbers that are all alike. */",
+        '#pragma GCC optimize("no-tree-loop-distribute-patterns")',
         "#endif",
         "",
     ]  # fmt: skip
