@@ -109,6 +109,12 @@ def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
     )
 
 
+def test_loops_that_native_code_cannot_take_are_told(glucoloop, finds):
+    finds(dataclasses.replace(HOLDS, arms=(dataclasses.replace(KEPT, engine="xla", not_native="a sort"),), guarding=()))
+    out = " ".join(glucoloop(*ASKED).out.split())
+    assert "pid: native code cannot take this loop, which has a sort; JAX ran it" in out
+
+
 def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
     finds(HOLDS)
     answer = glucoloop("verify", "--seed", 3, "--controller", "pid", "--person", 17)
