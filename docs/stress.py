@@ -30,9 +30,9 @@ PEOPLE, SEED = {"imc": 1000, "mpc": 1000, "mpc-se": 1000, "nlqdmc-se": 100, "mea
 def cell(rows):
     """Without the guard -> with it, and by how much more at most with it."""
     bare, guarded = rows.get(False), rows.get(True)
-    told = [str(row["worse"] and len(row["worse"])) for row in (bare, guarded) if row is not None]
+    told = [str(row["worse"]) for row in (bare, guarded) if row is not None]
     most = f" ({guarded['worst_more_pct']:.1f})" if guarded is not None and guarded["worse"] else ""
-    return " → ".join(told).replace("[]", "0") + most
+    return " → ".join(told) + most
 
 
 def faults(summaries):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Sequence
 from typing import Final
 
 NOT_AVAILABLE: Final = "n/a"
@@ -29,6 +30,12 @@ def printable(text: str) -> str:
 def how_many(count: int, one: str, many: str | None = None) -> str:
     """A number with its noun or verb: "1 person", "20 people"; `many` is by default `one` with an s."""
     return f"{count} {one if count == 1 else many or f'{one}s'}"
+
+
+def the_first(names: Sequence[str], most: int = 5) -> str:
+    """The first few names in one text, and the number of the others."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
 
 
 def glucose_text(glucose: float, digits: int = 1) -> str:

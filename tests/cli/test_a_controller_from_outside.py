@@ -1,6 +1,5 @@
 """A controller that another package brings is at home in every command."""
 
-import importlib
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +15,7 @@ from glucoloop.parts.code import found
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.setting import About
 from glucoloop.studies.detection.keys import detection_keys
+from requests_read import request_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
 NAME = "your_own_controller:YourOwnPI"
@@ -77,8 +77,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
 
 def keys_of(command, given, file=None):
     """The configuration of a command, from its options and its file."""
-    read = importlib.import_module(f"glucoloop.cli.{command}")._read
-    asked = read(with_lists(dict(given)), file_keys(None if file is None else Path(file)))
+    asked = request_of(command, with_lists(dict(given)), file_keys(None if file is None else Path(file)))
     if command in ("trial", "detect"):
         return {"trial": trial_keys, "detect": detection_keys}[command](asked)
     return asked.keys()
@@ -157,7 +156,7 @@ def test_a_setting_that_does_not_say_what_it_means_is_refused():
     class Unsaid(ControllerPart, name="unsaid"):
         k: int = 1
 
-    with pytest.raises(ValueError, match="k is 'a'; give a whole number"):
+    with pytest.raises(ValueError, match="k is 'a', a str; give a whole number"):
         Mistyped.partial({}).completed()
     with pytest.raises(TypeError, match=r"the setting k does not say what it means; annotate it, like k: Annotated"):
         Unsaid()

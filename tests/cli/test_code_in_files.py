@@ -9,7 +9,7 @@ from glucoloop.parts.code import found
 EVIL = """
 from pathlib import Path
 Path("harmed").touch()
-from your_own_controller import ENTRY as x
+from your_own_controller import YourOwnPI as x
 """
 KINDS = {
     "run": "controller = 'evil:x'",
@@ -32,7 +32,7 @@ KINDS = {
 @pytest.fixture
 def evil(install, tmp_path):
     """A folder with a module that does harm when it is imported."""
-    install("your_own_controller", "controllers", "your-own-pi", "ENTRY")
+    install("your_own_controller", "controllers", "your-own-pi", "YourOwnPI")
     (tmp_path / "evil.py").write_text(EVIL)
     yield tmp_path / "harmed"
     found.cache_clear()
@@ -58,13 +58,15 @@ def test_what_the_folder_of_an_exported_controller_names_is_not_imported(evil, r
 @pytest.mark.parametrize("given", [("--allow-code",), ("--controller", "evil:x")])
 def test_it_is_imported_where_the_user_says_so(evil, refused, tmp_path, given):
     (tmp_path / "asked.toml").write_text("controller = 'evil:x'\nintegral_min = -1")
-    assert "an integral of -1 min is not possible" in refused("run", "--config", "asked.toml", *given)
+    assert "integral_min is -1 min; give a finite number above 0 min" in refused(
+        "run", "--config", "asked.toml", *given
+    )
     assert evil.exists()
 
 
 def test_an_entry_point_is_known_in_a_file_too(evil, refused, tmp_path):
     (tmp_path / "asked.toml").write_text("controller = 'your-own-pi'\nintegral_min = -1")
-    assert "an integral of -1 min is not possible" in refused("run", "--config", "asked.toml")
+    assert "integral_min is -1 min; give a finite number above 0 min" in refused("run", "--config", "asked.toml")
 
 
 def test_a_module_of_the_current_folder_takes_the_place_of_no_installed_one(refused, tmp_path):

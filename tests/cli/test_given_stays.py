@@ -9,6 +9,7 @@ import pytest
 from glucoloop.cli.request import file_keys
 from glucoloop.config.toml import read_toml, toml_text
 from glucoloop.config.trial import trial_keys
+from requests_read import request_of
 
 UNDER_THE_SKIN = {"patient": "hovorka-2004"}
 # Each is the usual value of the patient of 1999, and no usual one under the skin.
@@ -16,7 +17,7 @@ GIVEN = {"guard_max_on_board": 1.3, "memory": 36, "laguerre_functions": 2, "move
 
 
 def read(command, given, of_file):
-    return importlib.import_module(f"glucoloop.cli.{command}")._read(dict(given), dict(of_file))
+    return request_of(command, dict(given), dict(of_file))
 
 
 def used(asked):

@@ -1,7 +1,5 @@
 """Options beside a configuration file: those given on the command line win, in every command that takes both."""
 
-import importlib
-
 import pytest
 
 from glucoloop.cli.app import app
@@ -9,6 +7,7 @@ from glucoloop.config.bound import bound_keys
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
 from glucoloop.studies.detection.keys import detection_keys
+from requests_read import request_of
 
 
 def own_keys(read):
@@ -37,7 +36,7 @@ CASES = {"case": [{"label": "a", "controller": "mpc", "move_weight": 1.0}, {"lab
 def read(command, given, of_file):
     """The configuration of a command, from its options and the keys of its file."""
     given, of_file = dict(given), {key: list(of) if isinstance(of, list) else of for key, of in of_file.items()}
-    return KEYS_OF[command](importlib.import_module(f"glucoloop.cli.{command}")._read(given, of_file))
+    return KEYS_OF[command](request_of(command, given, of_file))
 
 
 def cases_of(found):

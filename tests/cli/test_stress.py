@@ -25,15 +25,15 @@ FILES = {
 
 @pytest.fixture
 def _plain(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.stress.results.stress_page", lambda result: result.repeat)
-    monkeypatch.setattr("glucoloop.studies.stress.results.plot_stress", lambda result: Figure())
+    monkeypatch.setattr("glucoloop.studies.stress.study.page", lambda asked, found: "")
+    monkeypatch.setattr("glucoloop.studies.stress.study.plot_stress", lambda found: Figure())
 
 
 def test_folder_holds_every_cell_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("stress", *SMALL, "--out", "a")
     assert first.code == 0, first.err
     assert {entry.name for entry in (tmp_path / "a").iterdir()} == FILES
-    for part in ("no fault", "calibration", "missing", "With the guard, in", "Wrote stress.csv", "1 shard to a."):
+    for part in ("no fault", "calibration", "missing", "With the guard, ", "Wrote stress.csv", "1 shard to a."):
         assert part in first.out
     table = pl.read_parquet(tmp_path / "a/stress.parquet")
     assert table.height == 2 * 3

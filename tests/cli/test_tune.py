@@ -4,7 +4,7 @@ import polars as pl
 import pytest
 
 SHORT = ("--duration", 150)
-SMALL = ("--move-horizon", "1:2", "--prediction-horizon", "2,8")
+SMALL = ("--move-horizon", "1:2", "--prediction-horizon", "4,8")
 
 
 def test_point_is_the_run_of_the_same_options(glucoloop):

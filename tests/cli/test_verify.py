@@ -13,6 +13,7 @@ KEPT = Arm(
     controller="pid",
     guarded=False,
     engine="native",
+    not_native=None,
     loops=50,
     samples=14400,
     broken=dict.fromkeys(PROMISES, 0),
@@ -108,12 +109,17 @@ def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
     )
 
 
+def test_loops_that_native_code_cannot_take_are_told(glucoloop, finds):
+    finds(dataclasses.replace(HOLDS, arms=(dataclasses.replace(KEPT, engine="xla", not_native="a sort"),), guarding=()))
+    out = " ".join(glucoloop(*ASKED).out.split())
+    assert "pid: native code cannot take this loop, which has a sort; JAX ran it" in out
+
+
 def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
     finds(HOLDS)
     answer = glucoloop("verify", "--seed", 3, "--controller", "pid", "--person", 17)
     met = campaign.met("pid", 3, 17)
-    first = answer.out.splitlines()[0]
-    assert first.startswith("pid: lognormal, basal rate ")
+    first = next(line for line in answer.out.splitlines() if line.startswith("pid: lognormal, basal rate "))
     assert all(f"--fault {fault!r}" in first for fault in met.faults)
     assert all(f"{carbs:.1f}g@{t:.1f}min" in first for t, carbs in met.meals)
 

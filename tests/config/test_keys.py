@@ -19,13 +19,13 @@ from glucoloop.papers.parker1999.options import ReproduceKeys
 from glucoloop.studies.adversary.options import AdversaryKeys
 from glucoloop.studies.detection.options import DetectionKeys
 from glucoloop.studies.robust.options import HowFar, RobustKeys
-from glucoloop.studies.stress.options import StressKeys
-from glucoloop.studies.tuning.options import GridKeys, RangeKeys
-from glucoloop.studies.verification.options import CampaignKeys
+from glucoloop.studies.stress import StressSettings
+from glucoloop.studies.tuning import GridSettings, RangeSettings
+from glucoloop.studies.verification import VerifySettings
 
 RECORDS = (
     *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ReproduceKeys),
-    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressKeys, GridKeys, RangeKeys, CampaignKeys),
+    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridSettings, RangeSettings, VerifySettings),
 )
 BOUNDED = [
     (record, of, side, bound)

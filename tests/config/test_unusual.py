@@ -12,7 +12,7 @@ from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.studies.detection.keys import detection_keys, read_detection
 from glucoloop.studies.robust.keys import read_robust
-from glucoloop.studies.stress.keys import read_stress
+from glucoloop.studies.stress.cells import read as read_stress
 
 CASES = [{"label": "a"}, {"label": "b", "move_weight": 3}]
 READERS = {

@@ -17,7 +17,7 @@ _STOPS = (
     "glucoloop.studies.closed_loop.controller_for",
     "glucoloop.studies.identified._method",
     "glucoloop.studies.identified._from_patient",
-    "glucoloop.studies.tuning.results.search_grid",
+    "glucoloop.studies.tuning.study.found",
     "glucoloop.cohorts.engine.prepare",
     "glucoloop.storage.trials.folder.trial_folder",
     "glucoloop.papers.parker1999.reproduce.carry_out",

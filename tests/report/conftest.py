@@ -3,6 +3,7 @@
 import html
 import re
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from glucoloop.report.trial_report import (
     WorstPerson,
     ranges_pct,
 )
-from glucoloop.studies.stress.stress import NO_FAULT, Reason, StressResult, StressRow, Tried
+from glucoloop.storage.findings import Findings
+from glucoloop.studies.stress.cells import NO_FAULT
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
 
@@ -231,11 +233,12 @@ def _stress_row(controller, guarded, fault, *, below=0.0, worse=(), **fields):
         "fallback_pct": 6.66 * guarded,
         "suspended_pct": 0.004 * guarded,
         "dose_limited_pct": 0.25 * guarded,
-        "worse": tuple(worse),
+        "worse": len(worse),
+        "worse_people": list(worse),
         "worst_more_pct": below if worse else 0.0,
         "people_below_validity": round(below / 20.0),
     }
-    return StressRow(tried=Tried(controller=controller, guarded=guarded, fault=fault), **(values | fields))
+    return {"controller": controller, "guarded": guarded, "fault": fault, **(values | fields)}
 
 
 @pytest.fixture(scope="session")
@@ -248,31 +251,47 @@ def make_stress_row():
 def make_stress(make_stress_row):
     """A stress test from the time below 60 mg/dl [%] and the people worse off, by controller, guard and fault.
 
-    Cells that are not given stand; each that does not stand with the guard has its reason.
+    Cells that are not given pass; each that fails with the guard has its reason. `change` edits a row.
     """
 
-    def make(controllers, faults, bad=(), *, guards=(False, True), **fields):
+    def make(controllers, faults, bad=(), *, guards=(False, True), change=lambda row: {}, **fields):
         bad = dict(bad)
         rows = []
         for controller in controllers:
             for guarded in guards:
                 for fault in (NO_FAULT, *faults):
                     below, worse = bad.get((controller, guarded, fault), (0.0, ()))
-                    rows.append(make_stress_row(controller, guarded, fault, below=below, worse=worse))
-        reasons = tuple(
-            Reason(tried=row.tried, person=row.worse[0], more_pct=row.worst_more_pct, text="He ate <nothing> & fell.")
+                    row = make_stress_row(controller, guarded, fault, below=below, worse=worse)
+                    rows.append(row | change(row))
+        reasons = [
+            {
+                "controller": row["controller"],
+                "fault": row["fault"],
+                "person": row["worse_people"][0],
+                "more_pct": row["worst_more_pct"],
+                "text": "He ate <nothing> & fell.",
+            }
             for row in rows
-            if row.tried.guarded and row.worse
-        )
-        values = {
-            "rows": tuple(rows),
-            "reasons": reasons,
+            if row["guarded"] and row["worse"]
+        ]
+        plain = {
             "facts": {"Population": "parker2000", "Seed": "1"},
-            "repeat": "stress --config stress.toml",
+            "people": 40,
+            "able": 40,
+            "rows": rows,
+            "reasons": reasons,
         }
-        return StressResult(**(values | fields))
+        return Findings(plain | fields)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def stress_page():
+    """A function that makes the page of a stress test."""
+    from glucoloop.studies.stress.study import page
+
+    return lambda found: page(SimpleNamespace(keys=dict, given=None), found)
 
 
 @pytest.fixture(scope="session")

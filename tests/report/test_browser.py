@@ -12,8 +12,7 @@ from glucoloop.papers.parker1999.options import POINTS
 from glucoloop.papers.parker1999.pages import html_report
 from glucoloop.papers.parker1999.published import published
 from glucoloop.report import Repeat, interactive_page, trial_page
-from glucoloop.report.surface_page import surface_page
-from glucoloop.studies.stress.page import stress_page
+from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
@@ -31,7 +30,7 @@ pytestmark = [pytest.mark.long, needs_browser]
 
 
 @pytest.fixture(scope="module")
-def pages(quiet, noisy, make_report, make_stress, surface_of, tmp_path_factory):
+def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_path_factory):
     """One page of each kind, as files."""
     tunings = tuning_grid([1, 2], [1, 2, 8])
     surface = surface_of(tunings, [30.0, 10.0, 20.0, 40.0, 5.0][: len(tunings)])
@@ -48,7 +47,7 @@ def pages(quiet, noisy, make_report, make_stress, surface_of, tmp_path_factory):
         "trial": trial_page(make_report("calm", "wild")),
         "stress": stress_page(make_stress(["imc", "mpc"], [FAULT], {("mpc", True, FAULT): (9.0, [1])})),
         "surface": surface_page(
-            surface, surface.rank_of(surface.tunings[0]), title="Tunings", facts=facts, repeat=repeat
+            Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
         "reproduction": html_report(_as_wide_as_the_full_one(), dict.fromkeys(POINTS, _NO_RUNS), 1, {}),
     }

@@ -6,9 +6,9 @@ import sys
 import matplotlib.colors
 import pytest
 
-from glucoloop.studies.stress._cells import SHADES
-from glucoloop.studies.stress.figure import plot_stress
-from glucoloop.studies.stress.stress import STANDARD_FAULTS
+from glucoloop.report.heat import SHADES_PCT as SHADES
+from glucoloop.studies.stress.cells import STANDARD_FAULTS
+from glucoloop.studies.stress.study import plot_stress
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 

@@ -1,19 +1,16 @@
 """Short names of faults, and sentences about a stress test."""
 
-import dataclasses
 import itertools
-import math
 
 import pytest
 
 from glucoloop.parts.faults import FAULTS
+from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
 from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
-from glucoloop.studies.stress import results
-from glucoloop.studies.stress._cells import SHADES, UNKNOWN, shade_of, short_mg_dl, short_pct
-from glucoloop.studies.stress._grid import grid_of
-from glucoloop.studies.stress._words import left_out, numbers_told, verdict
-from glucoloop.studies.stress.page import stress_page
-from glucoloop.studies.stress.stress import STANDARD_FAULTS
+from glucoloop.report.heat import SHADES_PCT as SHADES
+from glucoloop.report.heat import UNKNOWN, shade_of
+from glucoloop.studies.stress.cells import COLUMNS, STANDARD_FAULTS
+from glucoloop.studies.stress.study import conclusions, sentences, worse_people_text
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 
@@ -89,23 +86,37 @@ def test_what_is_set_is_said_with_its_unit():
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.0, "0"), (1e-9, "<0.1"), (0.05, "0.1"), (5.04, "5.0"), (99.97, "99.9"), (100.0, "100"), (math.nan, "n/a")],
+    ("value", "text", "terse"),
+    [
+        (0.0, "0", "0"),
+        (1e-9, "< 0.01", "<0.1"),
+        (0.05, "0.05", "0.1"),
+        (5.04, "5.0", "5.0"),
+        (99.97, "99.97", "99"),
+        (100.0, "100", "100"),
+    ],
 )
-def test_little_is_never_told_as_none(value, text):
-    assert short_pct(value) == text
+def test_little_is_never_told_as_none(value, text, terse):
+    assert (percent(value), terse_percent(value)) == (text, terse)
 
 
-def test_a_concentration_below_0_is_no_number():
-    assert (short_mg_dl(-0.2), short_mg_dl(-3.6), short_mg_dl(math.nan)) == ("not valid", "not valid", "n/a")
+def test_a_number_that_rounds_to_nothing_has_no_sign():
+    assert (whole(-0.2), whole(-3.6)) == ("0", "-4")
 
 
-def test_a_shade_reaches_up_to_its_bound(make_stress_row):
-    below = [shade.most_pct for shade in SHADES]
-    assert [shade_of(make_stress_row("mpc", True, "", below=value)) for value in below] == list(SHADES)
-    above = [shade_of(make_stress_row("mpc", True, "", below=value + 1e-9)) for value in below[:-1]]
-    assert above == list(SHADES[1:])
-    assert shade_of(make_stress_row("mpc", True, "", below_60_worst_pct=math.nan)) is UNKNOWN
+def test_a_concentration_below_0_is_no_number(make_stress):
+    assert (whole_glucose(-0.2), whole_glucose(75.4)) == ("not valid", "75")
+    lowest = next(column for column in COLUMNS if column.name == "lowest_mg_dl")
+    (row,) = make_stress(["mpc"], [], guards=(False,), change=lambda row: {"lowest_mg_dl": None}).rows
+    assert lowest.value_text(row) == lowest.short_value_text(row) == "not valid"
+    assert lowest.value_text(row | {"people": 0}) == "n/a"
+
+
+def test_a_shade_reaches_up_to_its_bound():
+    most = [shade.most for shade in SHADES]
+    assert [shade_of(value) for value in most] == list(SHADES)
+    assert [shade_of(value + 1e-9) for value in most[:-1]] == list(SHADES[1:])
+    assert shade_of(None) is UNKNOWN
 
 
 def test_shades_grow_darker_and_can_be_read():
@@ -124,7 +135,7 @@ def test_shades_grow_darker_and_can_be_read():
         assert (high + 0.05) / (low + 0.05) >= 4.5
 
 
-def test_what_stands_and_what_does_not_is_counted(make_stress):
+def test_what_passes_and_what_fails_is_counted(make_stress):
     result = make_stress(
         ["imc", "mpc"],
         [STUCK, DRIFT],
@@ -135,103 +146,101 @@ def test_what_stands_and_what_does_not_is_counted(make_stress):
             ("mpc", True, STUCK): (4.04, [17]),
         },
     )
-    standing, broken, harm, quiet = verdict(grid_of(result))
-    assert standing == (
-        "With the guard, 3 of 4 combinations of a controller and a fault passed: with the fault, nobody spent more "
-        "than 1 % more of the time below 60 mg/dl than without it. Without the guard, 1 of 4 passed."
+    passing, failing, harm, quiet, beyond = conclusions(result)
+    assert passing == (
+        "With the guard, 3 of 4 combinations of a controller and a fault passed: with the fault, nobody's time below "
+        "60 mg/dl was longer by more than 1 % of the run than without it. Without the guard, 1 of 4 passed."
     )
-    assert (
-        broken
-        == "Combinations that failed with the guard: mpc under stuck (1 of 40 people worse off, by at most 4.0 % of "
-        "the time)."
+    assert failing == (
+        "Combinations that failed with the guard: mpc under stuck (1 of 40 people worse off, by at most 4.0 % of the "
+        "run)."
     )
-    assert harm.startswith("In no combination, with or without a fault, did the guard lengthen")
+    assert harm == "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
     assert "imc: 0 % and 151 → 153; mpc: 0 % and 151 → 153." in quiet
     # 1 + 6.66 + 0.004 + 0.25
-    assert quiet.endswith(
-        "Without a fault, the guard acted at this percentage of the samples: 7.9 % with imc; 7.9 % with mpc."
+    assert quiet.endswith("The guard then acted at this percentage of the samples: 7.9 % with imc; 7.9 % with mpc.")
+    assert beyond.startswith(
+        "In 3 of 12 combinations glucose fell below the valid range of the patient's model, for at most 2 of 40"
+    )
+
+
+def test_reasons_follow_the_conclusions(make_stress):
+    result = make_stress(["mpc"], [STUCK], {("mpc", True, STUCK): (4.04, [17])})
+    *first, reason = sentences(None, result)
+    assert first == list(conclusions(result))
+    assert reason == (
+        "mpc under stuck, with the guard: person 17, below 60 mg/dl for 4.0 % of the run longer. "
+        "He ate <nothing> & fell."
     )
 
 
 def test_harm_that_the_guard_does_is_said(make_stress):
     result = make_stress(["imc"], [STUCK], {("imc", False, STUCK): (2.0, []), ("imc", True, STUCK): (10.0, [3])})
-    harm = verdict(grid_of(result))[2]
     # the mean is an eighth of the worst
-    assert harm == (
+    assert (
         "In 1 of 2 combinations, those without a fault included, the mean time below 60 mg/dl was longer with the "
-        "guard than without it: by at most 1.0 % of the time, in imc under stuck."
-    )
+        "guard than without it: by at most 1.0 % of the run, in imc under stuck."
+    ) in conclusions(result)
 
 
-def test_only_the_worst_of_many_that_do_not_stand_are_listed(make_stress):
+def test_only_the_worst_of_many_that_fail_are_listed(make_stress):
     faults = [f"drift, mg_dl_h={rate}" for rate in range(1, 9)]
     bad = {("imc", True, fault): (float(index + 2), [1]) for index, fault in enumerate(faults)}
-    broken = verdict(grid_of(make_stress(["imc"], faults, bad)))[1]
-    assert broken.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl/h (")
-    assert broken.count("imc under") == 5
-    assert broken.endswith("; and 3 more.")
+    _, failing, *_ = conclusions(make_stress(["imc"], faults, bad))
+    assert failing.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl/h (")
+    assert failing.count("imc under") == 5
+    assert failing.endswith("; and 3 more.")
 
 
 def test_a_test_without_a_guard_speaks_of_none(make_stress):
-    told = verdict(grid_of(make_stress(["imc"], [STUCK], {("imc", False, STUCK): (9.0, [1])}, guards=(False,))))
+    told = list(conclusions(make_stress(["imc"], [STUCK], {("imc", False, STUCK): (9.0, [1])}, guards=(False,))))
     assert told[0].startswith("Without the guard, 0 of 1 combinations")
     assert told[1].startswith("Combinations that failed without the guard")
     assert len(told) == 3
-    assert "acts" not in told[2]
+    assert "acted" not in told[2]
 
 
-def test_cells_in_which_nobody_took_part_do_not_count_as_standing(make_stress, make_stress_row):
-    result = make_stress(["imc"], [STUCK, DRIFT])
-    empty = {"people": 0, "below_60_mean_pct": math.nan, "below_60_worst_pct": math.nan, "worst_more_pct": math.nan}
-    rows = tuple(dataclasses.replace(row, **empty) if row.tried.fault == DRIFT else row for row in result.rows)
-    assert verdict(grid_of(dataclasses.replace(result, rows=rows)))[0] == (
-        "With the guard, 1 of 1 combinations of a controller and a fault passed: with the fault, nobody spent more "
-        "than 1 % more of the time below 60 mg/dl than without it. Without the guard, 1 of 1 passed. In 1 further "
-        "combination nobody could take part."
+def nobody(row):
+    """A cell in which nobody is known."""
+    return dict.fromkeys(row.keys() - {"controller", "guarded", "fault"}) | {"people": 0}
+
+
+def test_cells_in_which_nobody_took_part_do_not_count_as_passing(make_stress):
+    result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: nobody(row) if row["fault"] == DRIFT else {})
+    told = list(conclusions(result))
+    assert told[0].startswith("In 2 of 6 combinations the glucose of some people, 40 of 40 people at most")
+    assert told[1] == (
+        "With the guard, 1 of 1 combinations of a controller and a fault passed: with the fault, nobody's time below "
+        "60 mg/dl was longer by more than 1 % of the run than without it. Without the guard, 1 of 1 passed. In 1 "
+        "further combination nobody could take part."
     )
 
 
-def test_who_took_no_part_is_told(make_stress):
-    result = make_stress(["imc"], [STUCK], able=40, infeasible=3)
-    told = "Of 43 people 3 have no basal rate for the setpoint and took no part."
-    assert left_out(result) == [told]
+def test_who_took_no_part_is_told(make_stress, stress_page):
+    told = "3 of 43 people have no basal rate for the setpoint and took no part."
+    result = make_stress(["imc"], [STUCK], people=43)
+    assert next(conclusions(result)) == told
     assert told in stress_page(result)
-    assert next(results.verdict(result)) == told
-    assert left_out(make_stress(["imc"], [STUCK])) == []
+    assert "took no part" not in " ".join(conclusions(make_stress(["imc"], [STUCK])))
 
 
 def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
-    result = make_stress(["imc"], [STUCK, DRIFT], able=40)
-    rows = tuple(dataclasses.replace(row, people=38) if row.tried.fault == DRIFT else row for row in result.rows)
-    assert left_out(dataclasses.replace(result, rows=rows)) == [
+    result = make_stress(["imc"], [STUCK, DRIFT], change=lambda row: {"people": 38} if row["fault"] == DRIFT else {})
+    assert next(conclusions(result)) == (
         "In 2 of 6 combinations the glucose of some people, 2 of 40 people at most "
         f"(imc | {DRIFT}), did not stay a finite number, with or without the fault; they are in no number there."
-    ]
+    )
 
 
-def test_nothing_is_concluded_from_cells_in_which_nobody_took_part(make_stress):
-    result = make_stress(["imc"], [STUCK], able=0, infeasible=40)
-    empty = {"people": 0, "below_60_mean_pct": math.nan, "below_60_worst_pct": math.nan, "worst_more_pct": 0.0}
-    rows = tuple(dataclasses.replace(row, **empty) for row in result.rows)
-    result = dataclasses.replace(result, rows=rows)
-    assert list(results.verdict(result)) == ["Of 40 people 40 have no basal rate for the setpoint and took no part."]
-    assert not any("In none is the mean time" in told for told in verdict(grid_of(result)))
+def test_nothing_is_concluded_where_nobody_took_part(make_stress):
+    result = make_stress(["imc"], [STUCK], change=nobody, able=0)
+    assert list(sentences(None, result)) == ["40 of 40 people have no basal rate for the setpoint and took no part."]
 
 
 def test_a_test_without_faults_says_so(make_stress):
-    assert verdict(grid_of(make_stress(["imc"], [])))[0] == "No fault was tried."
+    assert next(conclusions(make_stress(["imc"], []))) == "No fault was tried."
 
 
-def test_as_many_people_are_named_as_can_be_read(make_stress_row):
-    assert numbers_told(make_stress_row("imc", True, STUCK, below=9.0, worse=[5, 3])) == "5, 3"
-    assert numbers_told(make_stress_row("imc", True, STUCK, below=9.0, worse=range(23))).endswith("18, 19 and 3 more")
-
-
-def test_what_is_no_grid_is_refused(make_stress):
-    result = make_stress(["imc", "mpc"], [STUCK])
-    with pytest.raises(ValueError, match="no rows to show; give at least one"):
-        grid_of(dataclasses.replace(result, rows=()))
-    with pytest.raises(ValueError, match="two rows of 'imc'; leave one out"):
-        grid_of(dataclasses.replace(result, rows=(*result.rows, result.rows[0])))
-    with pytest.raises(ValueError, match=r"no row of 'mpc \| guarded \| stuck.*'; give one for every cell"):
-        grid_of(dataclasses.replace(result, rows=result.rows[:-1]))
+def test_as_many_people_are_named_as_can_be_read():
+    assert worse_people_text({"worse_people": [5, 3]}) == "5, 3"
+    assert worse_people_text({"worse_people": list(range(23))}).endswith("18, 19 and 3 more")

@@ -6,18 +6,21 @@ import re
 import numpy as np
 
 from glucoloop.control import MPCTuning
-from glucoloop.report.surface_page import MOST_ROWS, surface_page
+from glucoloop.studies.tuning.study import MOST_ROWS, Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 
 def cells(page):
     """Class and title of each cell of the surface, from the top row down."""
-    tables = re.findall(r"<table class='cells'>.*?</table>", page)
-    return [re.findall(r"<td class='([^']*)'[^>]*title='([^']*)'", table) for table in tables]
+    tables = re.findall(r'<table class="surface">.*?</table>', page, re.DOTALL)
+    return [re.findall(r'<td class="([^"]*)"[^>]*title="([^"]*)"', table) for table in tables]
 
 
-def page_of(surface, printed, **options):
-    return surface_page(surface, surface.rank_of(printed), title="A <title>", **options)
+def page_of(surface, printed, grid=None, **common):
+    searched = Searched(surface, surface.rank_of(printed))
+    return surface_page(
+        searched, "A <title>", grid or [*surface.tunings, *(tuning for tuning, _ in surface.refused)], **common
+    )
 
 
 def test_every_place_of_the_grid_is_a_cell_that_says_what_it_is(surface_of):
@@ -34,11 +37,11 @@ def test_every_place_of_the_grid_is_a_cell_that_says_what_it_is(surface_of):
 
 def test_best_and_printed_are_marked_and_listed(surface_of):
     tunings = tuning_grid([1, 2], [2, 8])
-    page = page_of(surface_of(tunings, [30.0, 10.0, 20.0, 40.0]), tunings[3], notes=["A & B."])
-    assert re.search(r"title='\(1, 8, 1, 0\)[^']*'>10<b>★</b></td>", page)
-    assert re.search(r"title='\(2, 8, 1, 0\)[^']*'>40<b>◆</b></td>", page)
-    assert page.count("<tr class='printed'>") == 1
-    assert "<th scope='col'>Remarks</th>" in page  # on the left, as the remarks are
+    page = page_of(surface_of(tunings, [30.0, 10.0, 20.0, 40.0]), tunings[3], sentences=["A & B."])
+    assert re.search(r'title="\(1, 8, 1, 0\)[^"]*">10<b>★</b></td>', page)
+    assert re.search(r'title="\(2, 8, 1, 0\)[^"]*">40<b>◆</b></td>', page)
+    assert page.count('<tr class="printed">') == 1
+    assert '<th scope="col">Remarks</th>' in page  # on the left, as the remarks are
     assert "<p>A &amp; B.</p>" in page
     assert "A &lt;title&gt;" in page
     assert not re.search(r"<script|src=|href=", page)
@@ -52,12 +55,12 @@ def test_a_tuning_beside_the_grid_makes_no_row_of_its_own(surface_of):
     assert len(found) == 4
     assert "The printed tuning (3, 5, 1, 0) is not on it." in page
     assert "10<b>★</b>" in page
-    assert page.count("<tr class='printed'>") == 1
+    assert page.count('<tr class="printed">') == 1
 
 
 def test_a_long_list_is_cut_but_shows_the_printed_tuning(surface_of):
     tunings = tuning_grid(range(1, 16), range(15, 31))
     page = page_of(surface_of(tunings, 1.0 + np.arange(len(tunings))), tunings[-1])
     assert f"The first {MOST_ROWS} of 240 tunings" in page
-    assert page.count("<td class='value'>30</td>") >= 1
-    assert "<tr class='printed'>" in page
+    assert page.count('<td class="value">30</td>') >= 1
+    assert '<tr class="printed">' in page

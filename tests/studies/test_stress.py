@@ -8,9 +8,9 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.people import PeopleRows
-from glucoloop.studies.stress.keys import read_stress
+from glucoloop.storage.trials.shard import people_table
+from glucoloop.studies.stress.cells import StressCell, cell_table, read
 from glucoloop.studies.stress.reasons import reason_of
-from glucoloop.studies.stress.stress import StressRow, Tried, stress_rows
 
 FAULTS = [
     "calibration, gain=1.25, offset_mg_dl=0",
@@ -26,17 +26,17 @@ PEOPLE = np.arange(5)
 @pytest.fixture(scope="module")
 def asked():
     keys = {"people": 5, "controllers": ["imc"], "duration_min": 200.0, "faults": FAULTS, "guards": "without"}
-    return read_stress({**keys, "seed": 4})
+    return read({**keys, "seed": 4})
 
 
 @pytest.fixture(scope="module")
 def prepared(asked):
-    return engine.prepare(asked.stress.trial)
+    return engine.prepare(asked.trial)
 
 
 @pytest.fixture(scope="module")
 def results(asked, prepared):
-    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in asked.stress.tried}
+    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in asked.cells}
 
 
 @pytest.mark.long
@@ -49,7 +49,7 @@ def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
 @pytest.mark.parametrize("fault", [FAULTS[0], FAULTS[4], FAULTS[5]])
 @pytest.mark.long
 def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
-    cell = next(cell for cell in asked.stress.tried if cell.fault == fault)
+    cell = next(cell for cell in asked.cells if cell.fault == fault)
     alone = dataclasses.replace(asked.base, faults=(fault,) if fault else ())
     told = engine.run_people(engine.prepare(alone), alone.cases[0].label, PEOPLE)
     for name in ("minimum_mg_dl", "peak_mg_dl", "insulin_total_mU", "samples_saturated"):
@@ -58,7 +58,7 @@ def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
 
 @pytest.mark.long
 def test_faults_are_met_by_the_same_people_and_noise(asked, results):
-    without = results[asked.stress.tried[0].label]
+    without = results[asked.cells[0].label]
     for result in results.values():
         np.testing.assert_array_equal(result.basal_insulin_mU_min, without.basal_insulin_mU_min)
     # a fault that begins at 60 min changes nothing before: the least glucose of a run at rest is the same
@@ -67,19 +67,16 @@ def test_faults_are_met_by_the_same_people_and_noise(asked, results):
 
 @pytest.mark.long
 def test_the_worst_person_is_simulated_again(asked, prepared, results):
-    cell = asked.stress.tried[1]
+    cell = asked.cells[1]
     minimum = results[cell.label].metrics["minimum_mg_dl"]
     person = int(np.argmin(minimum))
-    blank = {field.name: 0.0 for field in dataclasses.fields(StressRow)}
-    row = StressRow(**{**blank, "tried": cell, "worse": (person,), "worst_more_pct": 3.0})
-    reason = reason_of(prepared, row)
-    assert reason.person == person
+    reason = reason_of(prepared, cell.label, person)
     least = float(minimum[person])
     if least < 60.0:
-        assert f"least {least:.1f} mg/dl" in reason.text
-        assert "too high" in reason.text
+        assert f"least {least:.1f} mg/dl" in reason
+        assert "too high" in reason
     else:
-        assert f"by {least - 60.0:.1f} mg/dl" in reason.text
+        assert f"by {least - 60.0:.1f} mg/dl" in reason
 
 
 # ------------------------------------------------------------------------------------------- rows, by hand
@@ -106,34 +103,47 @@ def people(below_60, minimum, feasible=(True, True, True), **metrics):
     )
 
 
-def test_a_row_compares_each_person_with_himself_without_the_fault(asked):
-    tried = (Tried("mpc", False, ""), Tried("mpc", False, FAULTS[0]))
-    stress = dataclasses.replace(asked.stress, tried=tried)
+CELLS = (StressCell("mpc", False, ""), StressCell("mpc", False, FAULTS[0]))
+
+
+def rows_of(*shards):
+    """Rows of the two cells, from the people of each in each shard."""
+    labelled = [dict(zip((cell.label for cell in CELLS), shard, strict=True)) for shard in shards]
+    return cell_table(CELLS, people_table(labelled), samples=40).to_dicts()
+
+
+def test_a_row_compares_each_person_with_himself_without_the_fault():
     without = people([0.0, 2.0, 9.0], [70.0, 58.0, 40.0], time_below_validity_pct=[0.0, 0.0, 0.5])
     under = people([1.5, 2.9, 2.0], [57.0, 53.0, 55.0], samples_fallback=[4.0, 0.0, 0.0], low_events=[2, 1, 0])
-    rows = stress_rows(stress, iter([{tried[0].label: without, tried[1].label: under}]))
-    assert rows[0].worse == ()
-    assert rows[0].worst_more_pct == 0.0
-    assert rows[1].worse == (0,)
-    assert not rows[1].stands
-    assert rows[1].worst_more_pct == pytest.approx(1.5)
-    assert rows[1].below_60_worst_pct == pytest.approx(2.9)
-    assert rows[1].ever_below_54_pct == pytest.approx(100.0 / 3.0)
-    assert (rows[1].lowest_mg_dl, rows[1].lowest_person) == (53.0, 1)
-    assert rows[1].fallback_pct == pytest.approx(100.0 * 4.0 / 3.0 / stress.trial.samples)
-    assert rows[1].low_events == 3
-    assert [row.people_below_validity for row in rows] == [1, 0]
+    rows = rows_of((without, under))
+    assert (rows[0]["worse"], rows[0]["worse_people"], rows[0]["worst_more_pct"]) == (0, [], 0.0)
+    assert (rows[1]["worse"], rows[1]["worse_people"]) == (1, [0])
+    assert rows[1]["worst_more_pct"] == pytest.approx(1.5)
+    assert rows[1]["below_60_worst_pct"] == pytest.approx(2.9)
+    assert rows[1]["ever_below_54_pct"] == pytest.approx(100.0 / 3.0)
+    assert (rows[1]["lowest_mg_dl"], rows[1]["lowest_person"]) == (53.0, 1)
+    assert rows[1]["fallback_pct"] == pytest.approx(100.0 * 4.0 / 3.0 / 40)
+    assert rows[1]["low_events"] == 3
+    assert [row["people_below_validity"] for row in rows] == [1, 0]
 
 
-def test_people_who_cannot_take_part_are_left_out(asked):
-    tried = (Tried("mpc", False, ""), Tried("mpc", False, FAULTS[0]))
-    stress = dataclasses.replace(asked.stress, tried=tried)
-    first = {tried[0].label: people([0.0], [70.0], [True]), tried[1].label: people([5.0], [50.0], [True])}
+def test_the_lowest_glucose_is_no_number_below_0():
+    (_, under) = rows_of((people([0.0], [70.0], [True]), people([9.0], [-3.0], [True])))
+    assert (under["people"], under["lowest_mg_dl"], under["lowest_person"]) == (1, None, 0)
+
+
+def test_people_who_cannot_take_part_are_left_out():
     nobody = people([np.nan], [np.nan], [False], mean_mg_dl=[np.nan])
-    second = {tried[0].label: nobody, tried[1].label: nobody}
-    rows = stress_rows(stress, iter([first, second]))
-    assert rows[1].people == 1
-    assert math.isclose(rows[1].below_60_mean_pct, 5.0)
+    rows = rows_of((people([0.0], [70.0], [True]), people([5.0], [50.0], [True])), (nobody, nobody))
+    assert rows[1]["people"] == 1
+    assert math.isclose(rows[1]["below_60_mean_pct"], 5.0)
+    lost = rows_of((people([0.0], [70.0], [True]), people([5.0], [50.0], [True], mean_mg_dl=[np.nan])))
+    assert (lost[0]["people"], lost[1]["people"], lost[1]["worse"]) == (1, 0, None)
+
+
+def test_the_worst_off_come_first_and_equals_in_their_order():
+    without, under = people([0.0] * 4, [70.0] * 4, [True] * 4), people([2.0, 9.0, 2.0, 0.5], [50.0] * 4, [True] * 4)
+    assert rows_of((without, under))[1]["worse_people"] == [1, 0, 2]
 
 
 # ------------------------------------------------------------------------------------------- configuration
@@ -141,17 +151,17 @@ def test_people_who_cannot_take_part_are_left_out(asked):
 
 def test_a_test_is_read_again_from_its_keys(asked):
     keys = asked.keys()
-    again = read_stress({key: value for key, value in keys.items() if key != "case"}, keys["case"])
-    assert again.stress == asked.stress
+    again = read({key: value for key, value in keys.items() if key != "case"}, keys["case"])
+    assert again == asked
     assert again.keys() == keys
 
 
 def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
-    asked = read_stress({})
+    asked = read({})
     assert [case.controller for case in asked.base.cases] == ["imc", "mpc", "mpc-se", "nlqdmc-se"]
     assert asked.base.noise_variance == 1.45
-    assert len(asked.stress.tried) == 4 * 2 * (1 + len(asked.faults))
-    labels = [cell.label for cell in asked.stress.tried]
+    assert len(asked.cells) == 4 * 2 * (1 + len(asked.faults))
+    labels = [cell.label for cell in asked.cells]
     assert len(set(labels)) == len(labels)
 
 
@@ -170,5 +180,5 @@ def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
 )
 def test_what_cannot_be_is_refused(keys, sentence):
     with pytest.raises(ValueError, match=r"^.*$") as refused:
-        read_stress(keys)
+        read(keys)
     assert sentence in str(refused.value)

@@ -27,11 +27,9 @@ from glucoloop.cli import (
     reproduce,
     robust,
     run,
-    stress,
     trial,
-    tune,
-    verify,
 )
+from glucoloop.cli.declared import command_of
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
 from glucoloop.cli.options import ALLOW_CODE
@@ -40,6 +38,7 @@ from glucoloop.cli.screen import note
 from glucoloop.cli.whole_names import WholeNames
 from glucoloop.parts.code import only_code
 from glucoloop.storage.trials.stoppable import left_behind
+from glucoloop.studies.catalogue import STUDIES
 
 USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
 """Typer hands out only this one of its usage errors; the others share its base."""
@@ -55,23 +54,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("run", help=run.HELP)(run.command)
-app.command("list", help=listing.HELP)(listing.command)
-app.command("identify", help=identify.HELP)(identify.command)
-app.command("compare", help=compare.HELP)(compare.command)
-app.command("bound", help=bound.HELP)(bound.command)
-app.command("tune", help=tune.HELP)(tune.command)
-app.command("robust", help=robust.HELP)(robust.command)
-app.command("trial", help=trial.HELP)(trial.command)
-app.command("stress", help=stress.HELP)(stress.command)
-app.command("detect", help=detect.HELP)(detect.command)
-app.command("export", help=export.HELP)(export.command)
-app.command("hil", help=hil.HELP)(hil.command)
-app.command("lab", help=lab.HELP)(lab.command)
-app.command("verify", help=verify.HELP)(verify.command)
-app.command("adversary", help=adversary.HELP)(adversary.command)
-app.command("query", help=query.HELP)(query.command)
-app.command("reproduce", help=reproduce.HELP)(reproduce.command)
+_BEFORE: Final = {"run": run, "list": listing, "identify": identify, "compare": compare, "trial": trial}
+_STUDIES: Final = {
+    "bound": bound,
+    "robust": robust,
+    "detect": detect,
+    "adversary": adversary,
+}
+_AFTER: Final = {"export": export, "hil": hil, "lab": lab, "query": query, "reproduce": reproduce}
+for _name, _module in {**_BEFORE, **_STUDIES}.items():
+    app.command(_name, help=_module.HELP)(_module.command)
+for _study in STUDIES:
+    app.command(_study.name, help=_study.help)(command_of(_study))
+for _name, _module in _AFTER.items():
+    app.command(_name, help=_module.HELP)(_module.command)
 for _registered in app.registered_commands:
     _registered.cls = WholeNames
 

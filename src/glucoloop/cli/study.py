@@ -97,4 +97,6 @@ def tell_results(
         show(table)
     for line in lines:
         print(line)
-    print(where_written(output.out, files) if written is None else written)
+    place = where_written(output.out, files) if written is None else written
+    if place:
+        print(place)

@@ -15,7 +15,7 @@ from glucoloop.cli.screen import note, stage
 from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
 from glucoloop.cli.telling import note_on_boluses
 from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
-from glucoloop.cli.trial_telling import engine_notes, tell
+from glucoloop.cli.trial_telling import tell
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
@@ -40,6 +40,8 @@ HELP: Final = (
     "  glucoloop trial --people 1000000 --precision float32 --dask tcp://10.0.0.1:8786 --out million"
 )
 _MOST_WORKERS: Final = 4096
+_MOST_LABELS: Final = 5
+"""Largest number of cases that are named one by one."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,7 @@ def _used(trial: Trial) -> Given:
 def compute(folder: TrialFolder, where: Computing) -> Simulate:
     """Compute the shards that are missing; returns the simulator."""
     from glucoloop.cohorts.engine import prepare
+    from glucoloop.report.facts import engine_notes
 
     trial, threads = folder.trial, where.workers if where.dask is None else None
     if folder.missing():
@@ -131,10 +134,12 @@ def compute(folder: TrialFolder, where: Computing) -> Simulate:
 
 
 def _begun(trial: Trial) -> str:
-    """Sentence on what is computed, told before the first results, which may take minutes."""
-    whom, labels = how_many(trial.people, "person", "people"), ", ".join(case.label for case in trial.cases)
-    slow = [case.label for case in trial.cases if controller_entry(case.controller).slow]
-    told = f"Designing and compiling for {whom} under {labels}"
+    """Sentence on the work that begins; its first results may take minutes."""
+    controllers = dict.fromkeys(case.controller for case in trial.cases)
+    labels = ", ".join(case.label for case in trial.cases)
+    which = labels if len(trial.cases) <= _MOST_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
+    slow = [name for name in controllers if controller_entry(name).slow]
+    told = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
     return f"{told}; a decision of {' and of '.join(slow)} takes long." if slow else f"{told}."
 
 

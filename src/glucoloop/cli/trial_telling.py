@@ -95,6 +95,8 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
             f"{how_many(beyond['count'], 'person', 'people')} would need more than the pump gives to rest there: "
             f"{_persons(beyond)}."
         )
+    from glucoloop.report.facts import engine_notes
+
     yield from engine_notes(summary["controllers"])
     for label, of in summary["controllers"].items():
         below = of.get("below_validity", {"count": 0})  # earlier versions did not measure it
@@ -106,16 +108,6 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
         if of["not_finite"]["count"]:
             lost = of["not_finite"]
             yield f"{label}: glucose of {_people(lost['count'])} did not stay finite: {_persons(lost)}."
-
-
-def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Notes on loops that native code could not take."""
-    for label, of in engines.items():
-        if "not_native" in of:
-            yield (
-                f"{label}: native code cannot take this loop, which has {of['not_native']}; JAX ran it, to the same "
-                "result but for rounding, and more slowly."
-            )
 
 
 def _people(count: int) -> str:

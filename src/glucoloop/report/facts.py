@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import jax
 
@@ -18,6 +19,7 @@ from glucoloop.parts.faults import FAULTS
 from glucoloop.parts.pumps import USUAL_PUMP
 from glucoloop.parts.sensors import USUAL_SENSOR
 from glucoloop.parts.setting import Value
+from glucoloop.printable import the_first
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
 
@@ -74,7 +76,21 @@ def engine_facts(engines: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
         of.setdefault("native code" if told["engine"] == "native" else f"JAX (xla): {lacking}", []).append(label)
     if len(of) == 1:
         return {"Engine": next(iter(of))}
-    return {"Engine": "; ".join(f"{', '.join(labels)}: {text}" for text, labels in of.items())}
+    return {"Engine": "; ".join(f"{the_first(labels)}: {text}" for text, labels in of.items())}
+
+
+def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Notes on loops that native code could not take, by the labels of their controllers."""
+    of: dict[str, list[str]] = {}
+    for label, told in engines.items():
+        if told.get("not_native") is not None:
+            of.setdefault(told["not_native"], []).append(label)
+    for lacking, labels in of.items():
+        which = "this loop, which has" if len(labels) == 1 else "these loops, which have"
+        yield (
+            f"{the_first(labels)}: native code cannot take {which} {lacking}; JAX ran "
+            f"{'it' if len(labels) == 1 else 'them'}, to the same result but for rounding, and more slowly."
+        )
 
 
 def case_in_words(case: Case) -> str:

@@ -38,6 +38,7 @@ _PANELS_PER_ROW: Final = {"single": 2, "double": 4}
 _ROW_MM: Final = 42.0
 _AROUND_MM: Final = 40.0
 _MOST_TICKS: Final = 8
+_DARK: Final = 0.45  # a ground of less luminance than this has white letters
 _LEAST: Final = 1e-12  # a logarithm is taken
 # The legend's words, hatching, and a ground where the cell has no number.
 _HATCHES: Final[dict[str, tuple[str, str, str | None]]] = {
@@ -114,6 +115,22 @@ def plot_surface(
     _add_bar(figure, image, grid)
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
+
+
+def cell_colours(surface: TuningSurface) -> list[tuple[str, str]]:
+    """Background and text colour of each point on a page, on the scale of the figure."""
+    from matplotlib import colormaps
+
+    logarithm = np.log(np.maximum(surface.sse, _LEAST))
+    finite = logarithm[np.isfinite(logarithm)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    shares = (np.nan_to_num(logarithm, nan=high, posinf=high) - low) / max(high - low, 1e-9)
+    grounds = colormaps["viridis_r"](shares)[:, :3]
+    luminance = grounds @ np.array([0.2126, 0.7152, 0.0722])
+    return [
+        (f"rgb({', '.join(f'{255 * part:.0f}' for part in ground)})", "#fff" if light < _DARK else "#000")
+        for ground, light in zip(grounds, luminance, strict=True)
+    ]
 
 
 def _add_bar(figure: Figure, image: Any, grid: npt.NDArray[Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
-from glucoloop.cohorts.people import PeopleRows
+from glucoloop.cohorts.people import PeopleRows, Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.refusal import Refusal
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
@@ -183,6 +183,23 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
     except (pl.exceptions.PolarsError, KeyError, TypeError, ValueError) as error:
         raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None
     return people
+
+
+def people_table(shards: Iterable[Shard]) -> pl.DataFrame:
+    """The people of shards under each label as one table: ``label``, ``person``, ``feasible`` and the metrics."""
+    tables = [
+        pl.DataFrame(
+            {
+                "label": pl.repeat(label, people.person.size, eager=True),
+                "person": people.person,
+                "feasible": people.feasible,
+                **{"time_below_validity_pct": np.zeros(people.person.shape), **people.metrics},
+            }
+        )
+        for shard in shards
+        for label, people in shard.items()
+    ]
+    return pl.concat(tables).with_columns(pl.col(pl.Float64).fill_nan(None))
 
 
 def no_counts(trial: Trial) -> dict[str, Counts]:

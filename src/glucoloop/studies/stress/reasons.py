@@ -18,7 +18,6 @@ from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.printable import glucose_text
 from glucoloop.simulation import Trace
 from glucoloop.simulation.people_plant import varying
-from glucoloop.studies.stress.stress import Reason, StressRow
 
 LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
@@ -34,12 +33,9 @@ _ACTS: Final = (
 )
 
 
-def reason_of(prepared: PreparedTrial, row: StressRow) -> Reason:
-    """Description of the person of a cell who was worst off."""
-    person = row.worse[0]
-    trace = _again(prepared, row.tried.label, person)
-    text = " ".join(_told(trace, prepared.grid.sample_time_min))
-    return Reason(tried=row.tried, person=person, more_pct=row.worst_more_pct, text=text)
+def reason_of(prepared: PreparedTrial, label: str, person: int) -> str:
+    """Description of the run of a person under a case of a trial, in a few sentences."""
+    return " ".join(_told(_again(prepared, label, person), prepared.grid.sample_time_min))
 
 
 def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:

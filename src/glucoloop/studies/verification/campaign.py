@@ -24,15 +24,14 @@ from glucoloop.parts.guard import complete_guard
 from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.studies.verification import MOST_LOOPS, USUAL_LOOPS
 from glucoloop.studies.verification.invariants import PROMISES
 from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops
-from glucoloop.studies.verification.options import CampaignKeys
 from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people, population_of
 from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults, random_order
 from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
 from glucoloop.threefry import checked_counter
 
-MOST_LOOPS: Final = 1_000_000_000
 HORIZON_MIN: Final = 1440.0
 SLOW_HORIZON_MIN: Final = 300.0
 """Length of a loop of a slow controller."""
@@ -46,17 +45,33 @@ _TOLD: Final = 10
 """Number of broken loops that are listed for each promise and arm."""
 
 
-@dataclass(frozen=True)
-class Campaign(CampaignKeys):
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
     """Definition of a campaign.
 
     Without a person it has as many people as necessary.
+
+    Parameters
+    ----------
+    loops : int
+        Smallest number of loops.
+    seed : int
+    controllers : tuple of str
+    patient : str
+    person : int, optional
+        Number of the only person, whose loops are closed.
 
     Raises
     ------
     ValueError
         For a number of loops out of bounds, a seed or person that does not exist, or an unknown controller.
     """
+
+    loops: int = USUAL_LOOPS
+    seed: int = 1
+    controllers: tuple[str, ...] = tuple(CONTROLLERS)
+    patient: str = USUAL_PATIENT.name
+    person: int | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:
@@ -220,6 +235,7 @@ def _arm(campaign: Campaign, name: str, guard: bool, loops: WatchedLoops, person
         controller=name,
         guarded=guard,
         engine=loops.engine,
+        not_native=loops.not_native,
         loops=person.size,
         samples=person.size * loops.samples,
         broken=_by_promise((closed.broken > 0).sum(axis=1)),

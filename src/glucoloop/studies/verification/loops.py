@@ -92,6 +92,11 @@ class WatchedLoops:
         return self._loop.engine
 
     @property
+    def not_native(self) -> str | None:
+        """Operation that native code lacks for the loops, and in whose code it is; None if they run in it."""
+        return self._loop.engine_told.get("not_native")
+
+    @property
     def samples(self) -> int:
         """Number of samples of each loop."""
         return self._grid.samples

@@ -28,6 +28,7 @@ from glucoloop.experiments.situation import usual_situation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import NativeEngine
+from glucoloop.studies.verification import MOST_SAMPLES
 from glucoloop.studies.verification.campaign import catalogue_controller
 from glucoloop.studies.verification.caps import Caps, Counted
 from glucoloop.studies.verification.invariants import CAPS, COMMAND, CONTROLLER, RATE, STATUS
@@ -40,7 +41,6 @@ Progress = Callable[[int], None]
 
 SAMPLES: Final = 96
 """Number of samples of a loop."""
-MOST_SAMPLES: Final = 100_000_000_000
 QUICK: Final = tuple(name for name, entry in CONTROLLERS.items() if not entry.slow)
 PROMISES: Final = (COMMAND, RATE, STATUS, CONTROLLER, CAPS)
 _TOLD: Final = 10

@@ -31,6 +31,8 @@ class Arm:
     controller: str
     guarded: bool
     engine: str
+    not_native: str | None
+    """Operation that native code lacks for the loops, and in whose code it is; None if they ran in it."""
     loops: int
     samples: int
     broken: Mapping[str, int]

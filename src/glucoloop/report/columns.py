@@ -1,0 +1,214 @@
+"""Columns of a study's table: a number is declared once; files, JSON, terminal and page follow.
+
+The value of a `Column` is a Polars expression over the people (or runs) of a cell, its heading and text are those of
+the page, and `short` is its heading in the terminal. ``measured`` computes all columns of all cells, `terminal_table`
+and the macro ``numbers`` of ``templates/parts.html`` show them.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Final
+
+import polars as pl
+from polars import selectors
+
+from glucoloop.printable import NOT_AVAILABLE, glucose_text
+from glucoloop.printable import percent as percent_text
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderResult
+    from rich.table import Table
+
+Row = Mapping[str, Any]
+"""Values of a cell by the names of the columns."""
+Line = tuple[str, Sequence[Row]]
+"""Name of a line of a table, and the cells that stand side by side in it."""
+_ANY_WIDTH: Final = 10_000
+
+
+def percent(value: float) -> str:
+    """Text of a percentage without its unit, where the heading has it."""
+    return percent_text(value).removesuffix(" %")
+
+
+def terse_percent(value: float) -> str:
+    """Text of a percentage in at most four characters; a small value is not rounded to 0, nor a large one to 100."""
+    if value in (0.0, 100.0):
+        return f"{value:.0f}"
+    if value < 0.05:
+        return "<0.1"
+    return f"{value:.1f}" if value < 9.95 else f"{min(value, 99.0):.0f}"
+
+
+def whole_glucose(value: float) -> str:
+    """Text of a concentration of glucose without decimals."""
+    return glucose_text(value, 0)
+
+
+def whole(value: float) -> str:
+    """Text of a number without decimals, and without the sign of a negative zero."""
+    return f"{value:z.0f}"
+
+
+def decimals(digits: int) -> Callable[[float], str]:
+    """Text of a number with so many decimals."""
+    return lambda value: f"{value:z.{digits}f}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """A number (or a text) of a cell."""
+
+    name: str
+    """Name in the files and in JSON."""
+    of: pl.Expr | None = None
+    """Value, from the people of the cell; None if it stands in the table already."""
+    empty: Any = None
+    """Value in a cell in which nobody is known."""
+    group: str = ""
+    head: str = ""
+    """Heading on the page, below that of the group; without both the column is not shown there."""
+    text: Callable[[Any], str] = percent
+    short: str | None = None
+    """Heading in the terminal, with line breaks; without one the column is not shown there."""
+    short_text: Callable[[Any], str] | None = None
+    """Text in the terminal, if it is another."""
+    left: bool = False
+    """Whether it is aligned on the left, as a text is."""
+    missing: Callable[[Row], str] = lambda row: NOT_AVAILABLE
+    """Text where there is no number."""
+    only: Callable[[Row], bool] = lambda row: True
+    """Cells that have the number; in the terminal it is left out in the others."""
+    strong: Callable[[Row], bool] = lambda row: False
+    """Cells in which it is bold; in the terminal, the last of those side by side decides."""
+
+    def value_text(self, row: Row) -> str:
+        """Text of the number in a cell, on the page."""
+        return self._text(row, self.text)
+
+    def short_value_text(self, row: Row) -> str:
+        """Text of the number in a cell, in the terminal."""
+        return self._text(row, self.short_text or self.text)
+
+    def _text(self, row: Row, text: Callable[[Any], str]) -> str:
+        value = row[self.name]
+        missing = value is None or (isinstance(value, float) and not math.isfinite(value))
+        return self.missing(row) if missing else text(value)
+
+
+def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column]) -> pl.DataFrame:
+    """Every column of every cell, in the order of the cells.
+
+    Parameters
+    ----------
+    people : polars.DataFrame
+        A row for each person (or run) of each cell, with the columns that name the cell.
+    cells : polars.DataFrame
+        A row for each cell, with nothing but the columns that name it.
+    columns : sequence of Column
+    """
+    by = cells.columns
+    own = [column for column in columns if column.of is not None]
+    found = people.group_by(by, maintain_order=True).agg([c.of.alias(c.name) for c in own if c.of is not None])
+    found = found.with_columns(selectors.unsigned_integer().cast(pl.Int64))  # which is what counts are elsewhere
+    joined = cells.join(found, on=by, how="left", maintain_order="left", nulls_equal=True)
+    return joined.with_columns(pl.col(c.name).fill_null(c.empty) for c in own if c.empty is not None)
+
+
+def headings(columns: Iterable[Column]) -> list[tuple[str, list[Column]]]:
+    """The columns of the page below the headings that they share."""
+    shown = [column for column in columns if column.group or column.head]
+    return [(group, list(own)) for group, own in groupby(shown, lambda column: column.group)]
+
+
+def terminal_table(
+    head: str,
+    sections: Sequence[tuple[str, Sequence[Line]]],
+    columns: Sequence[Column],
+    *,
+    caption: str = "",
+) -> FittingTable:
+    """A table for the terminal.
+
+    Parameters
+    ----------
+    head : str
+        Heading of the names of the lines.
+    sections : sequence of (str, lines)
+        Name of each section, where an empty one is not shown, and its lines. The numbers of the cells of one line
+        stand side by side, as in ``"25|2"``.
+    columns : sequence of Column
+        Columns, of which those with a heading for the terminal are shown.
+    caption : str
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = [column for column in columns if column.short is not None]
+    caption_text = Text(caption) if caption else None
+    table = Table(
+        box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, caption=caption_text, caption_justify="left"
+    )
+    titled = any(section for section, _ in sections)
+    names = [name for _, lines in sections for name, _ in lines]
+    word = max((len(word) for name in names for word in name.split()), default=0)
+    table.add_column(head, vertical="bottom", overflow="fold", min_width=word + titled)
+    lines = [rows for _, lines in sections for _, rows in lines]
+    texts = {column.name: _side_by_side(column, lines) for column in shown}
+    shown = [column for column in shown if any(texts[column.name])]
+    for column in shown:
+        table.add_column(
+            Text(column.short or ""),
+            justify="left" if column.left else "right",
+            vertical="bottom",
+            overflow="fold",
+            min_width=max(len(line) for text in texts[column.name] for line in text.split("\n")),
+        )
+    place = 0
+    for section, of_section in sections:
+        if place:
+            table.add_section()
+        if section:
+            # Text, since square brackets in a label would be taken for markup
+            table.add_row(Text(section, "bold"))
+        for name, rows in of_section:
+            cells = (Text(texts[c.name][place], "bold" if c.strong(rows[-1]) else "") for c in shown)
+            table.add_row(Text(f"{' ' if section else ''}{name}"), *cells)
+            place += 1
+    return FittingTable(table)
+
+
+def _side_by_side(column: Column, lines: Sequence[Sequence[Row]]) -> list[str]:
+    """Text of each line; the last numbers of the pairs stand below each other."""
+    texts = [[column.short_value_text(row) for row in rows if column.only(row)] for rows in lines]
+    width = max((len(cells[-1]) for cells in texts if len(cells) > 1), default=0)
+    return [
+        "|".join([*cells[:-1], f"{cells[-1]:>{width if len(cells) > 1 else 0}}"]) if cells else "" for cells in texts
+    ]
+
+
+@dataclass(frozen=True)
+class FittingTable:
+    """A table that leaves out whole columns where there is no room, since a cut number would be another number."""
+
+    table: Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        from rich.measure import Measurement
+        from rich.text import Text
+
+        wide = options.update(width=_ANY_WIDTH)
+        shown = copy.copy(self.table)
+        while len(shown.columns) > 1 and Measurement.get(console, wide, shown).minimum > options.max_width:
+            shown.columns = shown.columns[:-1]
+        left_out = len(self.table.columns) - len(shown.columns)
+        yield shown
+        if left_out:
+            columns = "column is" if left_out == 1 else "columns are"
+            yield Text(f"For want of room, {left_out} {columns} left out on the right.")

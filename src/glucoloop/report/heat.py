@@ -1,0 +1,237 @@
+"""Heat maps: classes of colour, and figures of maps for print; the macro ``heat_maps`` shows the same maps on a page.
+
+Maps stand side by side, or below each other where there is no room.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from glucoloop.printable import NOT_AVAILABLE
+from glucoloop.report import _style
+from glucoloop.report._style import FONT_PT, GREY, Width
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_CHARACTER_MM: Final = 1.45  # of the font
+_LINE_MM: Final = 3.0
+_LEAST_MM: Final = 6.0  # of a column
+_GAP_MM: Final = 4.0
+_AROUND_MM: Final = 24.0  # title and legend
+_APART: Final = 0.35  # of a row, below the first one
+_MOST_NAME: Final = 30  # characters
+
+
+@dataclass(frozen=True)
+class Shade:
+    """A class of values with its colour."""
+
+    most: float
+    """Upper limit of the class; the lower one is that of the class before."""
+    colour: str | None
+    """Colour of the cell, or None for the background."""
+    ink: str | None
+    """Colour of text on it, or None for the usual one."""
+    words: str
+
+
+_DARK, _LIGHT = "#1a1a1a", "#ffffff"
+# Seven classes of "YlOrBr" without its palest: told apart by the colour-blind and in grey print (C. Brewer and
+# M. Harrower, ColorBrewer, 2003).
+SHADES_PCT: Final = (
+    Shade(0.0, None, None, "0 %"),
+    Shade(1.0, "#fff8d0", _DARK, "to 1 %"),
+    Shade(5.0, "#fee391", _DARK, "to 5 %"),
+    Shade(10.0, "#fec44f", _DARK, "to 10 %"),
+    Shade(20.0, "#fe9929", _DARK, "to 20 %"),
+    Shade(40.0, "#cc4c02", _LIGHT, "to 40 %"),
+    Shade(100.0, "#7a2604", _LIGHT, "above 40 %"),
+)
+"""Classes of a percentage of which any is too much."""
+UNKNOWN: Final = Shade(0.0, "#b0b0b0", _DARK, NOT_AVAILABLE)
+
+
+def shade_of(value: float | None, shades: Sequence[Shade] = SHADES_PCT) -> Shade:
+    """Class of a value; None is unknown."""
+    if value is None:
+        return UNKNOWN
+    return next((shade for shade in shades if value <= shade.most), shades[-1])
+
+
+@dataclass(frozen=True)
+class HeatCell:
+    """A cell of a map."""
+
+    shade: Shade
+    text: str
+    mark: str = ""
+    """Second, smaller text: ``"▲2"``."""
+    hover: str = ""
+    """Text that is shown on the page for a cell that is pointed at."""
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """A map: names of rows and columns, and a cell for each of their pairs."""
+
+    title: str
+    rows: Sequence[str]
+    """The first one is set apart from the others."""
+    columns: Sequence[str]
+    cell: Callable[[str, str], HeatCell]
+
+    def cells(self) -> list[HeatCell]:
+        """All cells, row by row."""
+        return [self.cell(row, column) for row in self.rows for column in self.columns]
+
+
+def legend_shades(maps: Iterable[HeatMap], shades: Sequence[Shade] = SHADES_PCT) -> list[Shade]:
+    """Classes of the scale, and the one for unknown values if there are any."""
+    unknown = any(cell.shade is UNKNOWN for of in maps for cell in of.cells())
+    return [*shades, *([UNKNOWN] if unknown else [])]
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """Sizes of all parts of a figure."""
+
+    stacked: bool
+    """Whether the maps stand below each other."""
+    two_lines: bool
+    """Whether text and mark of a cell stand below each other."""
+    rows: list[str]
+    heads: list[str]
+    upright: bool
+    """Whether the names of the columns are rotated."""
+
+    @property
+    def row_mm(self) -> float:
+        """Height of a row of cells."""
+        return _LINE_MM * max(2 if self.two_lines else 1, *(name.count("\n") + 1 for name in self.rows)) + 1.2
+
+    @property
+    def head_mm(self) -> float:
+        """Height above the cells, with the title."""
+        if self.upright:
+            return _CHARACTER_MM * max(map(len, self.heads)) + _LINE_MM
+        return _LINE_MM * (2 + max(head.count("\n") for head in self.heads))
+
+
+def plot_heat_maps(
+    maps: Sequence[HeatMap],
+    *,
+    what: str,
+    mark: str = "",
+    shades: Sequence[Shade] = SHADES_PCT,
+    title: str | None = None,
+    width: Width = "double",
+) -> Figure:
+    """Draw maps of the same rows and columns.
+
+    Parameters
+    ----------
+    maps : sequence of HeatMap
+    what : str
+        Quantity of the colours, in the legend: ``"of the run below 60 mg/dl"``.
+    mark : str
+        Meaning of the mark of a cell, a triangle and a number; empty for no such marks.
+    shades : sequence of Shade
+        Classes of the legend.
+    title : str, optional
+        Title; no title by default.
+    width : {"single", "double"}
+        Width of a printed column: 88 or 180 mm.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
+
+    Raises
+    ------
+    ValueError
+        For an unknown width.
+    """
+    sheet = _sheet(maps, width)
+    down = len(maps) if sheet.stacked else 1
+    height_mm = down * (len(sheet.rows) * sheet.row_mm + sheet.head_mm + _GAP_MM) + _AROUND_MM
+    figure = _style.new_figure(width, height_mm, title)
+    panels = figure.subplots(down, len(maps) // down, squeeze=False).ravel()
+    for place, (axes, of) in enumerate(zip(panels, maps, strict=True)):
+        _draw(axes, of, sheet)
+        if place and not sheet.stacked:
+            axes.tick_params(labelleft=False)
+    entries = _legend(legend_shades(maps, shades), what, mark)
+    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    return figure
+
+
+def _sheet(maps: Sequence[HeatMap], width: Width) -> _Sheet:
+    most = _MOST_NAME if width == "double" else _MOST_NAME * 2 // 3
+    columns = maps[0].columns
+    rows = [textwrap.fill(name, most) for name in maps[0].rows]
+    rows_mm = _CHARACTER_MM * max(len(line) for name in rows for line in name.split("\n"))
+    room_mm = _style.WIDTHS_MM.get(width, 0.0) - rows_mm - _GAP_MM * len(maps)
+    beside_mm = room_mm / (len(columns) * len(maps))
+    stacked = len(maps) > 1 and beside_mm < _LEAST_MM
+    column_mm = room_mm / len(columns) if stacked else beside_mm
+    characters = max(1, int(column_mm / _CHARACTER_MM))
+    upright = any(len(word) > characters for head in columns for word in head.split())
+    heads = [textwrap.fill(head, _MOST_NAME if upright else characters) for head in columns]
+    longest = max(len(f"{cell.text} {cell.mark}".strip()) for of in maps for cell in of.cells())
+    return _Sheet(
+        stacked=stacked,
+        two_lines=column_mm < _CHARACTER_MM * longest,
+        rows=[_style.literal(name) for name in rows],
+        heads=[_style.literal(head) for head in heads],
+        upright=upright,
+    )
+
+
+def _draw(axes: Axes, of: HeatMap, sheet: _Sheet) -> None:
+    from matplotlib.patches import Rectangle
+
+    places = [place + (_APART if place else 0.0) for place in range(len(of.rows))]
+    for place, row in zip(places, of.rows, strict=True):
+        for across, column in enumerate(of.columns):
+            cell = of.cell(row, column)
+            axes.add_patch(Rectangle((across - 0.48, place - 0.46), 0.96, 0.92, **_patch(cell.shade)))
+            axes.annotate(
+                ("\n" if sheet.two_lines else " ").join(filter(None, (cell.text, cell.mark))),
+                (across, place),
+                ha="center",
+                va="center",
+                color=cell.shade.ink or "black",
+                fontsize=FONT_PT,
+                linespacing=1.0,
+            )
+    axes.set_xlim(-0.5, len(of.columns) - 0.5)
+    axes.set_ylim(places[-1] + 0.5, -0.5)
+    axes.set_xticks(range(len(of.columns)), sheet.heads, rotation=90 if sheet.upright else 0)
+    axes.set_yticks(places, sheet.rows)
+    _style.dress(axes)
+    axes.tick_params(length=0.0, labeltop=True, labelbottom=False, top=False, bottom=False)
+    axes.spines[:].set_visible(False)
+    axes.set_title(of.title, fontsize=FONT_PT, fontweight="bold", loc="left")
+
+
+def _patch(shade: Shade) -> dict[str, Any]:
+    return {"facecolor": shade.colour or "none", "edgecolor": "none" if shade.colour else "0.8", "linewidth": 0.5}
+
+
+def _legend(shades: Sequence[Shade], what: str, mark: str) -> dict[str, Artist]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries: dict[str, Artist] = {
+        shade.words if place else f"{shade.words} {what}": Patch(**_patch(shade)) for place, shade in enumerate(shades)
+    }
+    if mark:
+        entries[mark] = Line2D([], [], color=GREY, marker="^", markersize=4.0, linestyle="none")
+    return entries

@@ -1,0 +1,120 @@
+"""Pages from templates: Jinja escapes every value, and refuses a name that is not defined.
+
+A study's template extends ``templates/base.html``, which has the sections that all pages share; macros for tables,
+maps and facts are in ``templates/parts.html``, and the one style sheet is ``page.css``.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+import importlib.resources
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+import jinja2
+from markupsafe import Markup
+
+import glucoloop
+from glucoloop.config.toml import toml_text, with_code
+from glucoloop.report._page import FOOTER, Repeat, count
+from glucoloop.report.columns import headings
+from glucoloop.report.fault_words import settings_in_words, when_in_words
+from glucoloop.units import MG_DL_PER_MMOL_L
+
+_SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
+_GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+)?))?) mg/dl(?![/²)])")
+
+
+def render(
+    template: Path,
+    title: str,
+    *,
+    sentences: Iterable[str] = (),
+    facts: Mapping[str, str] | None = None,
+    repeat: Repeat | None = None,
+    script: bool = False,
+    **values: Any,
+) -> str:
+    """A self-contained page.
+
+    Parameters
+    ----------
+    template : Path
+        Template that extends ``base.html``.
+    title : str
+    sentences : iterable of str
+        Results in words.
+    facts : mapping, optional
+        Everything that the results depend on, by name.
+    repeat : Repeat, optional
+        Command and configuration that repeat the results.
+    script : bool
+        Whether the page holds plots, which need the script.
+    **values
+        Further values of the template.
+    """
+    code = f"\n{_asset('page.js')}" if script else ""
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    return (
+        _environment(template.parent)
+        .get_template(template.name)
+        .render(
+            title=title,
+            sentences=list(sentences),
+            facts=facts or {},
+            repeat=repeat,
+            style=_asset("page.css"),
+            script=_asset("page.js") if script else "",
+            script_source=Markup(f"'sha256-{digest}'" if script else "'none'"),
+            **values,
+        )
+    )
+
+
+@functools.cache
+def _environment(folder: Path) -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader([folder, _SHARED]),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.globals |= {"version": glucoloop.__version__, "footer": FOOTER}
+    environment.filters |= {
+        "glucose_parts": _glucose_parts,
+        "headings": headings,
+        "quoted": lambda text: quote(text, safe=""),
+        "settings_in_words": settings_in_words,
+        "thousands": count,
+        "toml": toml_text,
+        "when_in_words": when_in_words,
+        "with_code": with_code,
+    }
+    return environment
+
+
+@functools.cache
+def _asset(name: str) -> Markup:
+    return Markup(importlib.resources.files("glucoloop.report").joinpath(name).read_text(encoding="utf-8"))
+
+
+def _glucose_parts(text: str) -> Iterator[tuple[str, str | None]]:
+    """Parts of a text; with each glucose in mg/dl, the same in mmol/l."""
+
+    def mmol(mg_dl: str) -> str:
+        return f"{float(mg_dl) / MG_DL_PER_MMOL_L:.1f}"
+
+    place = 0
+    for match in _GLUCOSE.finditer(text):
+        yield text[place : match.start()], None
+        second = f"{match[3]}{mmol(match[4])}" if match[4] else ""
+        yield match[0], f"{mmol(match[1])}{second} mmol/l"
+        place = match.end()
+    yield text[place:], None

@@ -1,0 +1,69 @@
+"""Findings of a study: plain values and tables, written whole and read back whole.
+
+Whatever is told or drawn later follows from the plain values, so that nothing is computed or worded again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from glucoloop.storage.files import kept_text
+from glucoloop.storage.strict_json import json_text, with_version
+from glucoloop.storage.tables import csv, parquet
+
+_VERSION: Final = "version"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Findings of a study."""
+
+    plain: Mapping[str, Any]
+    """Everything as plain values: JSON prints it, and a finished folder gives it back. A number that is not finite is
+    None, and a tuple is a list, from the beginning.
+    """
+    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
+    """Tables by the name of their file, which ends in ``.csv`` or ``.parquet``; they are not read back."""
+
+    extra: Any = None
+    """Further results from which figures and pages are drawn; they are not kept."""
+
+    def __post_init__(self) -> None:
+        # as it will be read back
+        object.__setattr__(self, "plain", json.loads(json_text(self.plain)))
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows among the plain values, one for each cell of the study."""
+        rows: list[dict[str, Any]] = self.plain["rows"]
+        return rows
+
+    def text(self) -> str:
+        """The plain values as a JSON text."""
+        return json_text(with_version(self.plain)) + "\n"
+
+    def files(self, summary: str) -> dict[str, bytes]:
+        """The tables, and the plain values as JSON in the file `summary`."""
+        tables = {
+            name: csv(_flat(table)) if name.endswith(".csv") else parquet(table) for name, table in self.tables.items()
+        }
+        return {**tables, summary: self.text().encode()}
+
+    @classmethod
+    def read(cls, place: Path) -> Findings:
+        """Read earlier findings from the JSON file that holds them."""
+        plain = json.loads(kept_text(place, "the results of a study"))
+        del plain[_VERSION]
+        return cls(plain)
+
+
+def _flat(table: pl.DataFrame) -> pl.DataFrame:
+    """A table whose lists are texts, which a CSV file can hold."""
+    lists = [name for name, kind in table.schema.items() if isinstance(kind, pl.List)]
+    return table.with_columns(pl.col(lists).list.eval(pl.element().cast(pl.String)).list.join(" "))

@@ -1,0 +1,341 @@
+"""A stress test carried out: its numbers and reasons, in tables, sentences, maps and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from glucoloop.cohorts.engine import prepare
+from glucoloop.config.doubts import boluses_into_a_vein
+from glucoloop.parts.faults import FAULTS
+from glucoloop.printable import how_many, percent
+from glucoloop.report import Repeat
+from glucoloop.report.columns import FittingTable, Row, headings, terminal_table, whole_glucose
+from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
+from glucoloop.report.fault_words import short_names
+from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.template import render
+from glucoloop.storage.findings import Findings
+from glucoloop.storage.trials.folder import TrialFolder
+from glucoloop.storage.trials.shard import people_table
+from glucoloop.studies.stress.cells import COLUMNS, MOST_MORE_PCT, NO_FAULT, StressCell, StressTest, cell_table, read
+from glucoloop.studies.stress.reasons import reason_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from glucoloop.report._style import Width
+
+__all__ = ["drawn", "found", "notes", "read", "sentences", "tables"]
+GUARDS: Final = {False: "without the guard", True: "with the guard"}
+_MOST_LISTED: Final = 5
+_MOST_NAMED: Final = 20
+
+
+def notes(asked: StressTest) -> tuple[str, ...]:
+    """Sentence on boluses into a vein."""
+    return boluses_into_a_vein(asked.base.patient, (case.controller for case in asked.base.cases))
+
+
+def found(asked: StressTest, folder: TrialFolder) -> Findings:
+    """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
+    cells, people = asked.cells, people_table(folder.people())
+    table = cell_table(cells, people, folder.trial.samples)
+    prepared = prepare(folder.trial)
+    reasons = [
+        {
+            "controller": cell.controller,
+            "fault": cell.fault,
+            "person": row["worse_people"][0],
+            "more_pct": row["worst_more_pct"],
+            "text": reason_of(prepared, cell.label, row["worse_people"][0]),
+        }
+        for cell, row in zip(cells, table.to_dicts(), strict=True)
+        if cell.guarded and row["worse"]
+    ]
+    facts = {**controllers_facts(asked.base.cases), **trial_facts(asked.base), **engine_facts(prepared.engines)}
+    del facts["Faults"]  # those of the base; the page lists the faults of the test
+    plain = {
+        "facts": facts,
+        "people": asked.base.people,
+        # who has a basal rate does not depend on the cell
+        "able": people.filter(label=cells[0].label)["feasible"].sum(),
+        "rows": table.to_dicts(),
+        "reasons": reasons,
+        "repeat": "glucoloop stress --config stress.toml --out again",
+    }
+    return Findings(plain, {"stress.csv": table, "stress.parquet": table})
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The cells of a stress test in their places."""
+
+    rows: dict[StressCell, Row]
+
+    @classmethod
+    def of(cls, found: Findings) -> Grid:
+        """The cells of a test."""
+        return cls({StressCell(row["controller"], row["guarded"], row["fault"]): row for row in found.rows})
+
+    @property
+    def controllers(self) -> list[str]:
+        """Labels of the controllers."""
+        return list(dict.fromkeys(cell.controller for cell in self.rows))
+
+    @property
+    def guards(self) -> list[bool]:
+        """Whether there is a guard, for each time that a controller is tried."""
+        return sorted({cell.guarded for cell in self.rows})
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Short name of each fault, that of no fault first."""
+        faults = dict.fromkeys(cell.fault for cell in self.rows if cell.fault != NO_FAULT)
+        return {NO_FAULT: "no fault", **short_names(list(faults))}
+
+    def pair(self, controller: str, fault: str) -> list[Row]:
+        """A controller under a fault, without and with the guard, as far as they were tried."""
+        return [self.rows[StressCell(controller, guarded, fault)] for guarded in self.guards]
+
+    def under_faults(self, guarded: bool) -> list[Row]:
+        """All cells with a fault, those that increase the time below 60 mg/dl most first."""
+        rows = [row for cell, row in self.rows.items() if cell.fault != NO_FAULT and cell.guarded == guarded]
+        return sorted(rows, key=lambda row: -(row["worst_more_pct"] or 0.0))
+
+
+def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
+    """A section for each controller and a line for each fault, without and with the guard side by side."""
+    grid = Grid.of(found)
+    sections = [
+        (controller, [(name, grid.pair(controller, fault)) for fault, name in grid.names.items()])
+        for controller in grid.controllers
+    ]
+    which = (
+        "In each pair a|b, a is without the guard and b with it."
+        if len(grid.guards) > 1
+        else f"All numbers are {GUARDS[grid.guards[0]]}."
+    )
+    yield terminal_table(
+        "Fault",
+        sections,
+        COLUMNS,
+        caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MOST_MORE_PCT:g} % of the "
+        "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
+        "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
+        "summed over all people. Saturated (dose at the pump's limits), fallback (the guard gave the basal rate), "
+        "suspended (the guard stopped insulin): percentage of the samples.",
+    )
+
+
+def sentences(asked: StressTest, found: Findings) -> Iterator[str]:
+    """Conclusions, and the reasons why people were worse off with the guard."""
+    yield from conclusions(found)
+    names = Grid.of(found).names
+    for of in found.plain["reasons"]:
+        yield (
+            f"{of['controller']} under {names[of['fault']]}, with the guard: person {of['person']}, below 60 mg/dl for "
+            f"{percent(of['more_pct'])} of the run longer. {of['text']}"
+        )
+
+
+def conclusions(found: Findings) -> Iterator[str]:
+    """Conclusions in sentences; every number is computed."""
+    grid = Grid.of(found)
+    yield from _left_out(found)
+    if found.plain["able"]:
+        yield from _passing(grid) if len(grid.names) > 1 else ["No fault was tried."]
+        yield from _failing(grid)
+        yield from _harm_of_the_guard(grid)
+        yield from _without_a_fault(grid)
+        yield from _beyond_the_model(grid)
+
+
+def _left_out(found: Findings) -> Iterator[str]:
+    """Sentences on people who are in no cell, or not in all."""
+    people, able = found.plain["people"], found.plain["able"]
+    if people > able:
+        yield (
+            f"{people - able} of {how_many(people, 'person', 'people')} {'has' if people - able == 1 else 'have'} no "
+            "basal rate for the setpoint and took no part."
+        )
+    lost = {cell: row for cell, row in Grid.of(found).rows.items() if row["people"] < able}
+    if lost:
+        cell = min(lost, key=lambda cell: int(lost[cell]["people"]))
+        yield (
+            f"In {len(lost)} of {len(found.rows)} combinations the glucose of some people, "
+            f"{able - lost[cell]['people']} of {how_many(able, 'person', 'people')} at most ({cell.label}), did not "
+            "stay a finite number, with or without the fault; they are in no number there."
+        )
+
+
+def _passing(grid: Grid) -> Iterator[str]:
+    told: list[str] = []
+    for guarded in reversed(grid.guards):
+        known = [row for row in grid.under_faults(guarded) if row["people"]]
+        passing = f"{GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in known)} of {len(known)}"
+        told.append(
+            f"{passing} passed."
+            if told
+            else f"{passing} combinations of a controller and a fault passed: with the fault, nobody's time below "
+            f"60 mg/dl was longer by more than {MOST_MORE_PCT:g} % of the run than without it."
+        )
+    unknown = sum(not row["people"] for row in grid.under_faults(grid.guards[-1]))
+    if unknown:
+        told.append(f"In {how_many(unknown, 'further combination')} nobody could take part.")
+    yield " ".join(told)
+
+
+def _failing(grid: Grid) -> Iterator[str]:
+    guarded = grid.guards[-1]
+    rows = [row for row in grid.under_faults(guarded) if row["worse"]]
+    if rows:
+        listed = [f"{row['controller']} under {grid.names[row['fault']]} ({worse_text(row)})" for row in rows]
+        more = f"; and {len(rows) - _MOST_LISTED} more" if len(rows) > _MOST_LISTED else ""
+        yield f"Combinations that failed {GUARDS[guarded]}: {'; '.join(listed[:_MOST_LISTED])}{more}."
+
+
+def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
+    """Sentence on harm by the guard; the absence of harm is stated too, since the test looks for it."""
+    pairs = [grid.pair(controller, fault) for controller in grid.controllers for fault in grid.names]
+    pairs = [pair for pair in pairs if len(pair) > 1 and all(row["people"] for row in pair)]
+    longer = [(row["below_60_mean_pct"] - bare["below_60_mean_pct"], row) for bare, row in pairs]
+    longer = [(difference, row) for difference, row in longer if difference > 0.0]
+    if longer:
+        most, row = max(longer, key=lambda each: each[0])
+        yield (
+            f"In {len(longer)} of {len(pairs)} combinations, those without a fault included, the mean time below "
+            f"60 mg/dl was longer with the guard than without it: by at most {percent(most)} of the run, in "
+            f"{row['controller']} {'under' if row['fault'] else 'with'} {grid.names[row['fault']]}."
+        )
+    elif pairs:
+        yield "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
+
+
+def _without_a_fault(grid: Grid) -> Iterator[str]:
+    """Sentences on the effect of the guard without a fault."""
+    told, acts = [], []
+    for controller in grid.controllers:
+        pair = [row for row in grid.pair(controller, NO_FAULT) if row["people"]]
+        if pair:
+            below = _change([percent(row["below_60_worst_pct"]) for row in pair])
+            told.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
+            acts += [f"{percent(_acted_pct(row))} with {controller}" for row in pair if row["guarded"]]
+    if told:
+        how = " (without → with the guard)" if len(grid.guards) > 1 else ""
+        yield (
+            "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest glucose in "
+            f"mg/dl{how}, were {'; '.join(told)}."
+            + (f" The guard then acted at this percentage of the samples: {'; '.join(acts)}." if acts else "")
+        )
+
+
+def _beyond_the_model(grid: Grid) -> Iterator[str]:
+    beyond = {cell: row for cell, row in grid.rows.items() if row["people_below_validity"]}
+    if beyond:
+        cell = max(beyond, key=lambda cell: int(beyond[cell]["people_below_validity"]))
+        row = beyond[cell]
+        yield (
+            f"In {len(beyond)} of {len(grid.rows)} combinations glucose fell below the valid range of the patient's "
+            f"model, for at most {row['people_below_validity']} of {how_many(row['people'], 'person', 'people')} "
+            f"({cell.label}). Read it as severe hypoglycemia; its depth means nothing."
+        )
+
+
+def _acted_pct(row: Row) -> float:
+    """Percentage of samples at which the guard acted on the reading or the dose; each sample has one status."""
+    return sum(float(row[f"{act}_pct"]) for act in ("rejected", "fallback", "suspended", "dose_limited"))
+
+
+def _change(texts: Sequence[str]) -> str:
+    return texts[0] if len(set(texts)) == 1 else " → ".join(texts)
+
+
+def worse_text(row: Row) -> str:
+    """Number of people who were worse off, and the largest difference."""
+    return (
+        f"{row['worse']} of {how_many(row['people'], 'person', 'people')} worse off, by at most "
+        f"{percent(row['worst_more_pct'])} of the run"
+    )
+
+
+def worse_people_text(row: Row) -> str:
+    """Numbers of the people who were worse off, shortened if there are many."""
+    people = row["worse_people"]
+    told = ", ".join(map(str, people[:_MOST_NAMED]))
+    return f"{told} and {len(people) - _MOST_NAMED} more" if len(people) > _MOST_NAMED else told
+
+
+def maps(found: Findings) -> list[HeatMap]:
+    """Longest time of a person below 60 mg/dl, without the guard and with it: faults in rows, controllers across."""
+    grid = Grid.of(found)
+    faults = {name: fault for fault, name in grid.names.items()}
+    longest = next(column for column in COLUMNS if column.name == "below_60_worst_pct")
+
+    def map_of(guarded: bool) -> HeatMap:
+        def cell(name: str, controller: str) -> HeatCell:
+            row = grid.rows[StressCell(controller, guarded, faults[name])]
+            lines = [f"{controller}, {name}, {GUARDS[guarded]}"]
+            for group, columns in headings(COLUMNS):
+                lines.append(f"{group}: {', '.join(f'{of.head} {of.value_text(row)}' for of in columns)}")
+            mark = f"▲{row['worse']}" if row["worse"] else ""
+            return HeatCell(shade_of(row[longest.name]), longest.value_text(row), mark, "\n".join(lines))
+
+        return HeatMap(GUARDS[guarded].capitalize(), list(faults), grid.controllers, cell)
+
+    return [map_of(guarded) for guarded in grid.guards]
+
+
+def plot_stress(found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+    """Draw the maps of a stress test; see `plot_heat_maps`."""
+    return plot_heat_maps(
+        maps(found),
+        what="of the run below 60 mg/dl",
+        mark=f"people below for {MOST_MORE_PCT:g} % of the run longer than without the fault",
+        title=title,
+        width=width,
+    )
+
+
+def page(asked: StressTest, found: Findings) -> str:
+    """The page of a stress test: one file that needs neither network nor script."""
+    grid, of = Grid.of(found), maps(found)
+    files = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
+    reasons = {(of["controller"], of["fault"]): of for of in found.plain["reasons"]}
+    failing = [row for row in grid.under_faults(True) if row["worse"]]
+    values: dict[str, Any] = {
+        "grid": grid,
+        "guards": GUARDS,
+        "people": max(row["people"] for row in found.rows),
+        "most_more_pct": f"{MOST_MORE_PCT:g}",
+        "maps": of,
+        "shades": legend_shades(of),
+        "reasons": [(row, grid.names[row["fault"]], reasons[row["controller"], row["fault"]]) for row in failing],
+        "worse_text": worse_text,
+        "worse_people_text": worse_people_text,
+        "bodies": {
+            controller: [
+                (name, [("with" if row["guarded"] else "without", row) for row in grid.pair(controller, fault)])
+                for fault, name in grid.names.items()
+            ]
+            for controller in grid.controllers
+        },
+        "columns": COLUMNS,
+        "faults": [(name, FAULTS.choose(fault)) for fault, name in grid.names.items() if fault != NO_FAULT],
+    }
+    return render(
+        Path(__file__).with_name("page.html"),
+        "Stress test",
+        sentences=conclusions(found),
+        facts=found.plain["facts"],
+        repeat=Repeat("stress --config stress.toml", asked.keys(), files, given=asked.given),
+        **values,
+    )
+
+
+def drawn(asked: StressTest, found: Findings) -> dict[str, bytes]:
+    """Page and figure, by the names of their files."""
+    return {"stress.html": page(asked, found).encode(), **figure_files("figure", plot_stress(found))}

@@ -1,0 +1,432 @@
+"""A search of a grid carried out: the surface of all tunings, in order, as a table, a picture and a page."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from glucoloop.config.checked import checked
+from glucoloop.config.key import declared, own_keys
+from glucoloop.config.run import Run, read_run
+from glucoloop.control import MPCTuning
+from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
+from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
+from glucoloop.report import Repeat
+from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
+from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
+from glucoloop.report.facts import run_facts
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.surface import cell_colours, plot_surface
+from glucoloop.report.template import render
+from glucoloop.storage.findings import Findings
+from glucoloop.storage.model_file import ModelFile
+from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
+from glucoloop.studies.tuning import GridSettings, RangeSettings
+from glucoloop.tuning.designers import designer, kind_of_tuning, usual_filters
+from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
+from glucoloop.tuning.paper import usual_tuning
+from glucoloop.tuning.search import search
+from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
+
+MOST_ROWS: Final = 200
+"""Largest number of tunings in the list on the page; all are in ``surface.csv``."""
+_USUAL_SEEDS: Final = 5
+_ENGINE: Final = "JAX (xla), which runs many tunings at once"
+
+
+# ---------------------------------------------------------------------------------------------- what is asked for
+
+
+@dataclass(frozen=True)
+class GridSearch:
+    """A search that is complete and checked."""
+
+    run: Run
+    """Run with the situation, and the controller with the parameters that are not tuned."""
+    ranges: Mapping[str, str]
+    """Range of each tuned parameter, as written."""
+    grid: Sequence[MPCTuning]
+    seeds: int
+    top: int
+    """Number of tunings in the table."""
+    given_of_search: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Flat keys of the search itself that were given."""
+
+    @property
+    def given(self) -> dict[str, Any] | None:
+        """Flat keys from which it was read, if it was."""
+        return None if self.run.given is None else {**self.run.given, **self.given_of_search}
+
+    def keys(self) -> dict[str, Any]:
+        """The flat keys of all values that are used."""
+        return {**self.run.keys(), **self.ranges, "seeds": self.seeds, "top": self.top}
+
+
+def read(
+    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
+) -> GridSearch:
+    """Read a search from the keys of a run, of which the tuned parameters are ranges; Refusal for what cannot be."""
+    called = {key: (names or {}).get(key, key) for key in (*declared(RangeSettings), *declared(GridSettings))}
+    controller = str(keys.get("controller", USUAL_CONTROLLER))
+    kind_of_tuning(controller)
+    given = {key: _text(value, called[key]) for key, value in own_keys(keys, RangeSettings).items()}
+    for key in given:
+        controller_entry(controller).setting(key)
+    own = checked(GridSettings, own_keys(keys, GridSettings), names)
+    run = read_run({key: value for key, value in keys.items() if key not in called}, names)
+    if own.seeds not in (None, 1) and not run.situation.drawn:
+        raise Refusal(
+            f"{called['seeds']} is {own.seeds}, but without noise, another sensor or a fault all are alike; "
+            "leave it out"
+        )
+    ranges = {**_usual_ranges(run), **given}
+    return GridSearch(
+        run=run,
+        ranges=ranges,
+        grid=_grid(run, ranges, called),
+        seeds=own.seeds or (_USUAL_SEEDS if run.situation.noisy else 1),
+        top=own.top,
+        given_of_search={key: value for key, value in keys.items() if key in called},
+    )
+
+
+def _text(value: object, name: str) -> str:
+    """A range as text; a file may hold a number or a list of numbers."""
+    if isinstance(value, list) and value:
+        return ",".join(_text(item, name) for item in value)
+    if isinstance(value, str | int | float) and not isinstance(value, bool):
+        return str(value)
+    raise Refusal(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
+
+
+def _usual_ranges(run: Run) -> dict[str, str]:
+    weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
+    filters = usual_filters(run.case.controller, run.case.tuning)
+    horizons = {
+        "move_horizon": RangeSettings.move_horizon,
+        "prediction_horizon": RangeSettings.prediction_horizon,
+    }
+    return {**horizons, **weights, **({} if filters is None else {"reference_filter": filters})}
+
+
+def _grid(run: Run, ranges: Mapping[str, str], called: Mapping[str, str]) -> list[MPCTuning]:
+    whole = {key: parse_integers(ranges[key], called[key]) for key in ("move_horizon", "prediction_horizon")}
+    numbers = {key: parse_numbers(ranges[key], called[key]) for key in ranges if key not in whole}
+    return tuning_grid(
+        whole["move_horizon"],
+        whole["prediction_horizon"],
+        output_weights=numbers["output_weight"],
+        move_weights=numbers["move_weight"],
+        reference_filters=numbers.get("reference_filter"),
+        reference_start=int(run.case.tuning.get("reference_start", 1)),
+    )
+
+
+# ---------------------------------------------------------------------------------------------- what is found
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Surface of a search, from which its table, picture and page are made."""
+
+    surface: TuningSurface
+    printed: TuningRank
+    """Rank of the tuning that is usual for the patient; for the patient of 1999 it is the printed one."""
+    model: ModelFile | None = None
+
+
+def notes(asked: GridSearch) -> tuple[str, ...]:
+    """Return no sentence; what is to be noted follows from the model."""
+    return ()
+
+
+def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
+    """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
+    run = asked.run
+    situation = run.situation.situation()
+    model = model_for(run, situation)
+    design = designer(situation, run.case.case(), **model_arguments(model))
+    usual = usual_tuning(situation, run.case.controller)
+    grid = [*asked.grid] if usual in asked.grid else [*asked.grid, usual]
+    progress(f"designing {len(grid)} controllers")
+    surface = search(
+        situation,
+        design,
+        grid,
+        name=run.case.controller,
+        scenario=run.situation.scenario(),
+        seeds=range(situation.seed, situation.seed + asked.seeds),
+        integrator=integrator_of(run.situation),
+        progress=lambda done, total: progress(f"{done} of {total} runs"),
+    )
+    printed = surface.rank_of(usual, "printed" if situation.patient == USUAL_PATIENT.name else "usual")
+    plain = {
+        "config": {**asked.keys(), "controller": surface.controller},
+        "model": None if model is None else model.model_dump(mode="json"),
+        "best": None if printed.best is None else {**dataclasses.asdict(printed.best), "sse": printed.best_sse},
+        "printed": {**dataclasses.asdict(printed.tuning), "sse": printed.sse, "rank": printed.rank},
+        "acceptable": printed.points,
+        "surface": {name: values.tolist() for name, values in surface.columns().items()},
+        "notes": [*notes_on(run, model), *_counts(asked, surface), *_no_picture(asked, surface)],
+    }
+    table = pl.DataFrame(surface.columns())
+    return Findings(plain, {"surface.csv": table, "surface.parquet": table}, Searched(surface, printed, model))
+
+
+def _counts(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
+    """Sentences on the numbers of tunings and seeds."""
+    points = len(surface.tunings)
+    broken = int((~surface.feasible).sum())
+    ringing = int((surface.oscillates & surface.feasible).sum())
+    yield (
+        f"Of {how_many(points, 'tuning')} {how_many(broken, 'breaks', 'break')} a constraint and "
+        f"{how_many(ringing, 'more oscillates', 'more oscillate')}; "
+        f"{how_many(int(surface.acceptable.sum()), 'is', 'are')} acceptable."
+    )
+    if surface.refused:
+        yield f"{how_many(len(surface.refused), 'tuning has', 'tunings have')} no controller: {surface.refused[0][1]}."
+    if asked.run.situation.noisy:
+        yield (
+            f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without "
+            f"{'the noise around the sensor' if asked.run.situation.drawn_otherwise else 'noise'}."
+        )
+    elif surface.seeds > 1:
+        yield f"Results are medians of {surface.seeds} seeds; oscillation was judged in the run of the first."
+
+
+def _no_picture(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
+    """Sentence on why there is no picture, if there is none."""
+    shown = surface.only(asked.grid)
+    try:
+        layout(shown)
+        if not np.isfinite(shown.sse).any():
+            raise Refusal("the surface has no finite sum of squared errors to show")
+    except Refusal as error:
+        yield f"No picture was drawn: {error}."
+
+
+# ---------------------------------------------------------------------------------------------- how it is shown
+
+_COLUMNS: Final = (
+    Column(name="m", head="m", short="m", text=str),
+    Column(name="p", head="p", short="p", text=str),
+    Column(name="output_weight", head="Γ_y", short="Γ_y", text="{:g}".format),
+    Column(name="move_weight", head="Γ_u", short="Γ_u", text="{:g}".format),
+    Column(name="filter", head="φ_r", short="φ_r", text="{:g}".format, only=lambda row: row["filter"] is not None),
+    Column(name="sse", head="Sum of squared errors (mg/dl)²", short="SSE\n(mg/dl)²", text="{:.1f}".format),
+    Column(name="undershoot", head="Undershoot (mg/dl)", short="Undershoot\nmg/dl", text="{:.1f}".format),
+    Column(name="settling", head="Settling to 2 % (min)", short="Settling, 2 %\nmin", text=str),
+    Column(name="travel", head="Travel (mU/min)", short="Travel\nmU/min", text="{:.0f}".format),
+    Column(name="remarks", head="Remarks", short="", text=str, left=True),
+)
+
+
+def lines_of(searched: Searched, top: int) -> tuple[list[Line], list[Line]]:
+    """The best tunings in order with their ranks, and the printed one if it is not among them."""
+    surface, printed = searched.surface, searched.printed
+    order = surface.order().tolist()
+    here = order.index(surface.index(printed.tuning))
+    best = [_line(surface, point, printed) for point in order[:top]]
+    return best, [_line(surface, order[here], printed)] if here >= top else []
+
+
+def _line(surface: TuningSurface, point: int, printed: TuningRank) -> Line:
+    tuning = surface.tunings[point]
+    rank = surface.rank_of(tuning).rank
+    is_printed = tuning == printed.tuning
+    row = {
+        "m": tuning.move_horizon,
+        "p": tuning.prediction_horizon,
+        "output_weight": tuning.output_weight,
+        "move_weight": tuning.move_weight,
+        "filter": getattr(tuning, "reference_filter", None),
+        "sse": float(surface.sse[point]),
+        "undershoot": float(surface.undershoot_mg_dl[point]),
+        "settling": f"{surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'}",
+        "travel": float(surface.insulin_total_variation_mU_min[point]),
+        "remarks": ", ".join([*([printed.called] if is_printed else []), *_faults(surface, point)]),
+        "printed": is_printed,
+    }
+    return "-" if rank is None else str(rank), [row]
+
+
+def _faults(surface: TuningSurface, point: int) -> Iterator[str]:
+    """Reasons why a tuning is not acceptable."""
+    if not surface.feasible[point]:
+        yield "breaks a constraint"
+    if surface.oscillates[point]:
+        yield "oscillates"
+
+
+def tables(asked: GridSearch, found: Findings) -> Iterator[FittingTable]:
+    """The first tunings of the order, and the printed one at its place."""
+    best, beyond = lines_of(found.extra, asked.top)
+    yield terminal_table("Rank", [("", best), *([("", beyond)] if beyond else [])], _COLUMNS)
+
+
+def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
+    """Sentence on the usual tuning among the others."""
+    printed: TuningRank = found.extra.printed
+    told = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
+    if printed.rank is None:
+        yield f"{told} is not acceptable here."
+    elif printed.rank == 1:
+        yield f"{told} is the best of {how_many(printed.points, 'acceptable one')}."
+    else:
+        best = "" if printed.best is None else f" with {printed.sse:.4g} against {printed.best_sse:.4g} of the best"
+        yield f"{told} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
+
+
+def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
+    """Page and picture, the model, and the configuration that names it."""
+    searched: Searched = found.extra
+    files, repeat = {}, asked
+    if searched.model is not None:
+        files["model.json"] = searched.model.text().encode()
+        if asked.run.case.model is not None:
+            repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
+    data = {"surface.csv": "all tunings", "tune.json": "the same"}
+    again = Repeat("tune --config tune.toml", repeat.keys(), data, given=repeat.given)
+    files["tune.toml"] = again.text.encode()
+    title = f"{asked.run.case.controller} at {asked.run.situation.place}"
+    ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in asked.ranges.items()}
+    files["surface.html"] = surface_page(
+        searched,
+        f"Tunings of {title}",
+        asked.grid,
+        sentences=[*sentences(asked, found), *found.plain["notes"]],
+        facts={**ranges, **run_facts(repeat.run), "Engine": _ENGINE},
+        repeat=again,
+    ).encode()
+    if not any(_no_picture(asked, searched.surface)):
+        # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
+        printed = searched.printed
+        shown = searched.surface.only(asked.grid)
+        files |= figure_files(
+            "surface", plot_surface(shown, printed=printed.tuning, called=printed.called, title=title)
+        )
+    return files
+
+
+# ---------------------------------------------------------------------------------------------- the page
+
+_SYMBOLS: Final = {
+    "prediction_horizon": "p",
+    "reference_filter": "φ_r",
+    "move_horizon": "m",
+    "move_weight": "Γ_u",
+    "output_weight": "Γ_y",
+}
+_NAMES: Final = {
+    "prediction_horizon": "prediction horizon p, samples",
+    "reference_filter": "reference filter φ_r",
+    "move_horizon": "move horizon m",
+    "move_weight": "move weight Γ_u",
+    "output_weight": "output weight Γ_y",
+}
+_WITHOUT_NUMBER: Final = {
+    "impossible": "p < m, no such tuning",
+    "refused": "no controller can be designed",
+    "not tried": "not tried",
+}
+
+
+@dataclass(frozen=True)
+class SurfaceCell:
+    """A cell of the surface on the page."""
+
+    kind: str
+    hover: str
+    text: str = ""
+    marks: str = ""
+    ground: str = ""
+    ink: str = ""
+
+
+def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
+    """The page of a search: every place of the grid, and the first tunings in order; `common` as for `render`."""
+    shown, printed = searched.surface.only(grid), searched.printed
+    best, beyond = lines_of(searched, MOST_ROWS)
+    values: dict[str, Any] = {
+        "panels": [],
+        "printed": printed,
+        "printed_text": tuning_text(printed.tuning),
+        "beside": printed.tuning not in shown.tunings,
+        "points": len(searched.surface.tunings),
+        "most_rows": MOST_ROWS,
+        "columns": [column for column in _COLUMNS if column.name != "filter" or "reference_filter" in shown.columns()],
+        "lines": [*best, *beyond],
+        "why_not": "",
+        "impossible": _WITHOUT_NUMBER["impossible"],
+    }
+    try:
+        places = layout(shown)
+    except Refusal as error:
+        values["why_not"] = str(error)
+    else:
+        values |= {
+            "across": _NAMES[places.x],
+            "upwards": _NAMES[places.y],
+            "corner": f"{_SYMBOLS[places.y]} \\ {_SYMBOLS[places.x]}",
+            "foot": [f"{value:g}" for value in places.levels[places.x]],
+            "panels": list(_panels(shown, printed, places)),
+        }
+    return render(Path(__file__).with_name("page.html"), title, **common, **values)
+
+
+def _panels(
+    surface: TuningSurface, printed: TuningRank, places: SurfaceLayout
+) -> Iterator[tuple[str, list[tuple[str, list[SurfaceCell]]]]]:
+    """Caption of each panel, and its rows of cells from the top down."""
+    colours = cell_colours(surface)
+    best = surface.best() if surface.acceptable.any() else None
+    for combination in places.combinations():
+        rows = [
+            (f"{value:g}", [_cell(surface, best, printed.tuning, colours, cell) for cell in row])
+            for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
+        ]
+        yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
+
+
+def _cell(
+    surface: TuningSurface,
+    best: MPCTuning | None,
+    printed: MPCTuning,
+    colours: Sequence[tuple[str, str]],
+    cell: Cell,
+) -> SurfaceCell:
+    point = cell.point
+    if point is None:
+        told = _WITHOUT_NUMBER[cell.kind] + (f": {cell.reason}" if cell.reason else "")
+        return SurfaceCell(cell.kind.replace(" ", "-"), told)
+    tuning = surface.tunings[point]
+    if not np.isfinite(surface.sse[point]):
+        return SurfaceCell("refused", f"{tuning_text(tuning)}: glucose left the finite numbers")
+    told = ", ".join(
+        [
+            f"{tuning_text(tuning)}: SSE {surface.sse[point]:.4g} (mg/dl)²",
+            f"undershoot {surface.undershoot_mg_dl[point]:.1f} mg/dl",
+            f"settling {surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'} min",
+            *_faults(surface, point),
+        ]
+    )
+    return SurfaceCell(
+        "breaks" if not surface.feasible[point] else "oscillates" if surface.oscillates[point] else "kept",
+        told,
+        _short(float(surface.sse[point])),
+        ("★" if tuning == best else "") + ("◆" if tuning == printed else ""),
+        *colours[point],
+    )
+
+
+def _short(value: float) -> str:
+    """Text of a number with three significant digits, without an exponent in the usual range."""
+    return f"{value:.0f}" if 100.0 <= value < 1e7 else f"{value:.3g}"

@@ -1,0 +1,230 @@
+"""Commands made from declarations: a search that resumes, and a study that is carried out in one go."""
+
+import dataclasses
+import json
+import sys
+import tomllib
+import types
+from dataclasses import dataclass
+from typing import Annotated
+
+import polars as pl
+import pytest
+import typer
+
+from glucoloop.cli import app
+from glucoloop.cli.declared import command_of, study_options
+from glucoloop.config.checked import checked
+from glucoloop.config.key import Key, plain
+from glucoloop.report.columns import Column, terminal_table, whole
+from glucoloop.storage.findings import Findings
+from glucoloop.storage.rows import Rows
+from glucoloop.studies.study import PlainStudy, SearchStudy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """How far the search goes."""
+
+    steps: Annotated[int, Key("Number of steps.", panel="Search", at_least=1, at_most=100)] = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Own:
+    """Keys of the study."""
+
+    factor: Annotated[int, Key("Factor of the squares.", panel="Search", at_least=1)] = 2
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A request."""
+
+    own: Own
+    far: Extent
+    given: dict | None = None
+
+    def keys(self):
+        return {**plain(self.own), **plain(self.far)}
+
+
+FILES = ("squares.csv", "page.html")
+SEARCH = SearchStudy(
+    name="squares", what="a search for squares", help="Squares.", module="a_study", settings=(Own, Extent),
+    shared="nothing", extent=Extent, files=FILES, summary="squares.json",
+)  # fmt: skip
+PLAIN = PlainStudy(
+    name="squares", what="squares", help="Squares.", module="a_study", settings=(Own, Extent), shared="nothing",
+    unit="squares", files=FILES,
+)  # fmt: skip
+COLUMNS = (Column(name="square", short="Square", text=whole),)
+
+
+class Squares(types.ModuleType):
+    """The module of both studies; `made` counts the squares that were computed."""
+
+    def __init__(self):
+        super().__init__("a_study")
+        self.made, self.stop_after, self.holds = [], None, True
+
+    def read(self, keys, cases=(), names=None):
+        def of(record):
+            return {key: value for key, value in keys.items() if key in {f.name for f in dataclasses.fields(record)}}
+
+        return Asked(checked(Own, of(Own), names), checked(Extent, of(Extent), names), dict(keys))
+
+    def notes(self, asked):
+        return ("A square of a large factor is large.",) if asked.own.factor > 5 else ()
+
+    def rows(self, asked):
+        return Rows(
+            file="rows.parquet", what="squares", wanted=asked.far.steps, most=1000, schema={"square": pl.Int64},
+            cells=lambda square: {"square": square}, row=lambda cells, before: cells["square"],
+        )  # fmt: skip
+
+    def search(self, asked):
+        def missing(rows):
+            for number in range(len(rows), asked.far.steps):
+                if number == self.stop_after:
+                    raise KeyboardInterrupt
+                self.made.append(number)
+                yield asked.own.factor * number**2
+
+        return types.SimpleNamespace(missing=missing, found=lambda rows: self.summed(asked, rows))
+
+    def amount(self, asked):
+        return asked.far.steps
+
+    def found(self, asked, progress):
+        rows = []
+        for row in self.search(asked).missing([]):
+            rows.append(row)
+            progress(1)
+        return self.summed(asked, rows)
+
+    def summed(self, asked, rows):
+        table = pl.DataFrame({"square": list(rows)})
+        told = {"rows": table.to_dicts(), "sum": sum(rows), "mean": float("nan"), "squares": len(rows)}
+        return Findings({**told, "holds": self.holds}, {"squares.csv": table})
+
+    def tables(self, asked, found):
+        yield terminal_table("Number", [("", [(str(n), [row]) for n, row in enumerate(found.rows)])], COLUMNS)
+
+    def sentences(self, asked, found):
+        yield f"The sum is {found.plain['sum']} and the mean {found.plain['mean']}."
+
+    def drawn(self, asked, found):
+        return {"page.html": b"<!doctype html>"}
+
+
+@pytest.fixture
+def squares(monkeypatch):
+    """The module, at the place that the declarations name."""
+    module = Squares()
+    monkeypatch.setitem(sys.modules, "a_study", module)
+    return module
+
+
+@pytest.fixture
+def made(squares, monkeypatch):
+    """A function that makes the command of a study one of the program."""
+
+    def make(study):
+        monkeypatch.setattr(app.app, "registered_commands", [*app.app.registered_commands])
+        app.app.command(study.name, help=study.help)(command_of(study))
+        return squares
+
+    return make
+
+
+def test_a_search_goes_on_where_it_was_and_farther(glucoloop, made, tmp_path):
+    module = made(SEARCH)
+    module.stop_after = 2
+    first = glucoloop("squares", "--out", "a")
+    assert first.code == 130
+    assert "2 of 3 squares are kept, the same command goes on" in first.err
+    module.stop_after = None
+    again = glucoloop("squares", "--out", "a")
+    assert again.code == 0
+    assert "2 of 3 squares of a are there already; going on." in again.err
+    assert module.made == [0, 1, 2]
+    assert "The sum is 10 and the mean None." in again.out
+    assert "Wrote squares.csv, page.html, squares.json, rows.parquet, squares.toml to a." in again.out
+    names = {"SHA256SUMS", "arithmetic.json", *FILES, "squares.json", "rows.parquet", "squares.toml"}
+    assert {file.name for file in (tmp_path / "a").iterdir()} == names
+
+    finished = glucoloop("squares", "--out", "a", "--json")
+    assert "nothing is computed again" in finished.err
+    kept = json.loads((tmp_path / "a/squares.json").read_text())
+    assert {key: value for key, value in finished.json.items() if key != "files"} == kept
+    assert glucoloop("squares", "--out", "a").out == again.out
+    assert module.made == [0, 1, 2]
+
+    assert glucoloop("squares", "--config", "a/squares.toml", "--steps", 5, "--out", "a").code == 0
+    assert module.made == [0, 1, 2, 3, 4]
+
+
+def test_another_search_in_its_folder_is_refused(glucoloop, refused, made):
+    made(SEARCH)
+    assert glucoloop("squares", "--out", "a").code == 0
+    assert "factor" in refused("squares", "--factor", 3, "--out", "a")
+    assert glucoloop("squares", "--factor", 3, "--out", "a", "--overwrite").code == 0
+
+
+def test_a_search_without_a_folder_keeps_nothing(glucoloop, refused, made, tmp_path):
+    made(SEARCH)
+    assert refused("squares").startswith("--out is missing; a search for squares is kept in a folder")
+    made(dataclasses.replace(SEARCH, needs_folder=False))
+    answer = glucoloop("squares", "--factor", 7)
+    assert "The sum is 35" in answer.out
+    assert "A square of a large factor is large." in answer.err
+    assert "Nothing was written" in answer.out
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_plain_study_writes_its_folder_whole_or_not_at_all(glucoloop, made, tmp_path):
+    module = made(PLAIN)
+    assert glucoloop("squares", "--out", "a").code == 0
+    assert {file.name for file in (tmp_path / "a").iterdir()} == {"SHA256SUMS", *FILES, "summary.json", "squares.toml"}
+    assert glucoloop("squares", "--config", "a/squares.toml", "--json").json["sum"] == 10
+    (tmp_path / "a/squares.toml").write_text("steps = 2\n[used]\nsteps = 2\nfactor = 5\n")
+    other = glucoloop("squares", "--config", "a/squares.toml", "--out", "c")
+    assert "a/squares.toml leaves out was filled in otherwise when it was written: factor was 5 and is 2." in other.err
+    written = tomllib.loads((tmp_path / "c/squares.toml").read_text())
+    assert {key: value for key, value in written.items() if key != "glucoloop"} == {
+        "steps": 2,
+        "used": {"factor": 2, "steps": 2},
+    }
+    module.stop_after = 1
+    assert glucoloop("squares", "--out", "b").code == 130
+    assert not (tmp_path / "b").exists()
+
+
+def test_what_does_not_hold_leaves_with_1(glucoloop, made):
+    module = made(PLAIN)
+    module.holds = False
+    assert glucoloop("squares").code == 1
+
+
+def test_a_mistake_names_the_option(refused, made):
+    made(SEARCH)
+    assert refused("squares", "--steps", 0, "--out", "a").startswith("--steps is 0; ")
+
+
+def test_options_are_those_of_the_settings_and_of_what_is_shared():
+    alone = {option.key for option in study_options(dataclasses.replace(PLAIN, keeps_files=False))}
+    assert alone == {"factor", "steps", "json"}
+    assert {option.key for option in study_options(SEARCH)} == {
+        *("factor", "steps", "config", "allow_code", "out", "overwrite", "json")
+    }
+    trial = dataclasses.replace(
+        SEARCH, shared="trial", taken=("people", "seed"), usual={"people": 7}, words={"help": {"seed": "A seed."}}
+    )
+    options = {option.key: option for option in study_options(trial)}
+    assert options.keys() >= {"people", "seed", "out"}
+    assert "meals" not in options
+    assert (options["people"].default, options["seed"].help) == ("7", "A seed.")
+    run = {option.key for option in study_options(dataclasses.replace(PLAIN, shared="run", refused=("guard",)))}
+    assert "noise_variance" in run
+    assert "guard" not in run
+    assert isinstance(app.app, typer.Typer)
