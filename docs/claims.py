@@ -2,7 +2,7 @@
 
     python docs/claims.py                                   everything: half an hour on two processors
     python docs/claims.py --only stomachs --only fasting    some situations, or groups of them
-    python docs/claims.py --seeds 4 --people 4 --figures glimpse.md    a glimpse
+    python docs/claims.py --seeds 4 --people 4 --out glimpse --figures glimpse.md    a glimpse
 
 This controller and the paper's four are simulated in the same situations with the same noise. The claims are those of
 ``papers/meal_aware/claims.toml``. The runs of each controller in each situation, and the bounds, are kept in
