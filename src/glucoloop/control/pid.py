@@ -1,7 +1,7 @@
-"""PID control with an integral that waits at limits, tuned by hand or from a first-order model with dead time.
+"""PID control whose integral never winds up, tuned by hand or from a first-order model with dead time.
 
 K. J. Astrom, L. Rundqwist, "Integrator windup and how to avoid it", Proc. American Control Conference, 1989, 1693-1698
-(conditional integration).
+(back-calculation at the range of the pump, conditional integration where a guard cuts a dose).
 D. E. Rivera, M. Morari, S. Skogestad, "Internal model control. 4. PID controller design", Ind. Eng. Chem. Process Des.
 Dev. 25(1), 1986.
 """
@@ -106,11 +106,12 @@ its rate to steps, and the integral has to grow by less than a step at a sample.
 
 @pytree
 class PIDState:
-    """Last reading and its error, integral part of the rate, and the last rate that was wanted."""
+    """Last reading, integral part of the rate, the last rate within the limits, and the rate in force."""
 
     last_mg_dl: jax.Array
     integral_mU_min: jax.Array
-    wanted_mU_min: jax.Array
+    asked_mU_min: jax.Array
+    """Last rate that was asked for, within the range of the pump."""
     insulin_mU_min: jax.Array
     """Rate in force."""
 
@@ -140,30 +141,36 @@ class PID:
         return PIDState(
             last_mg_dl=reading,
             integral_mU_min=insulin - self.proportional * (reading - observation.setpoint_mg_dl),
-            wanted_mU_min=insulin,
+            asked_mU_min=insulin,
             insulin_mU_min=insulin,
         )
 
     def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:
-        """Add up the three parts; the integral goes no further into a limit that the last rate met."""
+        """Add up the three parts.
+
+        At the least or greatest rate of the pump the integral becomes what makes up that rate, so that it is left as
+        soon as glucose turns. Where less or more was delivered than was asked for, as by a guard or the limit of change,
+        it goes no further that way, and forgets nothing.
+        """
         delivered = delivered_since(observation, state.insulin_mU_min)
         known = is_known(observation)
         y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
         error = y - observation.setpoint_mg_dl
-        # What was delivered tells of every limit, that of a guard included.
-        cut, rounding = state.wanted_mU_min - delivered, _ROUNDING * self.limits.max_mU_min
+        cut, rounding = state.asked_mU_min - delivered, _ROUNDING * self.limits.max_mU_min
         waits = ((cut > rounding) & (error > 0.0)) | ((cut < -rounding) & (error < 0.0))
         # No error is larger than one that moves the rate over the whole range; an impossible reading ends there too.
         most = self.limits.max_mU_min - self.limits.min_mU_min
         grows = known & jnp.isfinite(error) & ~waits
         integral = state.integral_mU_min + jnp.where(grows, jnp.clip(self.integral * error, -most, most), 0.0)
         wanted = self.proportional * error + integral + self.derivative * (y - state.last_mg_dl)
-        # A held reading says nothing about the error now: the wanted rate stays.
-        wanted = jnp.where(known, wanted, state.wanted_mU_min)
+        # A held reading says nothing about the error now: the last rate stays.
+        wanted = jnp.where(known, wanted, state.asked_mU_min)
+        finite = jnp.isfinite(wanted)
+        asked = jnp.clip(jnp.where(finite, wanted, delivered), self.limits.min_mU_min, self.limits.max_mU_min)
         state = PIDState(
             last_mg_dl=y,
-            integral_mU_min=integral,
-            wanted_mU_min=jnp.where(jnp.isfinite(wanted), wanted, delivered),
+            integral_mU_min=integral + jnp.where(known & finite, asked - wanted, 0.0),
+            asked_mU_min=asked,
             insulin_mU_min=delivered,
         )
         return state, decide(wanted, delivered, self.limits, known)
@@ -171,7 +178,7 @@ class PID:
 
 @checked
 def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sample_time_min: float = 5.0) -> PID:
-    """PID controller with the derivative on the reading, and an integral that waits at limits.
+    """PID controller with the derivative on the reading, and an integral that never winds up.
 
     With the error ``e = y - r`` the rate is::
 

@@ -376,7 +376,7 @@ class IMCSettings(ControllerPart, name="imc"):
 
 
 class PIDSettings(ControllerPart, name="pid"):
-    """PID whose integral waits at limits, tuned on a first-order model with dead time."""
+    """PID whose integral never winds up, tuned on a first-order model with dead time."""
 
     design: ClassVar = "glucoloop.control.pid:design"
     uses_model: ClassVar = False
