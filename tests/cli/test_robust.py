@@ -151,7 +151,7 @@ def test_what_is_read_is_told_as_it_was():
 
 
 def test_what_can_be_searched_are_settings_of_the_controller():
-    assert {*RANGES, *ESTIMATING.estimator_settings} <= {setting.name for setting in SEARCHED.settings}
+    assert {*RANGES, *ESTIMATING.estimator_settings} <= set(SEARCHED.settings())
     assert [name for name, tuned in RANGES.items() if not tuned.unasked] == [
         "output_weight",
         "glucose_floor_mg_dl",

@@ -233,7 +233,7 @@ def test_population_file_beside_a_configuration(glucoloop, tmp_path):
 MISTAKES = {
     "trial": ["--out is missing", "like --out trial"],
     "trial --out=": ["--out is empty"],
-    "trial --out a --people 0": ["--people is 0", "at least 1"],
+    "trial --out a --people 0": ["--people is 0", "from 1 to 1000000000"],
     "trial --out a --people many": ["--people is 'many'", "a whole number"],
     "trial --out a --population here": ["unknown population 'here'"],
     "trial --out a --population absent.toml": ["absent.toml", "No such file"],
@@ -246,7 +246,7 @@ MISTAKES = {
     "trial --out a --controller mpx": ["case 'mpx'", "did you mean 'mpc'"],
     "trial --out a --controller mpc --case mpc": ["two cases are called 'mpc'"],
     "trial --out a --case a:mpc,people=3": ["case 'a'", "people belongs to the trial"],
-    "trial --out a --design own": ["--design is 'own'", "'nominal' or 'individual'"],
+    "trial --out a --design own": ["--design is 'own'", "give nominal or individual"],
     "trial --out a --precision double": ["--precision is 'double'"],
     "trial --out a --traces some": ["--traces is 'some'", "none, all"],
     "trial --out a --shard-people 0": ["--shard-people is 0"],
