@@ -149,8 +149,8 @@ class PID:
         """Add up the three parts.
 
         At the least or greatest rate of the pump the integral becomes what makes up that rate, so that it is left as
-        soon as glucose turns. Where less or more was delivered than was asked for, as by a guard or the limit of change,
-        it goes no further that way, and forgets nothing.
+        soon as glucose turns. Where less or more was delivered than was asked for, as by a guard or the limit of
+        change, it goes no further that way, and forgets nothing.
         """
         delivered = delivered_since(observation, state.insulin_mU_min)
         known = is_known(observation)
