@@ -21,3 +21,10 @@ def test_a_gain_that_noise_has_made_doubtful_is_refused_with_the_mend():
 def test_without_noise_there_is_no_doubt():
     quiet = dataclasses.replace(NOISY, noise_variance=0.0)
     assert not nominal_model(quiet, usual_case("mpc", quiet)).doubts()
+
+
+def test_a_memory_that_is_too_short_is_named_as_the_reason():
+    skin = usual_situation("hovorka-2004")
+    case = dataclasses.replace(usual_case("mpc", skin), memory=10)
+    with pytest.raises(ValueError, match=r"A memory of 10 samples is short for hovorka-2004 \(\d+ are usual\)"):
+        nominal_model(skin, case)

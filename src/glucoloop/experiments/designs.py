@@ -194,9 +194,14 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     if doubts and not situation.allow_unusual:
         variance = case.model_noise_variance
         noise = f"with noise of variance {variance:g}" if variance else "without noise"
+        usual = patient_entry(situation.patient).identification(situation.sample_time_min)["memory"]
+        mend = (
+            f"A memory of {case.memory} samples is short for {situation.patient} ({usual} are usual): leave it out"
+            if case.memory is not None and case.memory < usual
+            else "Identify it with less noise (--model-noise, or model_noise_variance in a file)"
+        )
         raise Refusal(
-            f"no controller should be designed on the model that is identified {noise}. {' '.join(doubts)} "
-            "Identify it with less noise (--model-noise, or model_noise_variance in a file), "
+            f"no controller should be designed on the model that is identified {noise}. {' '.join(doubts)} {mend}, "
             f"or {CONFIRM_OPTION} to use it all the same"
         )
     return found

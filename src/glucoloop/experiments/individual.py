@@ -39,6 +39,7 @@ from glucoloop.identification import (
 from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.internal_model import linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
@@ -204,7 +205,13 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         numbers, first, place = np.unique(people.draw.person, return_index=True, return_inverse=True)
         designed: list[Any] = [None] * numbers.size
         for which in np.flatnonzero(people.feasible[first]):
-            designed[which] = controller_of(situation, case, of_people(people.patient, first[which]))
+            try:
+                designed[which] = controller_of(situation, case, of_people(people.patient, first[which]))
+            except Refusal as error:
+                raise Refusal(
+                    f"no {case.controller} can be designed for person {numbers[which]}: {error}; "
+                    "or design it once for the nominal patient (--design nominal)"
+                ) from None
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:
             sound = controller_of(situation, case)
