@@ -185,8 +185,8 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
         K_c e_k + I_k + K_c (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_c (T / T_I) e_k
 
     The integral part ``I`` begins with the rate in force. Beyond the least or greatest rate of the pump it starts anew
-    from that rate, so that it never winds up. Where a guard or the limit of change cuts a dose it waits: it goes no
-    further that way until the cut ends, and forgets nothing.
+    from that rate, so that it never winds up. Where a guard or the limit of change cuts a dose within that range it
+    waits: it goes no further that way until the cut ends, and forgets nothing.
 
     ============  =========================  ====
     variable      meaning                    size
