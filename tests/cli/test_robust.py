@@ -125,13 +125,18 @@ def test_a_search_that_was_cut_short_goes_on(glucoloop, tmp_path, monkeypatch):
     before = (tmp_path / "cut/SHA256SUMS").read_text()
     less = glucoloop("robust", *SMALL[:-1], 1, "--out", "cut")
     assert "cut holds 16 candidates, and 4 are asked for, which is fewer; ask for more" in less.err
-    other = glucoloop("robust", *farther, "--seeds", 5, "--out", "cut")
+    other = glucoloop("robust", *seeded(farther, 5), "--out", "cut")
     assert "cut holds another search: seeds is 3 there and 5 here" in other.err
     assert (tmp_path / "cut/SHA256SUMS").read_text() == before
-    assert glucoloop("robust", *SMALL, "--seeds", 5, "--sampler", "random", "--out", "cut", "--overwrite").code == 0
+    assert glucoloop("robust", *seeded(SMALL, 5), "--sampler", "random", "--out", "cut", "--overwrite").code == 0
     (tmp_path / "cut/candidates.parquet").write_bytes(b"nothing")
-    damaged = glucoloop("robust", *SMALL, "--seeds", 5, "--sampler", "random", "--out", "cut")
+    damaged = glucoloop("robust", *seeded(SMALL, 5), "--sampler", "random", "--out", "cut")
     assert "candidates.parquet is damaged; delete it" in damaged.err
+
+
+def seeded(options, seeds):
+    where = options.index("--seeds")
+    return (*options[: where + 1], seeds, *options[where + 2 :])
 
 
 @pytest.mark.usefixtures("_plain")

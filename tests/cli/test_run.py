@@ -95,7 +95,7 @@ def test_folder_repeats_the_run_to_the_last_bit(glucoloop, tmp_path):
     for name in FILES:
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "deep" / "second" / name).read_bytes(), name
     assert json.loads((tmp_path / "first/metrics.json").read_text())["config"]["seed"] == 5
-    assert tomllib.loads((tmp_path / "first/run.toml").read_text())["meals"] == ["40g@60min", "20g@300min"]
+    assert tomllib.loads((tmp_path / "first/run.toml").read_text())["meals"] == ["40@1h", "20g@300min"]
 
 
 def test_tables_hold_the_run(glucoloop, tmp_path):

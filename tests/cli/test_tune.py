@@ -80,16 +80,22 @@ def test_seeds_are_of_any_noise(glucoloop):
         (("--move-horizon", "x"), "--move-horizon is 'x'; write it like 1:4"),
         (("--move-horizon", "4:1"), "lower end first"),
         (("--move-horizon", 9, "--prediction-horizon", "2:4"), "look farther ahead"),
-        (("--move-weight", "-1"), "move weight of -1"),
+        (("--move-weight", "-1"), "move_weight is -1; give a finite number of 0 or more"),
         (("--reference-filter", ".5"), "no setting 'reference_filter'"),
-        (("--controller", "mpc-se", "--reference-filter", "1"), "less than 1"),
+        (
+            ("--controller", "mpc-se", "--reference-filter", "1"),
+            "reference_filter is 1; give a number of 0 or more and below 1",
+        ),
         (("--controller", "pid"), "'pid' cannot be tuned"),
         (("--controller", "mpv"), "did you mean 'mpc'"),
         (("--seeds", 3), "without noise, another sensor or a fault all are alike"),
         (("--noise", 1, "--seeds", 0), "--seeds is 0"),
         (("--top", 0), "--top is 0"),
         (("--duration", 101), "whole number of samples"),
-        (("--prediction-horizon", "1:1000", "--move-horizon", "1:50"), "horizon of 289"),
+        (
+            ("--prediction-horizon", "1:1000", "--move-horizon", "1:50"),
+            "prediction_horizon is 289; give a whole number from 0 to 288",
+        ),
     ],
 )
 def test_refusals(refused, options, told):

@@ -51,7 +51,9 @@ def test_decisions_from_outside_give_the_trace_of_the_simulation(on_chip):
     on_chip.stepper.reset()
     loop = on_chip.stepper._fixed.joined(on_chip.stepper._numbers)
     there = simulate(on_chip.stepper.patient, controller, loop.sensor, loop.pump, on_chip.scenario, key=3)
-    assert equal(simulate_stepped(on_chip.stepper, on_chip.scenario, decide), there)
+    here = simulate_stepped(on_chip.stepper, on_chip.scenario, decide)
+    for one, other in zip(jax.tree.leaves(here), jax.tree.leaves(there), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-13)  # two compiled programs round in their own ways
 
 
 def test_the_chip_gives_the_bits_of_the_controller_without_a_chip(undisturbed):

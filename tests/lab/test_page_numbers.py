@@ -367,13 +367,13 @@ def surroundings(run, faults):
     sensor = dead_time(around.dead_time_samples, sensor) if around.dead_time_samples else sensor
     pump = LimitedPump(limits=around.limits)
     for idle in faults:
-        entry, own = idle.entry, told.get(idle.name, idle)
-        inner = sensor if entry.part == "sensor" else pump
+        own = told.get(idle.name, idle)
+        inner = sensor if idle.part == "sensor" else pump
         wrapped = put_around(inner, own, SAMPLE_TIME_MIN, around.limits)
-        if own is idle and entry.timed:
+        if own is idle and idle.timed:
             never = dataclasses.replace(wrapped.episodes, earliest=np.inf, latest=np.inf, length=np.inf)
             wrapped = dataclasses.replace(wrapped, episodes=never)
-        if entry.part == "sensor":
+        if idle.part == "sensor":
             sensor = wrapped
         else:
             pump = wrapped

@@ -339,13 +339,13 @@ def test_both_engines_agree(noisy):
 def test_the_last_glucose_is_computed_while_no_other_thread_computes(noisy, monkeypatch):
     people, made, _ = noisy
     cohort = made["native"]
-    last = cohort._glucose_people
+    last = cohort._end_people
 
     def alone(*given):
         assert one_at_a_time._is_owned()  # two programs of JAX in two threads can wait for one another without end
         return last(*given)
 
-    monkeypatch.setattr(cohort, "_glucose_people", alone)
+    monkeypatch.setattr(cohort, "_end_people", alone)
     cohort.run(people)
 
 

@@ -11,6 +11,7 @@ import time
 import pytest
 
 from glucoloop.cohorts import engine
+from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.cluster import connected, run_on_cluster
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.run import run_here
@@ -110,7 +111,7 @@ def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client, pretend):
     ("errors", "told"),
     [
         ([RuntimeError("out of\n luck")] * 30, "failed on the cluster: out of luck; "),
-        ([None, ValueError("a worker has glucoloop 9, and this is 0")], "a worker has glucoloop 9"),
+        ([None, Refusal("a worker has glucoloop 9, and this is 0")], "a worker has glucoloop 9"),
     ],
 )
 def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_trial, client, pretend, errors, told):

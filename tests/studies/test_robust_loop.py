@@ -15,6 +15,7 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
 from glucoloop.parts.ranges import Tuned
 from glucoloop.patients import patient
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.studies.robust.loop import TuningLoop
@@ -35,7 +36,7 @@ def _designed_at_once():
 
         def design(tuning):
             if tuning["filter_min"] <= 0.0:
-                raise ValueError("a filter of no length is not possible")
+                raise Refusal("a filter of no length is not possible")
             return proportional(tuning["filter_min"])
 
         return design
