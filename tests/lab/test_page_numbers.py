@@ -18,8 +18,10 @@ from glucoloop.config.run import read_run
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.guard import Guard
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import with_guard
+from glucoloop.experiments.case import usual_case
+from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
+from glucoloop.experiments.situation import usual_situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
@@ -38,6 +40,7 @@ from glucoloop.native.targets.wasm.module import linker
 from glucoloop.parts.faults import FAULTS
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
@@ -435,3 +438,13 @@ def padded(controller):
     if isinstance(controller, Guard):
         return dataclasses.replace(controller, inner=padded(controller.inner))
     return controller.padded(8, 48) if hasattr(controller, "padded") else controller
+
+
+@pytest.mark.parametrize("controller", ["mpc", "mpc-se"])
+def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
+    least = data["patients"]["hovorka-2004/fasting-120"]["least_horizon"][controller]
+    around = usual_situation("hovorka-2004")
+    case = usual_case(controller, around)
+    controller_of(around, dataclasses.replace(case, tuning=case.tuning | {"prediction_horizon": least}))
+    with pytest.raises(Refusal, match=f"give a prediction horizon of {least} or more"):
+        controller_of(around, dataclasses.replace(case, tuning=case.tuning | {"prediction_horizon": least - 1}))

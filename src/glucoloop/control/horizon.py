@@ -84,13 +84,13 @@ def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tunin
     if is_traced(response, gain):
         return tuning if tuning.prediction_horizon else dataclasses.replace(tuning, prediction_horizon=usual)
     check_gain(gain)
-    share = np.asarray(response, float) / float(np.asarray(gain))
+    share = _share(response, gain)
     if not tuning.prediction_horizon:
         horizon = max(usual, tuning.move_horizon, _samples_until(USUAL_SHARE, share) or LONGEST_PREDICTION_HORIZON)
         tuning = dataclasses.replace(tuning, prediction_horizon=horizon)
     seen = float(share[min(tuning.prediction_horizon, share.size) - 1])
     if not seen >= LEAST_SHARE:
-        enough = _samples_until(LEAST_SHARE, share)
+        enough = least_horizon(response, gain)
         mend = (
             "design on another model"
             if enough is None
@@ -105,12 +105,21 @@ def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tunin
     return tuning
 
 
+def least_horizon(response: Any, gain: Any) -> int | None:
+    """Shortest horizon that `suited` accepts, from which on every longer one is; None without any."""
+    return _samples_until(LEAST_SHARE, _share(response, gain))
+
+
 def unseen(step_response: Floats, gain: Floats, horizon: int) -> Floats:
     """Indicator ``(people,)`` of responses with less than `LEAST_SHARE` of their gain at the horizon."""
     with np.errstate(invalid="ignore", divide="ignore"):
         seen = (gain < 0.0) & (step_response[horizon - 1] / gain >= LEAST_SHARE)
     hidden: Floats = ~seen
     return hidden
+
+
+def _share(response: Any, gain: Any) -> Floats:
+    return np.asarray(response, float) / float(np.asarray(gain))
 
 
 def _samples_until(least: float, share: Floats) -> int | None:

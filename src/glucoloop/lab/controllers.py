@@ -18,18 +18,20 @@ import jax.numpy as jnp
 from glucoloop.control import Controller, LinearMPC
 from glucoloop.control.catalogue import complete
 from glucoloop.control.guard import Guard, guarded
+from glucoloop.control.horizon import identified_response, least_horizon, linear_response
 from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
 from glucoloop.control.pid import PIDTuning, design_pid
 from glucoloop.control.protocol import Observation
 from glucoloop.experiments.case import usual_case
-from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
 from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.parts.guard import PREFIX, GuardSettings, usual_limit
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import Value
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.simulation import linear_model
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
@@ -58,6 +60,16 @@ def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
     """MPC/SE of a patient, with room for the longest horizon."""
     found: MPCSE = _with_room("mpc-se", family, operating_point)
     return found
+
+
+def least_horizons(family: str, operating_point: str) -> dict[str, int | None]:
+    """Shortest horizons with which the predictive controllers of a patient see enough of the effect of insulin."""
+    around = situation(family, operating_point)
+    identified = nominal_model(around, usual_case("mpc", around)).model
+    return {
+        "mpc": least_horizon(*identified_response(identified)),
+        "mpc-se": least_horizon(*linear_response(linear_model(patients(family)[operating_point]))),
+    }
 
 
 def _with_room(name: str, family: str, operating_point: str) -> Any:

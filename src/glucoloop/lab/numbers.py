@@ -27,6 +27,7 @@ from glucoloop.lab.controllers import (
     CONTROLLERS,
     FREE_LIMITS,
     LONGEST_HORIZON,
+    least_horizons,
     usual_mpc,
     usual_mpc_se,
     usual_tuning,
@@ -228,6 +229,7 @@ def _patient(entry: PatientEntry, point: str, patient: SemilinearPatient) -> dic
         "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
         "response": _response(entry.name, point),
         "linear": _linear(entry.name, point, patient),
+        "least_horizon": least_horizons(entry.name, point),
     }
 
 
