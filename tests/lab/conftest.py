@@ -97,9 +97,6 @@ def corpus(data):
             tuning[name] = round(value) if of["whole"] else round(float(value), 2)
         if tuning.get("move_horizon", 2) > tuning.get("prediction_horizon", 24):
             tuning["prediction_horizon"] = 24
-        if "prediction_horizon" in tuning:
-            least = data["patients"][patients[i // 24 % len(patients)]]["least_horizon"][controller]
-            tuning["prediction_horizon"] = max(tuning["prediction_horizon"], least)
         if tuning.get("move_horizon", 2) > 2 and tuning.get("move_weight", 1.0) < 0.5:
             tuning["move_weight"] = 0.5
         if tuning.get("derivative_time_min", 0.0) < 0.0:

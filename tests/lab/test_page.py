@@ -200,7 +200,7 @@ LINKS = {
     "#patient=hovorka-2004&operating_point=setpoint-81": (
         "the operating point of hovorka-2004 is 'setpoint-81'; the known ones are: fasting-120"
     ),
-    "#patient=parker-1999&prediction_horizon=30": "prediction horizon is 30; give a whole number from 1 to 24",
+    "#patient=parker-1999&prediction_horizon=30": "prediction horizon is 30; give a whole number from 3 to 24",
     "#duration_min=12345": "the length is 12345 min; give a multiple of 5 min from 30 to 1440 min",
     "#duration_min=601": "the length is 601 min; give a multiple of 5 min",
     "#meals=50": "a meal is '50'; write it like 50g@60min",
@@ -214,8 +214,7 @@ LINKS = {
     "#constructor=3": "a part of the link is 'constructor'",
     "#move_horizon=9": "move horizon is 9; give a whole number from 1 to 8",
     "#move_horizon=4&prediction_horizon=3": "a prediction horizon of 3 is not possible with a move horizon of 4",
-    "#prediction_horizon=2": "a prediction horizon of 2 samples sees less than 5 % of the effect of insulin on glucose",
-    "#patient=hovorka-2004&controller=mpc&prediction_horizon=29": "far too much or too little; give 30 or more",
+    "#patient=hovorka-2004&prediction_horizon=29": "prediction horizon is 29; give a whole number from 30 to 48",
     "#controller=pid&derivative_time_min=-0.5": "a derivative time of -0.5 min is not possible; give 0 or more, or -1",
     "#noise_variance=-1": "the variance of the noise is -1 (mg/dl)²; give from 0 to 900",
     "#dead_time_min=7": "the dead time is 7 min; give a multiple of 5 min from 0 to 60 min",

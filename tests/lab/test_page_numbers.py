@@ -442,7 +442,7 @@ def padded(controller):
 
 @pytest.mark.parametrize("controller", ["mpc", "mpc-se"])
 def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
-    least = data["patients"]["hovorka-2004/fasting-120"]["least_horizon"][controller]
+    least = data["families"]["hovorka-2004"]["controllers"][controller]["settings"]["prediction_horizon"]["least"]
     around = usual_situation("hovorka-2004")
     case = usual_case(controller, around)
     controller_of(around, dataclasses.replace(case, tuning=case.tuning | {"prediction_horizon": least}))

@@ -179,7 +179,7 @@ def _guard_options() -> Iterator[Option]:
         yield Option(
             setting.name,
             flag,
-            setting.type,
+            setting.kind,
             setting.summary,
             GUARD_PANEL,
             metavar="X",

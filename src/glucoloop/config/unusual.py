@@ -42,7 +42,7 @@ def ask_about_settings(
     """Ask for confirmation of unusual settings of a catalogue that were given; `otherwise` is that of other numbers."""
     for setting in settings:
         value, quantity = given.get(setting.name), setting.quantity or otherwise
-        if quantity is not None and setting.type in (int, float) and isinstance(value, int | float):
+        if quantity is not None and setting.kind in (int, float) and isinstance(value, int | float):
             _ask(value, quantity, setting.name, names)
 
 

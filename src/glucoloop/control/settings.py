@@ -25,7 +25,7 @@ LONGEST_PREDICTION_HORIZON: Final = 288
 PredictionHorizon = Annotated[
     int,
     About(
-        "Predicted samples, p; a known dead time is added to them. 0: until the model has shown 30 % of its gain.",
+        "Predicted samples, p; a known dead time is added to them. 0: enough to see 30 % of the gain of the model.",
         at_least=0,
         at_most=LONGEST_PREDICTION_HORIZON,
     ),

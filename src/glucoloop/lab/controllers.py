@@ -62,14 +62,18 @@ def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
     return found
 
 
-def least_horizons(family: str, operating_point: str) -> dict[str, int | None]:
-    """Shortest horizons with which the predictive controllers of a patient see enough of the effect of insulin."""
-    around = situation(family, operating_point)
-    identified = nominal_model(around, usual_case("mpc", around)).model
-    return {
-        "mpc": least_horizon(*identified_response(identified)),
-        "mpc-se": least_horizon(*linear_response(linear_model(patients(family)[operating_point]))),
-    }
+def shortest_horizon(name: str, family: str) -> int:
+    """Least horizon that a predictive controller accepts for every patient of a family."""
+
+    def of_patient(operating_point: str) -> int:
+        if name == "mpc-se":
+            response = linear_response(linear_model(patients(family)[operating_point]))
+        else:
+            around = situation(family, operating_point)
+            response = identified_response(nominal_model(around, usual_case(name, around)).model)
+        return least_horizon(*response) or LONGEST_HORIZON[entry_of(family).insulin_route]
+
+    return max(map(of_patient, patients(family)))
 
 
 def _with_room(name: str, family: str, operating_point: str) -> Any:

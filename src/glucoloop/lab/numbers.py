@@ -27,7 +27,7 @@ from glucoloop.lab.controllers import (
     CONTROLLERS,
     FREE_LIMITS,
     LONGEST_HORIZON,
-    least_horizons,
+    shortest_horizon,
     usual_mpc,
     usual_mpc_se,
     usual_tuning,
@@ -209,6 +209,10 @@ def _faults() -> dict[str, Any]:
     }
 
 
+_OF_ZERO: Final = " 0: "
+"""Begins what the value 0 of a horizon means; the page offers none."""
+
+
 def _offered(summary: str, whole: bool, bounds: tuple[float, float, float]) -> dict[str, Any]:
     """A setting with its bounds on the page."""
     return {"summary": summary, "whole": whole, **dict(zip(("least", "most", "step"), bounds, strict=True))}
@@ -229,7 +233,6 @@ def _patient(entry: PatientEntry, point: str, patient: SemilinearPatient) -> dic
         "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
         "response": _response(entry.name, point),
         "linear": _linear(entry.name, point, patient),
-        "least_horizon": least_horizons(entry.name, point),
     }
 
 
@@ -281,9 +284,10 @@ def _controller(name: str, of_patient: PatientEntry) -> dict[str, Any]:
     if of_patient.insulin_route == SUBCUTANEOUS:
         bounds |= OFFERED_UNDER_THE_SKIN.get(name, {})
     if "prediction_horizon" in bounds:
-        bounds["prediction_horizon"] = (1, LONGEST_HORIZON[of_patient.insulin_route], 1)
+        least = shortest_horizon(name, of_patient.name)
+        bounds["prediction_horizon"] = (least, LONGEST_HORIZON[of_patient.insulin_route], 1)
     offered = {
-        setting.name: _offered(setting.summary, setting.kind is int, bounds[setting.name])
+        setting.name: _offered(setting.summary.partition(_OF_ZERO)[0], setting.kind is int, bounds[setting.name])
         for setting in entry.settings().values()
         if setting.name in bounds
     }

@@ -159,11 +159,6 @@ class Setting:
         return self.about.quantity
 
     @property
-    def type(self) -> Any:
-        """Type without None."""
-        return self.kind
-
-    @property
     def unit(self) -> str:
         """Unit of a number."""
         own = self.about.unit or (self.about.quantity.unit if self.about.quantity is not None else "")

@@ -75,6 +75,11 @@ export function imc(tuning, model, sample_time_min) {
  */
 export function closedFormGain(response, tuning) {
   const { move_horizon: m, prediction_horizon: p, output_weight, move_weight } = tuning;
+  if (p < m) {
+    throw new RangeError(
+      `a prediction horizon of ${p} is not possible with a move horizon of ${m}; give a whole number of ${m} or more`,
+    );
+  }
   const q = output_weight ** 2;
   /** @type {(i: number, j: number) => number} */
   const A = (i, j) => (i >= j ? response[i - j] : 0);
@@ -204,23 +209,8 @@ export function design(name, tuning, patient, sample_time_min, kept) {
     case "imc":
       return imc(tuning, patient.first_order.imc, sample_time_min);
     case "mpc":
-    case "mpc-se":
-      checkHorizon(tuning, patient.least_horizon[name] ?? Infinity);
-  }
-  return name === "mpc" ? mpc(tuning, patient.response) : mpcSe(tuning, patient.linear, kept);
-}
-
-/** @param {Tuning} tuning @param {number} least */
-function checkHorizon({ move_horizon: m, prediction_horizon: p }, least) {
-  if (p < m) {
-    throw new RangeError(
-      `a prediction horizon of ${p} is not possible with a move horizon of ${m}; give a whole number of ${m} or more`,
-    );
-  }
-  if (p < least) {
-    throw new RangeError(
-      `a prediction horizon of ${p} samples sees less than 5 % of the effect of insulin on glucose, so that the ` +
-        `controller gives far too much or too little; give ${least} or more`,
-    );
+      return mpc(tuning, patient.response);
+    default:
+      return mpcSe(tuning, patient.linear, kept);
   }
 }

@@ -59,8 +59,6 @@
  * @property {import("./design.mjs").Numbers & {step_response: number[]}} response as linear MPC keeps it: coefficients, and a
  *   realisation of what comes after them
  * @property {import("./design.mjs").Linear} linear
- * @property {Record<string, number | null>} least_horizon of each predictive controller, below which it sees less than 5 % of
- *   the effect of insulin
  */
 
 /**
