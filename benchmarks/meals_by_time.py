@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.estimation.unknown_meal.replay import replay
-from glucoloop.experiments.case import usual_case
+from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import correlated_noise, white_noise
 from glucoloop.simulation import simulate

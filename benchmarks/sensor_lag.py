@@ -12,9 +12,9 @@ import dataclasses
 import jax
 import numpy as np
 
-from glucoloop.experiments.case import usual_case
+from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import lag, white_noise
 from glucoloop.simulation import simulate

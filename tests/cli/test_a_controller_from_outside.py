@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from glucoloop.cli.request import file_keys, with_lists
-from glucoloop.config.toml import toml_text
+from glucoloop.situations.toml import toml_text
 from glucoloop.config.trial import trial_keys
 from glucoloop.control.catalogue import controller_entry, controller_names
 from glucoloop.parts.code import found

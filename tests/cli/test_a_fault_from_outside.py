@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.parts.faults import FAULTS
 

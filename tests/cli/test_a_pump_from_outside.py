@@ -11,7 +11,7 @@ from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import overlay, read_run
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.experiments.surroundings import pump_of
 from glucoloop.parts.pumps import LIMITS, PUMPS, PumpPart
 from glucoloop.pumps.protocol import gives_bolus

@@ -9,7 +9,7 @@ from glucoloop.cohorts.engine import prepare
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors.protocol import site_of

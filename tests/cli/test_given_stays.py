@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from glucoloop.cli.request import file_keys
-from glucoloop.config.toml import read_toml, toml_text
+from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.config.trial import trial_keys
 from requests_read import request_of
 

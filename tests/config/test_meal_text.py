@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.meals import Meal
 
 grams = st.floats(min_value=0.0, max_value=1000.0, exclude_min=True)

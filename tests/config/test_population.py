@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.config.population import named_population, population_keys, read_population
-from glucoloop.config.toml import read_toml, toml_text
+from glucoloop.situations.population import named_population, population_keys, read_population
+from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from glucoloop.config.comparison import read_comparison
 from glucoloop.config.identification import identification_keys, overlay_identification, read_identification
 from glucoloop.config.run import overlay, read_run
-from glucoloop.config.toml import read_toml, toml_text
+from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.meals import Meal
 
 keys = st.fixed_dictionaries(

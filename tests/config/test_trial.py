@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.config.toml import toml_text
+from glucoloop.situations.toml import toml_text
 from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
 from glucoloop.meals import Meal
 from glucoloop.patients.population import population

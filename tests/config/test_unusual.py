@@ -8,7 +8,7 @@ from glucoloop.config.bound import bound_keys, read_bound
 from glucoloop.config.comparison import read_comparison
 from glucoloop.config.identification import identification_keys, read_identification
 from glucoloop.config.run import read_run
-from glucoloop.config.toml import toml_text
+from glucoloop.situations.toml import toml_text
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.studies.detection.keys import detection_keys, read_detection
 from glucoloop.studies.robust.keys import read_robust

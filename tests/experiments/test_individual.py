@@ -11,10 +11,10 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import catalogue
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.settings import StateTuning
-from glucoloop.experiments.case import Case
+from glucoloop.situations.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
 from glucoloop.parts.patients import USUAL_PATIENT

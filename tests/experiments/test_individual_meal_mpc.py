@@ -10,7 +10,7 @@ import pytest
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import MealMPC, catalogue
 from glucoloop.experiments import individual_meal_mpc
-from glucoloop.experiments.case import Case
+from glucoloop.situations.case import Case
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.individual_meal_mpc import by_record, impulse_response, pulses
 from glucoloop.meals import Meal

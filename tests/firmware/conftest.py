@@ -4,9 +4,9 @@ import dataclasses
 
 import pytest
 
-from glucoloop.experiments.case import usual_case
+from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.situation import usual_situation
+from glucoloop.situations.situation import usual_situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.hil.build import HOST, build

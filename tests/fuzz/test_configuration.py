@@ -11,9 +11,9 @@ from glucoloop.config.comparison import read_comparison
 from glucoloop.config.identification import read_identification
 from glucoloop.config.key import declared
 from glucoloop.config.options.identification import IdentificationKeys
-from glucoloop.config.population import read_population
+from glucoloop.situations.population import read_population
 from glucoloop.config.run import read_run, run_keys
-from glucoloop.config.toml import read_toml
+from glucoloop.situations.toml import read_toml
 from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.sorensen.varying import NOMINAL

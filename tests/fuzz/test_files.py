@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from glucoloop import arithmetic
 from glucoloop.cohorts.trial import FORMAT
-from glucoloop.config.population import named_population
+from glucoloop.situations.population import named_population
 from glucoloop.config.trial import read_trial
 from glucoloop.identification import record_from_samples
 from glucoloop.storage import disk

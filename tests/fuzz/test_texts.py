@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.config.case_text import parse_case
-from glucoloop.config.meal_text import meal_text, parse_meal
+from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import is_printable, printable
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid

@@ -11,7 +11,7 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop import __version__
 from glucoloop.config.run import read_run
-from glucoloop.config.toml import toml_text
+from glucoloop.situations.toml import toml_text
 from glucoloop.lab.pack import page
 from glucoloop.report._page import Repeat, situation
 from glucoloop.report._page import page as page_of

@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.experiments.case import usual_case
+from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.lab.body import FAMILIES, entry_of, people_of, situation
 from glucoloop.lab.pack import PAGE

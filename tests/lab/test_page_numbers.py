@@ -18,10 +18,10 @@ from glucoloop.config.run import read_run
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.guard import Guard
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.case import usual_case
+from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
-from glucoloop.experiments.situation import usual_situation
+from glucoloop.situations.situation import usual_situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build

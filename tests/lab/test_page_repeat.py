@@ -11,7 +11,7 @@ import pytest
 
 from glucoloop.cli.app import main
 from glucoloop.config.run import read_run
-from glucoloop.config.toml import toml_text
+from glucoloop.situations.toml import toml_text
 from glucoloop.report._page import Repeat, situation
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
 

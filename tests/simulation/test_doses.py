@@ -17,7 +17,7 @@ from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.episodes import once
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.situation import Situation
+from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics

@@ -17,8 +17,8 @@ from glucoloop.control import (
 )
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.parker1999 import PARKER_1999
-from glucoloop.experiments.case import usual_case
-from glucoloop.experiments.situation import usual_situation
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import usual_situation
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient

@@ -2,89 +2,83 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
-from typing import Annotated, Final, NoReturn
-
-import typer
+from typing import Final, NamedTuple, NoReturn
 
 import glucoloop
-from glucoloop.arithmetic import pin
-from glucoloop.cli import (
-    adversary,
-    bound,
-    compare,
-    detect,
-    export,
-    hil,
-    identify,
-    lab,
-    listing,
-    query,
-    reproduce,
-    robust,
-    run,
-    trial,
-)
-from glucoloop.cli.declared import command_of
+from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import heeded
 from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
-from glucoloop.cli.options import ALLOW_CODE
 from glucoloop.cli.results import forgotten
-from glucoloop.cli.screen import note
-from glucoloop.cli.whole_names import WholeNames
-from glucoloop.parts.code import only_code
-from glucoloop.storage.trials.stoppable import left_behind
-from glucoloop.studies.catalogue import STUDIES
+from glucoloop.parts.code import loaded, only_code
+from glucoloop.parts.setting import known_names
+from glucoloop.refusal import Refusal
+from glucoloop.studies.catalogue import LIMITS, SAFETY, SIMULATE, STUDIES
 
-USAGE_ERRORS: Final[type[Exception]] = typer.BadParameter.__bases__[0]
-"""Typer hands out only this one of its usage errors; the others share its base."""
-
-app = typer.Typer(
-    name="glucoloop",
-    help=(
-        "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, "
-        "compare controllers, try them on a population. Research software, not a medical device."
-    ),
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+_ALLOW_CODE: Final = "--allow-code"
+_HELP: Final = ("-h", "--help")
+_WIDEST: Final = 100
+_INTRO: Final = (
+    "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, compare "
+    "controllers, try them on a population. Research software, not a medical device."
 )
-_BEFORE: Final = {"run": run, "list": listing, "identify": identify, "compare": compare, "trial": trial}
-_STUDIES: Final = {
-    "bound": bound,
-    "robust": robust,
-    "detect": detect,
-    "adversary": adversary,
+
+
+class CommandEntry(NamedTuple):
+    """A command in the help of the program."""
+
+    place: str
+    """Place ``module:attribute`` of its `command.Command`; nothing of it is imported before it is asked for."""
+    group: str
+    summary: str
+
+
+_MODELS: Final = "People and models"
+_CARRY_ON: Final = "Carry on"
+_RESULTS: Final = "Results"
+COMMANDS: Final = {
+    "run": CommandEntry("glucoloop.cli.run:RUN", SIMULATE, "Close the loop: a controller, a virtual patient, meals."),
+    "compare": CommandEntry("glucoloop.cli.run:COMPARE", SIMULATE, "Close it with several controllers, side by side."),
+    "trial": CommandEntry("glucoloop.cli.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."),
+    "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
+    "list": CommandEntry("glucoloop.cli.listing:LIST", _MODELS, "List all parts, and the settings of each."),
+    "identify": CommandEntry("glucoloop.cli.identify:IDENTIFY", _MODELS, "Identify a model, also from your own CSV."),
+    "export": CommandEntry("glucoloop.cli.export:EXPORT", _CARRY_ON, "Write a controller as C for a microcontroller."),
+    "hil": CommandEntry("glucoloop.cli.hil:HIL", _CARRY_ON, "Close the loop with the controller on a chip."),
+    "query": CommandEntry("glucoloop.cli.query:QUERY", _RESULTS, "Query the folder of a trial in SQL."),
+    "reproduce": CommandEntry(
+        "glucoloop.cli.reproduce:REPRODUCE", _RESULTS, "Reproduce a published study, number by number."
+    ),
 }
-_AFTER: Final = {"export": export, "hil": hil, "lab": lab, "query": query, "reproduce": reproduce}
-for _name, _module in {**_BEFORE, **_STUDIES}.items():
-    app.command(_name, help=_module.HELP)(_module.command)
-for _study in STUDIES:
-    app.command(_study.name, help=_study.help)(command_of(_study))
-for _name, _module in _AFTER.items():
-    app.command(_name, help=_module.HELP)(_module.command)
-for _registered in app.registered_commands:
-    _registered.cls = WholeNames
+_GROUPS: Final = (SIMULATE, _MODELS, SAFETY, LIMITS, _CARRY_ON, _RESULTS)
 
 
-def _tell_version(asked: bool) -> None:
-    if asked:
-        typer.echo(f"glucoloop {glucoloop.__version__}")
-        raise typer.Exit
+def names() -> list[str]:
+    """Names of all commands, in the order of the help."""
+    every = {**COMMANDS, **STUDIES}
+    return [name for group in _GROUPS for name, entry in every.items() if entry.group == group]
 
 
-@app.callback()
-def _program(
-    version: Annotated[
-        bool, typer.Option("--version", help="Show the version and leave.", callback=_tell_version, is_eager=True)
-    ] = False,
-) -> None:
-    del version
+def program_help() -> str:
+    """Help of the program: its commands in groups, a sentence each."""
+    width = min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
+    lines = ["Usage: glucoloop COMMAND [OPTIONS]", "", *textwrap.wrap(_INTRO, width), ""]
+    every = {**COMMANDS, **STUDIES}
+    for group in _GROUPS:
+        of_group = {name: entry for name, entry in every.items() if entry.group == group}
+        if of_group:
+            lines.append(f"{group}:")
+            lines += [f"  {name:<11} {entry.summary}" for name, entry in of_group.items()]
+            lines.append("")
+    lines.append("glucoloop COMMAND --help explains a command; glucoloop --version shows the version.")
+    return "\n".join(lines) + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -96,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _typed(arguments: Sequence[str]) -> Callable[[str], bool]:
     """Whether a name of code stands on the command line, or all are allowed there."""
-    if ALLOW_CODE.flag in arguments:
+    if _ALLOW_CODE in arguments:
         return lambda name: True
     return lambda name: any(re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.:])", text) for text in arguments)
 
@@ -108,13 +102,11 @@ def _main(arguments: list[str]) -> NoReturn:
         sys.stdout.reconfigure(errors="backslashreplace")
     if any("\0" in argument for argument in arguments):
         mistake("an argument holds a NUL character, which no name or number does; leave it out")
-    note(pin())
+    code = 0
     try:
         with heeded():
-            code = app(args=arguments, prog_name="glucoloop", standalone_mode=False)
-    except USAGE_ERRORS as error:
-        _leave_usage(error, arguments)
-    except (KeyboardInterrupt, typer.Abort):
+            code = _carried_out(arguments)
+    except KeyboardInterrupt:
         interrupted()
     except Exception as error:
         told = sentence(error)
@@ -122,10 +114,50 @@ def _main(arguments: list[str]) -> NoReturn:
             error.add_note(BUG)
             raise
         mistake(told)
-    # Typer turns an interrupt into this code when it is not to leave by itself.
-    if code == 130:
-        interrupted()
-    sys.exit(code or 0)
+    sys.exit(code)
+
+
+def _carried_out(arguments: list[str]) -> int:
+    """Carry out what the arguments ask for; returns the exit code."""
+    if not arguments or arguments[0] in _HELP:
+        print(program_help(), end="")
+        return 0 if arguments else 2
+    if arguments[0] == "--version":
+        print(f"glucoloop {glucoloop.__version__}")
+        return 0
+    name, *rest = arguments
+    command = command_of(name)
+    if any(argument in _HELP for argument in rest):
+        print(command.help(), end="")
+        return 0
+    from glucoloop.arithmetic import pin
+    from glucoloop.cli.screen import note
+
+    typed = command.parser().given(rest)
+    note(pin())
+    command.carry_out(typed)
+    return 0
+
+
+def command_of(name: str) -> Command:
+    """A command by its name.
+
+    Raises
+    ------
+    Refusal
+        For an unknown one.
+    """
+    if name in STUDIES:
+        from glucoloop.cli.declared import command_of_study
+
+        return command_of_study(loaded(STUDIES[name].place))
+    if name not in COMMANDS:
+        if name.startswith("-"):
+            raise Refusal(f"there is no option {name} before a command; see glucoloop --help")
+        raise Refusal(f"there is no command {name!r}; {known_names(name, names())}")
+    module, _, attribute = COMMANDS[name].place.partition(":")
+    found: Command = getattr(importlib.import_module(module), attribute)
+    return found
 
 
 def _open_streams() -> None:
@@ -144,18 +176,14 @@ def program() -> None:
     try:
         main()
     except SystemExit as leaving:
-        if leaving.code != 130 and not left_behind():
+        if leaving.code != 130 and not _left_behind():
             raise
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(leaving.code if isinstance(leaving.code, int) else 0)
 
 
-def _leave_usage(error: Exception, arguments: Sequence[str]) -> None:
-    told = str(getattr(error, "format_message", error.__str__)()).strip()
-    if not told:  # no arguments: the help has been shown
-        sys.exit(2)
-    commands = {command.name for command in app.registered_commands}
-    named = [argument for argument in arguments if argument in commands][:1]
-    told = " ".join(told.split()).rstrip(".")
-    mistake(f"{told}{' see' if told.endswith('?') else '; see'} {' '.join(['glucoloop', *named, '--help'])}")
+def _left_behind() -> bool:
+    """Whether a query was left behind that does not stop."""
+    module = sys.modules.get("glucoloop.storage.trials.stoppable")
+    return module is not None and bool(module.left_behind())

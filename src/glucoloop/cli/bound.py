@@ -71,8 +71,8 @@ def _used(asked: BoundKeys) -> Given:
 
 def _write(folder: OutputFolder, bounded: Bounded, given: Given) -> None:
     from glucoloop.cli.pictures import write_figure
-    from glucoloop.config.toml import toml_text
     from glucoloop.report.bound_figure import plot_bound
+    from glucoloop.situations.toml import toml_text
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text
 

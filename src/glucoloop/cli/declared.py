@@ -6,33 +6,19 @@ import contextlib
 import functools
 import importlib
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
+from glucoloop.cli.command import Command
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.options import (
-    CASE,
-    MMOL,
-    OUTPUT,
-    SITUATION,
-    Given,
-    Option,
-    among,
-    names,
-    options_of,
-    reworded,
-    with_options,
-    without,
-)
+from glucoloop.cli.option import JSON, OUTPUT, SHORT, WORKERS, CommandOption, Given, options_of, reworded, without
 from glucoloop.cli.progress import counted
-from glucoloop.cli.request import Output, split_off_output
+from glucoloop.cli.request import Output, Request, completed, request_of
 from glucoloop.cli.screen import note, stage, stages
-from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
-from glucoloop.cli.trial import compute, computing
-from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS, usual_texts
-from glucoloop.config.key import declared
+from glucoloop.cli.study import carried_out, needed_folder, paths_of, tell_results
+from glucoloop.cli.trial import Computing, compute, computing
 from glucoloop.printable import how_many
+from glucoloop.situations.request import asked_for, read_root
 from glucoloop.studies.study import (
     Module,
     PlainModule,
@@ -50,91 +36,75 @@ if TYPE_CHECKING:
     from glucoloop.storage.rows import RowsFolder
     from glucoloop.storage.trials.folder import TrialFolder
 
-_SHARED: Final = {"trial": TRIAL, "run": (*SITUATION, *CASE, *OUTPUT), "nothing": OUTPUT}
-_OUTPUT: Final = tuple(option.key for option in OUTPUT)
+
+def command_of_study(study: Study) -> Command:
+    """The command of a study."""
+    return Command(study.name, study.help, study_options(study), functools.partial(_run, study), more=study.name)
 
 
-def command_of(study: Study) -> Callable[..., None]:
-    """The command of a study, for Typer."""
-    return with_options(study_options(study))(lambda given: _run(study, given))
-
-
-def study_options(study: Study) -> tuple[Option, ...]:
-    """Options of a study: its own settings and the shared keys, in its words."""
-    own = tuple(option for record in study.settings for option in options_of(record))
-    shared = without(_SHARED[study.shared], *study.refused, *(option.key for option in own), DASK.key, MMOL.key)
-    if study.taken is not None:
-        shared = among(shared, (*study.taken, *_OUTPUT))
-    if not isinstance(study, TrialStudy):
-        shared = without(shared, WORKERS.key)
+def study_options(study: Study) -> tuple[CommandOption, ...]:
+    """Options of a study: the settings of what it asks for, in its words, and where its results go."""
+    root = study.request
+    options: tuple[CommandOption, ...] = without(options_of(root), root.refused)
+    short = SHORT if "sensor" in root.settings() and "sensor" not in root.refused else ()
+    computed = (WORKERS,) if isinstance(study, TrialStudy) else ()
     if isinstance(study, PlainStudy):
-        shared = shared if study.keeps_files else among(shared, ("json",))
-        kept = {}
+        output, kept = OUTPUT if study.keeps_files else (JSON,), {}
     else:
+        output = OUTPUT
         kept = {
             "out": f"Folder of {study.what}; an unfinished one is resumed.",
             "overwrite": "Begin again in the folder.",
         }
     words = {**study.words, "help": {**kept, **study.words.get("help", {})}}
-    shared = tuple(reworded(shared, default=usual_texts(study.usual)))
-    return tuple(reworded((*shared, *own) if isinstance(study, TrialStudy) else (*own, *shared), **words))
+    return tuple(reworded((*options, *short, *computed, *output), **words))
 
 
-def _run(study: Study, given: Given) -> None:
+def _run(study: Study, typed: Given) -> None:
     """Check the request, carry it out or go on with it, and print the results."""
-    keys, output, file = split_off_output({key: value for key, value in given.items() if value not in ((), [])})
+    request = request_of(typed, study_options(study))
+    read_root(study.request, request.tree)
     if isinstance(study, TrialStudy):
-        _run_trial(study, keys, output, file)
+        _run_trial(study, request, computing(typed))
     elif isinstance(study, SearchStudy):
-        _run_search(study, keys, output, file)
+        _run_search(study, request)
     elif isinstance(study, PlainStudy):
-        _run_plain(study, keys, output, file)
+        _run_plain(study, request)
     else:
         raise TypeError(f"{type(study).__name__} is no kind of study")
 
 
-def asked_of(study: Study, keys: Given, of_file: Given) -> tuple[Any, Any]:
-    """The module of a study, and the request from the keys of the command line and those of a file."""
-    from glucoloop.config.cases import take_cases
-    from glucoloop.config.run import overlay
-    from glucoloop.config.trial import overlay_trial
-
+def _asked(study: Study, request: Request) -> tuple[Any, Any]:
+    """The module of a study, and the complete request."""
+    asked = completed(request, functools.partial(asked_for, study.request))
     module: Any = importlib.import_module(study.module)
-    cases = take_cases(keys, of_file) if study.shared == "trial" else ()
-    called = names(study_options(study), keys)
-    over = {"trial": overlay_trial, "run": overlay}.get(study.shared)
-    merged = {**of_file, **keys} if over is None else over(of_file, keys, called)
-    return module, module.read(merged, cases, called)
+    note(module.notes(asked))
+    return module, asked
 
 
-def _used(read: tuple[Any, Any]) -> Mapping[str, Any]:
-    used: dict[str, Any] = read[1].keys()
-    return used
-
-
-def _work(study: Study, what: str, asked: Any, may_change: Mapping[str, Any]) -> Work:
+def _work(study: Study, what: str, asked: Any, may_change: Iterable[str]) -> Work:
     from glucoloop.storage.resumable import Work
 
     return Work(
         command=study.name,
         what=what,
-        keys=asked.keys(),
-        given=asked.given,
+        keys=asked.tree(whole=True),
+        given=asked.tree(),
         final=(*study.files, study.summary),
         summary=study.summary,
         may_change=frozenset(may_change),
     )
 
 
-def _run_trial(study: TrialStudy, keys: Given, output: Output, file: Path | None) -> None:
-    where, out = computing(keys), needed_folder(output, study.what, study.name)
+def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
+    output = request.output
+    out = needed_folder(output, study.what, study.name)
     module: TrialModule
-    module, asked = read_request(keys, file, functools.partial(asked_of, study), _used)
+    module, asked = _asked(study, request)
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.trials.folder import trial_folder
 
-    work, trial = _work(study, "trial", asked, {}), asked.trial
-    note(module.notes(asked))
+    work, trial = _work(study, "trial", asked, ()), asked.trial
 
     def finish(folder: TrialFolder) -> Findings:
         if folder.finished:
@@ -152,14 +122,14 @@ def _run_trial(study: TrialStudy, keys: Given, output: Output, file: Path | None
     _tell(module, asked, found, output, files, written=written)
 
 
-def _run_search(study: SearchStudy, keys: Given, output: Output, file: Path | None) -> None:
+def _run_search(study: SearchStudy, request: Request) -> None:
+    output = request.output
     out = needed_folder(output, study.what, study.name) if study.needs_folder else output.place
     module: SearchModule
-    module, asked = read_request(keys, file, functools.partial(asked_of, study), _used)
+    module, asked = _asked(study, request)
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
 
-    note(module.notes(asked))
     kept = module.rows(asked)
 
     def finish(folder: RowsFolder[Any] | None) -> Findings:
@@ -182,24 +152,23 @@ def _run_search(study: SearchStudy, keys: Given, output: Output, file: Path | No
     if out is None:
         _tell(module, asked, finish(None), output, {})
         return
-    work = _work(study, "search", asked, {} if study.extent is None else declared(study.extent))
+    work = _work(study, "search", asked, study.extent)
     found = carried_out(rows_folder(out, work, kept, overwrite=output.overwrite), finish)
     _tell(module, asked, found, output, paths_of(work, out, kept.file))
 
 
-def _run_plain(study: PlainStudy, keys: Given, output: Output, file: Path | None) -> None:
-    files: dict[str, str] = {}
+def _run_plain(study: PlainStudy, request: Request) -> None:
+    output, files = request.output, dict[str, str]()
     with output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
         module: PlainModule
-        module, asked = read_request(keys, file, functools.partial(asked_of, study), _used)
-        note(module.notes(asked))
+        module, asked = _asked(study, request)
         with _progress(study, module, asked) as progress:
             found = module.found(asked, progress)
         if folder is not None:
-            from glucoloop.config.toml import toml_text
+            from glucoloop.situations.toml import toml_text
 
             configuration = f"{study.name}.toml"
-            text = toml_text(asked.keys(), f"{study.name} --config {configuration}", asked.given)
+            text = toml_text(asked.tree(whole=True), f"{study.name} --config {configuration}", asked.tree())
             with stage("Drawing"):
                 made = {configuration: text.encode(), **found.files(study.summary), **module.drawn(asked, found)}
             for name, data in made.items():

@@ -10,9 +10,7 @@ from typing import Any
 
 from glucoloop.cli.telling import where_written
 from glucoloop.config.export import Export
-from glucoloop.config.toml import toml_text
 from glucoloop.control import Controller
-from glucoloop.experiments.situation import Situation
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
@@ -20,6 +18,8 @@ from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
+from glucoloop.situations.situation import Situation
+from glucoloop.situations.toml import toml_text
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import OutputFolder
 from glucoloop.storage.model_file import ModelFile

@@ -70,8 +70,8 @@ def _used(asked: IdentificationKeys) -> Given:
 
 def _write(folder: OutputFolder, identified: Identified, given: Given) -> None:
     from glucoloop.cli.pictures import write_figure
-    from glucoloop.config.toml import toml_text
     from glucoloop.report import plot_identification, plot_validation
+    from glucoloop.situations.toml import toml_text
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from glucoloop.cli.options import Given, Option, with_options
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import CommandOption, Given
 from glucoloop.refusal import Refusal
 
 HELP: Final = (
@@ -18,13 +19,12 @@ HELP: Final = (
     "  glucoloop lab --out lab.html"
 )
 _OPTIONS: Final = (
-    Option("out", "--out", str, "The file.", "Output", metavar="FILE"),
-    Option("overwrite", "--overwrite", bool, "Replace a file of that name.", "Output"),
+    CommandOption("out", "--out", "The file.", metavar="FILE"),
+    CommandOption("overwrite", "--overwrite", "Replace a file of that name."),
 )
 
 
-@with_options(_OPTIONS)
-def command(given: Given) -> None:
+def _lab(given: Given) -> None:
     """Write the page, and say where it is."""
     out = given.get("out")
     if not out:
@@ -46,3 +46,6 @@ def command(given: Given) -> None:
         ways = " or ".join(filter(None, (mend(error), "choose another place with --out")))
         raise Refusal(f"{place} cannot be written: {error.strerror}; {ways}") from None
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")
+
+
+LAB: Final = Command("lab", HELP, _OPTIONS, _lab)

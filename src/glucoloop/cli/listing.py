@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from typing import Annotated, Final
+from typing import Final
 
-import typer
-
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.parts.listing import listed, listing
 
 HELP: Final = (
-    "List what there is: patients, sensors, pumps, faults, controllers, guards and metrics.\n\n"
+    "List what there is: patients, sensors, pumps, faults, controllers, guards, models and metrics.\n\n"
     "With the name of a kind those of the kind are listed, and with the name of one its settings: their usual values, "
-    "bounds and units. What other packages add is listed too.\n\n"
+    "bounds and units; run and trial list the settings of these. What other packages add is listed too.\n\n"
     "  glucoloop list\n\n"
     "  glucoloop list faults\n\n"
     "  glucoloop list mpc-se"
@@ -20,15 +20,20 @@ HELP: Final = (
 _WIDEST: Final = 100
 
 
-def command(
-    what: Annotated[str | None, typer.Argument(metavar="[KIND|NAME]", help="A kind of parts, or one of them.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
+def _list(typed: Given) -> None:
     """Print a description of each part."""
-    parts = listed(what)
-    if json:
+    parts = listed(typed.get("what"))
+    if typed.get("json"):
         from glucoloop.storage.strict_json import json_text, with_version
 
         print(json_text(with_version({"parts": parts})))
     else:
         print(listing(parts, min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)))
+
+
+LIST: Final = Command(
+    "list",
+    HELP,
+    (CommandOption("what", "KIND|NAME", "A kind of parts, or one of them.", metavar="NAME", required=False), JSON),
+    _list,
+)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.parts.patients import patient_entry
 from glucoloop.report import Repeat, interactive_page, plot
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ def write_pictures(
 ) -> None:
     """Write the figure for print and the interactive page of runs in the same situation."""
     first = next(iter(outcomes.values()))
-    limits, under_the_skin = first.limits, patient_entry(first.run.situation.patient).under_the_skin
+    limits, under_the_skin = first.limits, first.run.patient.under_the_skin
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
     write_figure(folder, "figure", plot(traces, title=title, mmol=mmol, units_per_hour=under_the_skin, limits=limits))
@@ -51,7 +50,7 @@ def write_pictures(
         metrics if len(metrics) > 1 else next(iter(metrics.values())),
         title=title,
         limits=limits,
-        faults=first.run.situation.faults,
+        faults=first.run.fault_texts,
         facts=facts,
         repeat=repeat,
         mmol=mmol,

@@ -8,10 +8,10 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import typer
-
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import fits, note, show
 from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
@@ -36,19 +36,10 @@ _MOST_RECORDS: Final = 20
 """Most rows that are shown one column below the other."""
 
 
-def command(
-    folder: Annotated[str, typer.Argument(help="The folder that glucoloop trial wrote.", metavar="DIR")],
-    sql: Annotated[str | None, typer.Argument(help="One SELECT, PIVOT, DESCRIBE or SUMMARIZE.", metavar="SQL")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object: columns, and a list of rows.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print lines of comma-separated values, however many.")] = False,
-    timeout: Annotated[
-        str | None,
-        typer.Option(
-            "--timeout", help="Longest time that the answer may take; any by default.", metavar="S", show_default=False
-        ),
-    ] = None,
-) -> None:
+def _query(typed: Given) -> None:
     """Run the query and print the answer."""
+    folder, sql, timeout = str(typed["folder"]), typed.get("sql"), typed.get("timeout")
+    json, csv = bool(typed.get("json")), bool(typed.get("csv"))
     if json and csv:
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
@@ -160,3 +151,19 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     return float(value) if type(value).__name__ == "Decimal" else str(value)
+
+
+QUERY: Final = Command(
+    "query",
+    HELP,
+    (
+        CommandOption("folder", "DIR", "The folder that glucoloop trial wrote.", metavar="DIR"),
+        CommandOption("sql", "SQL", "One SELECT, PIVOT, DESCRIBE or SUMMARIZE.", metavar="SQL", required=False),
+        CommandOption("json", "--json", "Print one JSON object: columns, and a list of rows."),
+        CommandOption("csv", "--csv", "Print lines of comma-separated values, however many."),
+        CommandOption(
+            "timeout", "--timeout", "Longest time that the answer may take, in seconds; any by default.", metavar="S"
+        ),
+    ),
+    _query,
+)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import OUTPUT, Given, Option, names, options_of, reworded, with_options, without
-from glucoloop.cli.request import split_off_output
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import JSON, OUT, OVERWRITE, CommandOption, Given, options_of, reworded
+from glucoloop.cli.request import request_of
 from glucoloop.cli.screen import show, stages
 from glucoloop.cli.telling import print_json, where_written
-from glucoloop.papers.parker1999.options import ReproduceKeys
+from glucoloop.papers.parker1999.options import Reproduction
 from glucoloop.refusal import Refusal
+from glucoloop.situations.request import asked_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,25 +32,22 @@ HELP: Final = (
 
 
 _OPTIONS: Final = (
-    Option("paper", "PAPER", str, f"The study: {', '.join(PAPERS)}.", ""),
-    *options_of(ReproduceKeys),
+    CommandOption("paper", "PAPER", f"The study: {', '.join(PAPERS)}.", metavar="PAPER"),
+    *options_of(Reproduction),
     *reworded(
-        without(OUTPUT, "config"),
+        (OUT, OVERWRITE, JSON),
         help={"out": "Folder for report and figures.", "json": "Print the report as one JSON object."},
     ),
 )
 
 
-@with_options(_OPTIONS)
-def command(given: Given) -> None:
+def _reproduce(typed: Given) -> None:
     """Run every experiment, compare the results, write and print them."""
-    keys, output, _ = split_off_output(given)
-    paper = keys.pop("paper")
+    paper = typed.pop("paper")
     if paper not in PAPERS:
         raise Refusal(f"unknown paper {paper!r}; the known ones are: {', '.join(PAPERS)}")
-    from glucoloop.config.checked import checked
-
-    asked = checked(ReproduceKeys, {key: value for key, value in keys.items() if value != []}, names(_OPTIONS, keys))
+    request = request_of(typed, _OPTIONS)
+    asked, output = asked_for(Reproduction, request.tree), request.output
     files: dict[str, str] = {}
     with output.folder() as folder, stages("Importing the simulator") as progress:
         from glucoloop.cli.compiled import keep_compiled
@@ -96,3 +95,6 @@ def _tell(rows: Sequence[PrintedRow], points: Sequence[str]) -> None:
         print(f"{point}: {count(rows, point)}.")
     if missing := left_out(rows):
         print(missing)
+
+
+REPRODUCE: Final = Command("reproduce", HELP, _OPTIONS, _reproduce)

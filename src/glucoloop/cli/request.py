@@ -1,24 +1,29 @@
-"""Request of the user: keys of a configuration file overridden by the command line, and the use of the results."""
+"""From what was typed to what is asked for: options and a file become one tree, and the results get their place."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import ALLOW_CODE, CASE, SETTINGS, SITUATION, Given
+from glucoloop.cli.option import ALLOW_CODE, DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.results import written_whole
-from glucoloop.cli.screen import note
-from glucoloop.control.catalogue import setting_names
-from glucoloop.parts.keyed_values import keyed_values
+from glucoloop.cli.screen import note, stage
+from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, given, plain
+from glucoloop.parts.part import Part
+from glucoloop.parts.tree import as_table, over, put
 from glucoloop.refusal import Refusal
-
-T = TypeVar("T")
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
+
+_OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
+_ELSEWHERE: Final = ("workers", "dask")
+"""Options on the place of the computation, which are no part of what is asked for."""
+_EXCLUDING: Final = {"days": ("duration_min",), "duration_min": ("days",), "data": ("patient",)}
+"""Settings of a file that a setting of the command line takes the place of."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +31,13 @@ class Output:
     """Destination of the results."""
 
     out: Path | None
-    overwrite: bool
-    json: bool
-    mmol: bool
+    overwrite: bool = False
+    json: bool = False
+    mmol: bool = False
 
     @property
     def place(self) -> Path | None:
-        """Path of the output folder, or None if nothing is to be written; ValueError if there is none to overwrite."""
+        """Path of the output folder, or None if nothing is to be written; Refusal if there is none to overwrite."""
         if self.out is None and self.overwrite:
             raise Refusal("--overwrite is about an output folder; name one with --out")
         return self.out
@@ -47,137 +52,211 @@ class Output:
         return written_whole(output_folder(place, overwrite=self.overwrite), place)
 
 
-def split_off_output(given: Given) -> tuple[Given, Output, Path | None]:
-    """Configuration keys, destination of the results, and the configuration file."""
-    keys = dict(given)
-    keys.pop(ALLOW_CODE.key, None)
-    out, config = keys.pop("out", None), keys.pop("config", None)
-    if out == "" or config == "":
-        raise Refusal(f"--{'out' if out == '' else 'config'} is empty; give a path")
-    output = Output(
-        out=None if out is None else Path(out),
-        overwrite=bool(keys.pop("overwrite", False)),
-        json=bool(keys.pop("json", False)),
-        mmol=bool(keys.pop("mmol", False)),
-    )
-    return keys, output, None if config is None else Path(config)
+@dataclass(frozen=True)
+class Request:
+    """What is asked for, as a tree of given values, and what to do with the results."""
+
+    tree: Tree
+    output: Output
+    config: Path | None = None
+    of_file: Tree = field(default_factory=dict)
+    """What the file says alone."""
+    used: Mapping[str, Any] | None = None
+    """Values that were used when the configuration file was written, if it tells them."""
 
 
-def with_lists(keys: Given) -> Given:
-    """Keys with meals and faults as one list each; ``--no-meal`` and ``--no-fault`` give empty lists.
+def used_by(asked: Any) -> Mapping[str, Any]:
+    """All values that are used by what is asked for."""
+    found: Mapping[str, Any] = asked.tree(whole=True)
+    return found
 
-    Each ``--setting KEY=VALUE`` becomes a key like the others.
+
+def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
+    """Options and the file that they name as one request.
 
     Raises
     ------
-    ValueError
-        For options that exclude one another, or a malformed setting.
+    Refusal
+        For a file that cannot be read, or a text that is no part.
     """
-    keys = _with_settings(keys)
-    for several, none, called in (("meals", "no_meal", "meal"), ("faults", "no_fault", "fault")):
-        without = keys.pop(none, False)
-        if not keys.get(several):
-            keys.pop(several, None)
-        if without and several in keys:
-            raise Refusal(f"--{called} and --no-{called} exclude one another; leave one out")
-        if without:
-            keys[several] = []
-    return keys
+    for key in ("out", "config"):
+        if typed.get(key) == "":
+            raise Refusal(f"--{key} is empty; give a path")
+    out, config = typed.get("out"), typed.get("config")
+    output = Output(
+        out=None if out is None else Path(out),
+        **{key: bool(typed.get(key, False)) for key in ("overwrite", "json", "mmol")},
+    )
+    by_key = {option.key: option for option in options}
+    path = None if config is None else Path(config)
+    lower, used = _of_file(path)
+    upper = {
+        key: _leaf(by_key[key], value)
+        for key, value in typed.items()
+        if key not in (*_OUTPUT, *_ELSEWHERE, SET.key, NOISE.key, DEAD_TIME.key)
+    }
+    tree = _laid_over(lower, upper)
+    for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
+        if option.key in typed:
+            chain = list(map(as_table, _listed(tree.get("sensor", []))))
+            tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag)})
+    for text in typed.get(SET.key, ()):
+        place, equals, value = text.partition("=")
+        if not equals or not value.strip():
+            raise Refusal(f"--set {text!r} has no value; write it like --set controller.move_weight=.2")
+        tree = put(tree, place.strip(), value.strip(), SET.flag)
+    return Request(tree, output, path, lower, used)
 
 
-def _with_settings(keys: Given) -> Given:
-    keys = dict(keys)
-    given = keyed_values(keys.pop(SETTINGS, None) or (), "option --setting", "gain=0.2")
-    options = {option.key: option.name for option in (*SITUATION, *CASE)}
-    for key in given:
-        if key in keys:
-            raise Refusal(f"--setting {key} and {options.get(key, key)} say the same; leave one out")
-        if key in options and key not in setting_names():
-            raise Refusal(f"{key} is not a setting of a controller; give {options[key]} in place of --setting")
-    return {**keys, **given}
+def _leaf(option: CommandOption, value: Any) -> Any:
+    """What an option gives: a value, a part, or a list of either."""
+    setting = option.setting
+    if setting is not None and isinstance(setting.kind, type) and issubclass(setting.kind, Part):
+        texts = value if option.many else [value]
+        if any(text.strip() == NONE for text in texts):
+            if len(texts) > 1:
+                raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
+            return [] if option.many else GivenValue(None, option.flag, text=False)
+        parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]  # type: ignore[attr-defined]
+        return parts if option.many else parts[0]
+    if option.many:
+        if [text.strip() for text in value] == [NONE]:
+            return []
+        return [GivenValue(text, option.flag) for text in value]
+    return GivenValue(value, option.flag, text=isinstance(value, str))
 
 
-_PATHS: Final = ("model", "data")
+def _laid_over(lower: Tree, upper: Tree) -> Tree:
+    """The options over the file: what is given again replaces what was there, and what it excludes."""
+    tree, upper = dict(lower), dict(upper)
+    for key, excluded in _EXCLUDING.items():
+        if key in upper:
+            tree = {name: value for name, value in tree.items() if name not in excluded or name in upper}
+    patient = upper.get("patient")
+    if isinstance(patient, Mapping) and NAME in patient and "population" not in upper:
+        if plain(as_table(tree.get("patient", {})).get(NAME)) != plain(patient[NAME]):
+            tree.pop("population", None)
+    cases = upper.pop("controller", None)
+    if cases is not None:
+        tree["controller"] = _cases(tree.get("controller", []), cases)
+    for key in ("guard", "model"):
+        if key in upper and "controller" in tree and cases is None:
+            tree["controller"] = [
+                {**case, key: over(as_table(case[key]), upper[key])} if key in case else case
+                for case in map(as_table, _listed(tree["controller"]))
+            ]
+    for key, value in upper.items():
+        tree[key] = over(as_table(tree[key]), value) if key in tree and isinstance(value, Mapping) else value
+    return tree
 
 
-class _Used(Protocol):
-    def keys(self) -> Mapping[str, Any]: ...
+def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
+    """Controllers of the command line in place of those of the file, or over the one that is there."""
+    named = [NAME in case for case in given_cases]
+    if all(named):
+        return given_cases
+    where = "--controller"
+    if len(given_cases) > 1 and (any(named) or len(_listed(there)) != 1):
+        raise Refusal(f"{where} is given {len(given_cases)} times, once without a name; name the controller")
+    tables = list(map(as_table, _listed(there))) or [{}]
+    if len(tables) > 1:
+        labels = ", ".join(str(plain(of.get("label", of.get(NAME)))) for of in tables)
+        raise Refusal(
+            f"{where}: the settings name no controller, and there are several ({labels}); write --set "
+            "controller.LABEL.setting=value"
+        )
+    for case in given_cases:
+        tables = [over(tables[0], case)]
+    return tables
 
 
-class FileKeys(dict[str, Any]):
-    """Keys of a configuration file, with what was used when it was written."""
-
-    path: Path | None = None
-    used: Mapping[str, Any] | None = None
+def _listed(leaf: Any) -> list[Any]:
+    return leaf if isinstance(leaf, list) else [leaf]
 
 
-def file_keys(path: Path | None) -> FileKeys:
-    """Keys of a configuration file; the paths in it start at the file."""
+def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
+    """A chain in which the part of a name has these settings; noise is put inside a dead time, either outside others."""
+    if any(plain(part.get(NAME)) == name for part in chain):
+        return [{**part, **settings} if plain(part.get(NAME)) == name else part for part in chain]
+    [leaf] = settings.values()
+    new = {NAME: GivenValue(name, leaf.where), **settings}
+    late = bool(chain) and name != "dead-time" and plain(chain[-1].get(NAME)) == "dead-time"
+    return [*chain[:-1], new, chain[-1]] if late else [*chain, new]
+
+
+def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
+    """Tree of a configuration file, whose paths start at the file, and the values that were used when it was written."""
+    if path is None:
+        return {}, None
     import glucoloop
-    from glucoloop.config.toml import beside, read_toml
+    from glucoloop.situations.toml import read_toml
     from glucoloop.storage.files import read_text
 
-    if path is None:
-        return FileKeys()
     written = read_toml(read_text(path, "a configuration"), str(path))
-    keys, version = FileKeys(written.keys), written.version
-    keys.path, keys.used = path, written.used
-    if version is not None and version != glucoloop.__version__:
-        note([f"{path} was written by glucoloop {version}; this is {glucoloop.__version__}, and numbers may differ."])
-    cases = keys.get("case")
-    for table in (keys, *(cases if isinstance(cases, list) else ())):
-        if not isinstance(table, dict):
-            continue
-        for key in _PATHS:
-            if isinstance(table.get(key), str):
-                table[key] = beside(table[key], path)
-    population = keys.get("population")
-    if isinstance(population, str) and population.endswith(".toml"):  # and not the name of a preset
-        keys["population"] = beside(population, path)
-    return keys
+    if written.version is not None and written.version != glucoloop.__version__:
+        note(
+            [
+                f"{path} was written by glucoloop {written.version}; this is {glucoloop.__version__}, and numbers may "
+                "differ."
+            ]
+        )
+    return _beside(given(written.keys, str(path)), path), written.used
 
 
-def keys_used(asked: _Used) -> Mapping[str, Any]:
-    """All keys of a request, with the values that are used."""
-    return asked.keys()
+def _beside(tree: Tree, path: Path) -> Tree:
+    """The tree of a file with its paths from the folder of the file."""
+    found = dict(tree)
+    for key in ("data", "population"):
+        leaf = found.get(key)
+        if isinstance(leaf, GivenValue) and isinstance(leaf.value, str) and (key == "data" or ".toml" in leaf.value):
+            found[key] = GivenValue(str(path.parent / leaf.value), leaf.where, leaf.text)
+    if "model" in found:
+        from glucoloop.parts.models import MODELS
+
+        leaf = found["model"]
+        text = isinstance(leaf, GivenValue) and isinstance(leaf.value, str)
+        model = MODELS.tree(leaf.value, leaf.where) if text else leaf
+        if isinstance(model, Mapping) and isinstance(plain(model.get("path")), str):
+            at = model["path"]
+            model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}
+        found["model"] = model
+    if "controller" in found:
+        found["controller"] = [
+            _beside(case, path) if isinstance(case, Mapping) and "model" in case else case
+            for case in map(as_table, _listed(found["controller"]))
+        ]
+    return found
 
 
-def read_again(
-    read: Callable[[Given, Given], T], used: Callable[[T], Mapping[str, Any]], keys: Given, of_file: Given
-) -> T:
-    """Read a request, with a note on where the file alone leads to other values now than when it was written.
+def completed(request: Request, read: Callable[[Tree], Any], used: Callable[[Any], Mapping[str, Any]] = used_by) -> Any:
+    """What is asked for, once the simulator is imported; with a note on what a file leaves out and is other now.
 
     Parameters
     ----------
+    request : Request
     read : callable
-        Function of the keys of the command line and of those of the file.
+        Function that reads a tree.
     used : callable
-        Function of what was read, that returns all values that are used, by key.
-    keys, of_file : dict
+        Function of what was read, that returns all values that are used.
     """
-    asked = read(dict(keys), _copied(of_file))
-    if isinstance(of_file, FileKeys) and of_file.used is not None:
-        with contextlib.suppress(Refusal):  # a file that does not stand alone
-            _note_changes(of_file, used(read({}, _copied(of_file))))
+    with stage("Importing the simulator"):
+        from glucoloop.cli.compiled import keep_compiled
+
+        asked = read(request.tree)
+        if request.used is not None:
+            with contextlib.suppress(Refusal):  # a file that does not stand alone
+                _note_changes(request, used(read(request.of_file)))
+    keep_compiled()
     return asked
 
 
-def _copied(of_file: Given) -> Given:
-    """Keys of a file, for a reader that takes some of them out."""
-    cases = of_file.get("case")
-    return {**of_file, **({"case": [*cases]} if isinstance(cases, list) else {})}
-
-
-def _note_changes(of_file: FileKeys, now: Mapping[str, Any]) -> None:
-    from glucoloop.config.toml import SETTLED_KEY
+def _note_changes(request: Request, now: Mapping[str, Any]) -> None:
+    from glucoloop.situations.toml import SETTLED_KEY
     from glucoloop.storage.origin import differences
 
-    then = {key: value for key, value in (of_file.used or {}).items() if key in now and key not in _PATHS}
-    if isinstance(then.get("case"), list):
-        then["case"] = [{key: value for key, value in of.items() if key != SETTLED_KEY} for of in then["case"]]
-    differing = [
-        f"{name} was {before} and is {after}"
-        for name, before, after in differences(then, {key: now[key] for key in then})
+    then = {key: value for key, value in (request.used or {}).items() if key in now and key != SETTLED_KEY}
+    found = [
+        f"{name} was {before} and is {after}" for name, before, after in differences(then, {k: now[k] for k in then})
     ]
-    if differing:
-        note([f"What {of_file.path} leaves out was filled in otherwise when it was written: {'; '.join(differing)}."])
+    if found:
+        note([f"What {request.config} leaves out was filled in otherwise when it was written: {'; '.join(found)}."])

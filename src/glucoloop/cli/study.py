@@ -1,16 +1,15 @@
-"""Steps that the commands of studies share: read the request, work in a folder that resumes, print the results."""
+"""Steps that the commands of studies share: work in a folder that resumes, print the results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.options import Given, Option, names
-from glucoloop.cli.request import Output, file_keys, keys_used, read_again, with_lists
-from glucoloop.cli.screen import note, show, stage
+from glucoloop.cli.request import Output
+from glucoloop.cli.screen import note, show
 from glucoloop.cli.telling import print_json, where_written
 from glucoloop.refusal import Refusal
 
@@ -19,35 +18,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 F = TypeVar("F", bound="ResumableFolder")
-
-
-def read_request(
-    keys: Given,
-    file: Path | None,
-    read: Callable[[Given, Given], T],
-    used: Callable[[Any], Mapping[str, Any]] = keys_used,
-) -> T:
-    """Read a request from the keys of the command line and those of a file, once the simulator is imported.
-
-    `used` as for `request.read_again`.
-    """
-    texts = with_lists(keys), file_keys(file)
-    with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
-
-        asked: T = read_again(read, used, *texts)
-    keep_compiled()
-    return asked
-
-
-def read_with_cases(keys: Given, of_file: Given, options: Sequence[Option], read: Callable[..., T]) -> T:
-    """Read a trial with further keys: `read` takes keys, cases, and the users' names of the keys for messages."""
-    from glucoloop.config.cases import take_cases
-    from glucoloop.config.trial import overlay_trial
-
-    cases = take_cases(keys, of_file)
-    called = names(options, keys)
-    return read(overlay_trial(of_file, keys, called), cases, called)
 
 
 def needed_folder(output: Output, what: str, example: str) -> Path:

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glucoloop.cli.screen import note
-from glucoloop.config.doubts import boluses_into_a_vein
 
 if TYPE_CHECKING:
     from glucoloop.studies.closed_loop import Outcome
-
-
-def note_on_boluses(patient: str, controllers: Iterable[str]) -> None:
-    """Print a note if a controller gives boluses to a patient with insulin into a vein."""
-    note(boluses_into_a_vein(patient, controllers))
 
 
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: tuple[str, ...]) -> None:

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.cli.options import Given, with_options
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import DASK, MMOL, OUTPUT, SHORT, WORKERS, Given, options_of, reworded
 from glucoloop.cli.progress import counted
-from glucoloop.cli.request import split_off_output
+from glucoloop.cli.request import completed, request_of
+from glucoloop.cli.run import PARTS_TOLD
 from glucoloop.cli.screen import note, stage
-from glucoloop.cli.study import carried_out, needed_folder, read_request, read_with_cases
-from glucoloop.cli.telling import note_on_boluses
-from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS
+from glucoloop.cli.study import carried_out, needed_folder
 from glucoloop.cli.trial_telling import tell
-from glucoloop.control.catalogue import controller_entry
+from glucoloop.cohorts.trial import Trial
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
+from glucoloop.situations.doubts import boluses_into_a_vein
+from glucoloop.situations.request import asked_for, read_root
 
 if TYPE_CHECKING:
-    from glucoloop.cohorts.trial import Trial
     from glucoloop.storage.trials.folder import TrialFolder
     from glucoloop.storage.trials.shard import Simulate
 
@@ -32,14 +34,14 @@ HELP: Final = (
     "or a full disk, the same command continues where it stopped, and the results are the same to the bit. By default "
     "linear MPC is simulated on 1000 people whose metabolism varies as in Parker et al. (2000), for a day with three "
     "meals.\n\n"
-    "A case is written as in `glucoloop compare`. A setting that is given as an option applies to every case that has "
-    "this setting and gives no value of its own.\n\n"
+    f"{PARTS_TOLD}\n\n"
     "  glucoloop trial --people 10000 --controller mpc --controller mpc-se --seed 1 --out trial\n\n"
     "  glucoloop trial --days 14 --meal-size-spread 30 --meal-time-spread 45 --noise 1.45 --out fortnight\n\n"
-    "  glucoloop trial --case mpc --case 'careful: mpc, move_weight=3' --out weights\n\n"
+    "  glucoloop trial --controller mpc --controller 'mpc, move_weight=3, label=careful' --out weights\n\n"
     "  glucoloop trial --people 1000000 --precision float32 --dask tcp://10.0.0.1:8786 --out million"
 )
 _MOST_WORKERS: Final = 4096
+_DIGITS: Final = 10
 _MOST_LABELS: Final = 5
 """Largest number of cases that are named one by one."""
 
@@ -52,11 +54,12 @@ class Computing:
     dask: str | None
 
 
-def computing(keys: Given) -> Computing:
-    """Take the place of the computation out of the keys."""
-    workers, dask = keys.pop(WORKERS.key, None), keys.pop(DASK.key, None)
-    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
-        raise Refusal(f"--workers is {workers}; give a whole number from 1 to {_MOST_WORKERS}")
+def computing(typed: Given) -> Computing:
+    """The place of the computation."""
+    told, dask = typed.get(WORKERS.key), typed.get(DASK.key)
+    workers = int(told) if told is not None and told.isascii() and told.isdigit() and len(told) < _DIGITS else None
+    if told is not None and (workers is None or not 1 <= workers <= _MOST_WORKERS):
+        raise Refusal(f"--workers is {told}; give a whole number from 1 to {_MOST_WORKERS}")
     if dask is not None and dask != "local" and "://" not in dask:
         raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
@@ -68,14 +71,39 @@ def computing(keys: Given) -> Computing:
     return Computing(workers, dask)
 
 
-@with_options(TRIAL)
-def command(given: Given) -> None:
+OPTIONS: Final = (
+    *reworded(
+        options_of(Trial),
+        help={
+            "patient": "Patient, around whom people vary and for whom controllers are designed.",
+            "setpoint_mg_dl": "Glucose at which all people rest at the start, and the target; that of the operating "
+            "point by default.",
+            "seed": "The same seed gives the same people, meals and noise.",
+        },
+        rare=dict.fromkeys(("sample_time_min", "design", "traces", "allow_unusual"), True),
+    ),
+    *SHORT,
+    WORKERS,
+    DASK,
+    *reworded(
+        (*OUTPUT, MMOL),
+        help={
+            "out": "Folder of the trial; an unfinished trial in it is resumed.",
+            "overwrite": "Begin again and replace the trial in the folder.",
+            "json": "Print the summary as one JSON object.",
+        },
+    ),
+)
+
+
+def _trial(typed: Given) -> None:
     """Check the request, run or resume the trial, and print the results."""
-    keys, output, file = split_off_output(given)
-    where = computing(keys)
+    request, where = request_of(typed, OPTIONS), computing(typed)
+    output = request.output
     out = needed_folder(output, "a trial", "trial")
-    trial = read_request(keys, file, _read, _used)
-    note_on_boluses(trial.patient, (case.controller for case in trial.cases))
+    read_root(Trial, request.tree)
+    trial: Trial = completed(request, functools.partial(asked_for, Trial))
+    note(boluses_into_a_vein(trial))
     from glucoloop.storage.trials.folder import trial_folder
 
     began = time.monotonic()
@@ -96,18 +124,6 @@ def command(given: Given) -> None:
         return folder.summary()
 
     tell(trial, carried_out(trial_folder(out, trial, overwrite=output.overwrite), finish), output, out)
-
-
-def _read(keys: Given, of_file: Given) -> Trial:
-    from glucoloop.config.trial import read_trial
-
-    return read_with_cases(keys, of_file, TRIAL, read_trial)
-
-
-def _used(trial: Trial) -> Given:
-    from glucoloop.config.trial import trial_keys
-
-    return trial_keys(trial)
 
 
 def compute(folder: TrialFolder, where: Computing) -> Simulate:
@@ -135,10 +151,10 @@ def compute(folder: TrialFolder, where: Computing) -> Simulate:
 
 def _begun(trial: Trial) -> str:
     """Sentence on the work that begins; its first results may take minutes."""
-    controllers = dict.fromkeys(case.controller for case in trial.cases)
+    controllers = {case.controller.called: case.controller for case in trial.cases}
     labels = ", ".join(case.label for case in trial.cases)
     which = labels if len(trial.cases) <= _MOST_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
-    slow = [name for name in controllers if controller_entry(name).slow]
+    slow = [name for name, controller in controllers.items() if controller.slow]
     told = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
     return f"{told}; a decision of {' and of '.join(slow)} takes long." if slow else f"{told}."
 
@@ -170,3 +186,6 @@ def _compute_on_cluster(folder: TrialFolder, address: str, workers: int | None) 
             note([f"No worker has come to {address} yet; waiting for one."])
         with _people_counted(folder) as progress:
             run_on_cluster(folder, client, progress)
+
+
+TRIAL: Final = Command("trial", HELP, OPTIONS, _trial, more="trial")

@@ -13,9 +13,7 @@ from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
 from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.summary import CaseSummary, TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.trial import trial_keys
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.parts.patients import patient_entry
 from glucoloop.printable import NOT_VALID, how_many
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
@@ -49,19 +47,19 @@ _FILES: Final = {
 def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
     """Files about a whole trial, by name, from its shards; people with the worst outcomes are simulated again."""
     trial = folder.trial
-    summary = summarise_people(folder.people, max_insulin_mU_min=trial.max_insulin_mU_min)
+    summary = summarise_people(folder.people, max_insulin_mU_min=trial.pump.max_insulin_mU_min)
     bands = _bands(folder)
     setpoint = trial.target_mg_dl
     report = TrialReport(
         title=f"{trial.population.name}, {how_many(trial.people, 'person', 'people')}",
         setpoint_mg_dl=setpoint,
-        units_per_hour=patient_entry(trial.patient).under_the_skin,
+        units_per_hour=trial.patient.under_the_skin,
         people=summary.people,
         infeasible=summary.infeasible.count,
         facts={**controllers_facts(trial.cases), **trial_facts(trial), **engine_facts(prepare(trial).engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in trial.plan.nominal()],
-        faults=trial.faults,
-        repeat=Repeat("trial --config trial.toml", trial_keys(trial), _FILES, given=trial.given),
+        faults=trial.fault_texts,
+        repeat=Repeat("trial --config trial.toml", trial.tree(whole=True), _FILES, given=trial.tree()),
         cases={
             label: _case_report(trial, label, of_label, bands[label], simulate)
             for label, of_label in summary.cases.items()

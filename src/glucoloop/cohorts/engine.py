@@ -15,7 +15,6 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, own_controllers
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
@@ -29,6 +28,7 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.situations.case import Case
 
 Array = npt.NDArray[Any]
 
@@ -123,7 +123,7 @@ def _prepare(trial: Trial) -> PreparedTrial:
         setpoint_mg_dl=setpoint,
         limits=trial.limits,
         inside_min=tuple(grid.inside_min.tolist()),
-        further=trial.metrics,
+        further=trial.further_metrics,
     )
     example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
     prepared: dict[str, PreparedCase] = {}
@@ -247,7 +247,7 @@ def _run_block(
         basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
         metrics={name: np.asarray(values)[:n] for name, values in metrics.by_name().items()},
         glucose_counts=count(_of(glucose, known), glucose_edges()),
-        insulin_counts=count(_of(insulin, known), insulin_edges(trial.max_insulin_mU_min)),
+        insulin_counts=count(_of(insulin, known), insulin_edges(trial.pump.max_insulin_mU_min)),
         glucose_mg_dl=glucose.astype(np.float32) if traces else None,
         insulin_mU_min=insulin.astype(np.float32) if traces else None,
     )

@@ -14,7 +14,6 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
 from glucoloop.meals.scenario import announced_g
@@ -27,6 +26,7 @@ from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.usual_limits import usual_limits
+from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]
 

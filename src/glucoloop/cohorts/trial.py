@@ -3,32 +3,42 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
-import numpy as np
-import numpy.typing as npt
-
-from glucoloop.experiments.case import Case
-from glucoloop.experiments.situation import Situation
-from glucoloop.limits import LARGEST_COUNTER, MOST_PEOPLE
-from glucoloop.meals.plan import MealPlan
-from glucoloop.native.targets.products import FUSED, STRICT
-from glucoloop.patients.population import Population
+from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
+from glucoloop.parts.grammar import Tree
+from glucoloop.parts.patients import patient_entry
+from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
+from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
+from glucoloop.situations.run import Loops, refuse_parts_of_samples
 from glucoloop.units import MIN_PER_DAY
 
-FORMAT: Final = 4
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from glucoloop.meals.plan import MealPlan
+    from glucoloop.patients.population import Population
+
+FORMAT: Final = 5
 """Version of the file format of a trial; a folder with another one is not resumed."""
 SHARD_PATIENT_DAYS: Final = 16_384
 TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
 SLOW_PATIENT_DAYS: Final = 256
 """Number of patient-days in a shard with a slow controller, of which a processor does some 30 in a second."""
+USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
+"""Breakfast, lunch and dinner."""
+_DIGITS: Final = 20
+_people = functools.partial(Option, panel=PEOPLE_PANEL)
+_meals = functools.partial(Option, panel=PATIENT_PANEL)
+_work = functools.partial(Option, panel=WORK_PANEL)
 _SHARDS_WANTED: Final = 16
 _BLOCK: Final = 1024
 _LEAST_SHARD: Final = 2 * _BLOCK
@@ -36,8 +46,7 @@ _LEAST_TRACED: Final = 64
 """Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial(Situation):
+class Trial(Loops):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
     Every person starts at rest at the target.
@@ -47,57 +56,179 @@ class Trial(Situation):
 
     Raises
     ------
-    ValueError
-        For numbers of people or a size of shards out of bounds, traces of more people than there are, no case, or a
-        label that two cases have.
+    Refusal
+        For numbers of people or a size of shards out of bounds, traces of more people than there are, a population of
+        another patient, a meal that does not fit into its day, or a label that two cases have.
     """
 
-    population: Population
-    people: int
-    plan: MealPlan
-    """Meals and the length of the run."""
-    cases: tuple[Case, ...]
-    first_person: int = 0
-    precision: Literal["float32", "float64"] = "float64"
-    arithmetic: Literal["fused", "portable"] = "fused"
-    """Arithmetic of the loop: products and sums rounded together where that is faster, or each operation by itself, so
-    that the loop computes the same bits on every processor and in WebAssembly.
-    """
-    design: Literal["nominal", "individual"] = "nominal"
-    """Whether a controller is designed once for the nominal patient, or for each person."""
-    traces: Literal["none", "all"] | int = "none"
-    """People whose glucose and insulin over time are kept: none, all, or a number of the first ones."""
-    shard_people: int = SHARD_PATIENT_DAYS
-    given: Mapping[str, Any] | None = field(default=None, compare=False, repr=False)
-    """Flat keys from which it was read, if it was; nothing depends on them."""
+    kind: ClassVar = "trial"
+    few_cases: ClassVar = False
+
+    people: Annotated[int, _people("Number of people.", at_least=1, at_most=MOST_PEOPLE)] = 1000
+    population: Annotated[
+        Any,
+        _people(
+            "Population, see `glucoloop list` with the patient's name; or a table of your own in a file.",
+            metavar="NAME|FILE.toml",
+            default="the first of the patient's",
+        ),
+    ] = None
+    first_person: Annotated[
+        int,
+        _people(
+            "Number of the first person; a person of a given number and seed is always the same.",
+            at_least=0,
+            at_most=LARGEST_COUNTER,
+            rare=True,
+        ),
+    ] = 0
+    days: Annotated[
+        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS)
+    ] = None
+    duration_min: Annotated[
+        float | None,
+        _meals("Length of the run, in place of days.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION),
+    ] = None
+    meals: Annotated[
+        tuple[str, ...],
+        _meals(
+            "Carbohydrate and time of the day, like 45g@7h; repeat it for more meals; none for no meal.",
+            flag="--meal",
+            metavar="G@TIME",
+        ),
+    ] = USUAL_DAY
+    meal_size_spread_pct: Annotated[
+        float,
+        _meals("Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0),
+    ] = 0.0
+    meal_time_spread_min: Annotated[
+        float,
+        _meals("Largest deviation of a meal's time, drawn for each person and day.", at_least=0.0, below=MIN_PER_DAY),
+    ] = 0.0
+    design: Annotated[
+        Literal["nominal", "individual"],
+        Option(
+            "Whether controllers are designed once for the nominal patient, or for each person.", panel=CONTROLLER_PANEL
+        ),
+    ] = "nominal"
+    traces: Annotated[
+        Any,
+        _work(
+            "People whose glucose and insulin over time are kept: none, all, or a number of the first people.",
+            metavar="none|all|N",
+        ),
+    ] = "none"
+    precision: Annotated[
+        Literal["float32", "float64"],
+        _work("Arithmetic of the loop; controllers are always designed in float64.", rare=True),
+    ] = "float64"
+    arithmetic: Annotated[
+        Literal["fused", "portable"],
+        _work(
+            "Whether the loop may round a product together with its sum, which is faster, or rounds every operation by "
+            "itself, so that any processor and a web page compute the same bits.",
+            rare=True,
+        ),
+    ] = "fused"
+    shard_people: Annotated[
+        int | None,
+        _work(
+            "Number of people that are computed and written together.",
+            default="up to 16384",
+            at_least=1,
+            at_most=1_000_000,
+            rare=True,
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
-        if not 1 <= self.people <= MOST_PEOPLE:
-            raise Refusal(f"a trial of {self.people} people is not possible; give from 1 to {MOST_PEOPLE}")
+        from glucoloop.situations.meal_text import meal_text, parse_meal
+
+        super().__post_init__()
+        resolved = {
+            "population": population_of(self.population, self.patient.called),
+            "traces": _traces(self.traces),
+            "meals": tuple(meal_text(parse_meal(text)) for text in self.meals),
+        }
+        for name, value in resolved.items():
+            object.__setattr__(self, name, value)
+        self._refuse_impossible()
+        if self.shard_people is None:
+            slow = any(case.controller.slow for case in self.cases)
+            traced = self.people if self.traces == "all" else 0
+            size = usual_shard_people(self.people, self.plan.horizon_min, traced=traced, slow=slow)
+            object.__setattr__(self, "shard_people", size)
+
+    def _refuse_impossible(self) -> None:
+        if self.days is not None and self.duration_min is not None:
+            raise Refusal("--days and --duration (days, duration_min) both tell the length; leave one out")
         last = LARGEST_COUNTER + 1 - self.people
-        if not 0 <= self.first_person <= last:
+        if self.first_person > last:
             raise Refusal(f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}")
-        if self.population.patient != self.patient:
+        if self.population.patient != self.patient.called:
             raise Refusal(
                 f"the population {self.population.name} is one of {self.population.patient}, but the patient is "
-                f"{self.patient}; give a population of {self.patient}"
+                f"{self.patient.called}; give a population of {self.patient.called}"
             )
-        if self.shard_people < 1:
-            raise Refusal(f"a shard of {self.shard_people} people is not possible; give 1 or more")
-        if not isinstance(self.traces, str) and not 1 <= self.traces <= self.people:
+        if not isinstance(self.traces, str) and self.traces > self.people:
             raise Refusal(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
         if self.start_min is not None and not float(self.start_min).is_integer():
             raise Refusal(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
-        labels = [case.label for case in self.cases]
-        if not labels:
-            raise Refusal("a trial without a controller is not possible; give one or more")
-        for label in labels:
-            if labels.count(label) > 1:
-                raise Refusal(f"two cases are called {label!r}; give each a label of its own")
+        horizon_min = self.plan.horizon_min
+        refuse_parts_of_samples(horizon_min, self.sample_time_min, has_duration=self.days is None)
+        self.refuse_late_faults(horizon_min)
+
+    def ask(self) -> None:
+        """Ask about meals, too."""
+        from glucoloop.situations.meal_text import ask_about_clock, ask_about_meals
+
+        super().ask()
+        meals = self.given.get("meals", ())
+        ask_about_meals(meals)
+        ask_about_clock(meals, self.plan.horizon_min)
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Given settings as plain values, with the table of a population from a file."""
+        from glucoloop.patients.population import Population, populations_of
+        from glucoloop.situations.population import population_keys
+
+        found = super().tree(whole=whole)
+        known = populations_of(self.patient.called)
+        if "population" in found and isinstance(self.population, Population):
+            preset = known.get(self.population.name) == self.population
+            found["population"] = self.population.name if preset else population_keys(self.population)
+        if whole and self.days is None and self.duration_min is None:
+            found["days"] = 1
+        return found
+
+    @functools.cached_property
+    def plan(self) -> MealPlan:
+        """Meals and the length of the run; of the usual meals those within it.
+
+        Raises
+        ------
+        Refusal
+            For a meal that does not fit into its day.
+        """
+        from glucoloop.meals.plan import MealPlan
+        from glucoloop.situations.meal_text import meal_text, parse_meal
+
+        meals = [parse_meal(text) for text in self.meals]
+        if self.duration_min is not None and self.meals == tuple(meal_text(parse_meal(text)) for text in USUAL_DAY):
+            meals = [meal for meal in meals if meal.t_min < self.duration_min]
+        return MealPlan(
+            meals,
+            self.days or 1,
+            size_spread_pct=self.meal_size_spread_pct,
+            time_spread_min=self.meal_time_spread_min,
+            horizon_min=self.duration_min,
+        )
 
     @property
     def products(self) -> str:
         """Rounding of products in native code, see `glucoloop.native.targets.products`."""
+        from glucoloop.native.targets.products import FUSED, STRICT
+
         return STRICT if self.arithmetic == "portable" else FUSED
 
     @property
@@ -112,6 +243,8 @@ class Trial(Situation):
 
     def shard(self, index: int) -> npt.NDArray[np.int64]:
         """Numbers of the people in a shard."""
+        import numpy as np
+
         start = index * self.shard_people
         stop = min(start + self.shard_people, self.people)
         return self.first_person + np.arange(start, stop, dtype=np.int64)
@@ -140,14 +273,40 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
 
 
+def population_of(told: object, patient: str) -> Population:
+    """Population of a patient: the usual one, one by its name or from a file, or a table."""
+    from glucoloop.patients.population import Population, populations_of
+    from glucoloop.situations.population import named_population, read_population
+
+    if isinstance(told, Population):
+        return told
+    if told is None:
+        return named_population(patient_entry(patient).usual_population, patient)
+    if isinstance(told, Mapping):
+        return read_population(told, patient)
+    if isinstance(told, str):
+        return named_population(told, patient)
+    raise Refusal(f"population is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
+
+
+def _traces(told: object) -> Literal["none", "all"] | int:
+    if told == "none" or told == "all":
+        return told  # type: ignore[return-value]
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
+    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
+        return number
+    raise Refusal(f"traces is {told!r}; give none, all, or the number of people whose traces are kept")
+
+
 def plain(trial: Trial) -> dict[str, Any]:
     """Plain values of everything on which the results depend."""
-    values = dataclasses.asdict(trial)
-    del values["allow_unusual"], values["given"]  # no result depends on them
-    return {**values, "format": FORMAT}
+    values = trial.tree(whole=True)
+    del values["allow_unusual"]  # no result depends on it
+    return {**values, "population": dataclasses.asdict(trial.population), "format": FORMAT}
 
 
 def fingerprint(trial: Trial) -> str:
     """SHA-256 of everything on which the results depend, in hexadecimal."""
-    text = json.dumps(plain(trial), sort_keys=True, separators=(",", ":"), allow_nan=False, default=list)
+    text = json.dumps(plain(trial), sort_keys=True, separators=(",", ":"), allow_nan=False, default=repr)
     return hashlib.sha256(text.encode()).hexdigest()

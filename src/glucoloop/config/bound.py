@@ -8,11 +8,11 @@ from typing import Any, Final
 
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, plain
-from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.bound import NOT_OF_A_BOUND, BoundKeys
 from glucoloop.config.options.situation import refuse_parts_of_samples, whole_samples
 from glucoloop.config.run import ask_about_surroundings, completed, refuse_unknown_beside
 from glucoloop.refusal import Refusal
+from glucoloop.situations.meal_text import meal_text
 
 _MOST_KNOWN: Final = 20
 

@@ -14,7 +14,6 @@ from typing import Any, Final, Self
 
 from glucoloop.config.checked import checked
 from glucoloop.config.key import declared, own_keys, plain
-from glucoloop.config.meal_text import meal_text
 from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys, case_keys
 from glucoloop.config.options.situation import (
     SituationKeys,
@@ -46,6 +45,7 @@ from glucoloop.patients import patient
 from glucoloop.patients.capabilities import sites
 from glucoloop.plausible import ANY_SETTING, LARGEST_RATE_UNDER_THE_SKIN
 from glucoloop.refusal import Refusal
+from glucoloop.situations.meal_text import meal_text
 
 _OF_PATIENT: Final = ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
 """Limits of the pump whose usual values are the patient's, unless the pump has its own."""

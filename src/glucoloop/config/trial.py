@@ -19,11 +19,9 @@ from glucoloop.config.cases import (
 from glucoloop.config.checked import checked
 from glucoloop.config.comparison import MOST_CASES
 from glucoloop.config.key import declared, own_keys
-from glucoloop.config.meal_text import meal_text, parse_meal
 from glucoloop.config.options.case import IDENTIFICATION_KEYS
 from glucoloop.config.options.situation import SituationKeys, refuse_parts_of_samples
 from glucoloop.config.options.trial import SITUATION_KEYS, TrialKeys
-from glucoloop.config.population import named_population, population_keys, read_population
 from glucoloop.config.run import (
     ask_about_surroundings,
     case_key_names,
@@ -38,12 +36,14 @@ from glucoloop.config.run import (
 )
 from glucoloop.config.unusual import ALLOW_UNUSUAL, ask_about, ask_about_clock
 from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
-from glucoloop.experiments.case import Case
 from glucoloop.meals.plan import MealPlan
 from glucoloop.parts.clock_text import time_of_day_text
 from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
+from glucoloop.situations.meal_text import meal_text, parse_meal
+from glucoloop.situations.population import named_population, population_keys, read_population
 from glucoloop.units import MIN_PER_DAY
 
 _LENGTHS: Final = ("days", "duration_min")

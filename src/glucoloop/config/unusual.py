@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from glucoloop.config.key import quantities
-from glucoloop.config.meal_text import meal_text, names_units, parse_meal
 from glucoloop.parts.part import Part
 from glucoloop.patients import Patient
 from glucoloop.plausible import CONFIRM_OPTION, LARGEST_RATE, LEAST_RATE, MEAL, Quantity, ask
 from glucoloop.refusal import Refusal
+from glucoloop.situations.meal_text import meal_text, names_units, parse_meal
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 Names = Mapping[str, str] | None

@@ -14,10 +14,8 @@ import jax.numpy as jnp
 import numpy.typing as npt
 
 from glucoloop.control import Controller
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import with_guard, with_individual_basal
 from glucoloop.experiments.individual import individual_design
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten, Scenario
 from glucoloop.native.targets.products import FUSED
@@ -27,6 +25,8 @@ from glucoloop.simulation import Exponential, Trace, simulate
 from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]
 
@@ -205,7 +205,7 @@ class PeopleLoop:
             fold,
             setpoint_mg_dl=situation.target_mg_dl,
             meals=meals,
-            announced=situation.announced,
+            announced=situation.announce_meals,
             own_announcements=own_announcements,
             start_min=situation.start_min,
             meal_model=situation.gut,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -13,25 +13,22 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, GuardSettings, guarded
-from glucoloop.control.catalogue import controller_entry
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.random_keys import record_key
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.guard import PREFIX
-from glucoloop.parts.patients import patient_entry
-from glucoloop.parts.setting import Value
+from glucoloop.parts.controllers import ControllerPart
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ def controller_of(
     model_is_late: bool = False,
 ) -> Controller:
     """Design the controller of a case; see `design_of` for parameters and errors."""
-    return design_of(situation, case, patient, model, model_is_late=model_is_late)(case.tuning)
+    return design_of(situation, case, patient, model, model_is_late=model_is_late)(case.controller)
 
 
 def design_of(
@@ -128,7 +125,7 @@ def design_of(
     model: StepResponseModel | None = None,
     *,
     model_is_late: bool = False,
-) -> Callable[[Mapping[str, Value]], Controller]:
+) -> Callable[[ControllerPart], Controller]:
     """Make the design of a case for any settings of its controller, on models that are made once.
 
     Parameters
@@ -147,9 +144,8 @@ def design_of(
     ValueError
         If the controller cannot be designed.
     """
-    entry = controller_entry(case.controller)
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
-    if entry.uses_model and model is None:
+    if case.controller.uses_model and model is None:
         identified = nominal_model(situation, case) if patient is None else identified_model(situation, case, patient)
         model = identified.model
     patient = situation.nominal if patient is None else patient
@@ -167,12 +163,11 @@ def design_of(
     def refuse_without_clock(to: object) -> None:
         if situation.start_min is None and getattr(to, "needs_time_of_day", False):
             raise Refusal(
-                f"the controller {case.controller} is to go by the time of day, of which it is not told; "
+                f"the controller {case.controller.called} is to go by the time of day, of which it is not told; "
                 "give the time at the start, like --start 06:00 (start in a file)"
             )
 
-    def designed(tuning: Mapping[str, Value]) -> Controller:
-        settings = entry(**tuning)
+    def designed(settings: ControllerPart) -> Controller:
         refuse_without_clock(settings)  # before a design that takes long
         controller: Controller = settings.designed(design)
         refuse_without_clock(controller)
@@ -192,13 +187,15 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     found = identified_model(situation, case, situation.nominal)
     doubts = found.doubts()
     if doubts and not situation.allow_unusual:
-        variance = case.model_noise_variance
+        asked = case.identified
+        variance = asked.noise_variance
         noise = f"with noise of variance {variance:g}" if variance else "without noise"
-        usual = patient_entry(situation.patient).identification(situation.sample_time_min)["memory"]
+        usual = situation.patient.identification(situation.sample_time_min)["memory"]
         mend = (
-            f"A memory of {case.memory} samples is short for {situation.patient} ({usual} are usual): leave it out"
-            if case.memory is not None and case.memory < usual
-            else "Identify it with less noise (--model-noise, or model_noise_variance in a file)"
+            f"A memory of {asked.memory} samples is short for {situation.patient.called} ({usual} are usual): leave it "
+            "out"
+            if asked.memory is not None and asked.memory < usual
+            else "Identify it with less noise, like --model 'noise_variance=0'"
         )
         raise Refusal(
             f"no controller should be designed on the model that is identified {noise}. {' '.join(doubts)} {mend}, "
@@ -215,31 +212,32 @@ def identified_model(situation: Situation, case: Case, patient: Patient) -> Iden
     ValueError
         If the experiment is not possible.
     """
+    asked = case.identified
     return identify(
         patient,
-        record_sensor(situation, case.model_noise_variance or 0.0),
+        record_sensor(situation, asked.noise_variance or 0.0),
         record_key(situation.seed),
-        memory=case.memory or 0,
+        memory=asked.memory or 0,
         amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
-        laguerre_pole=case.laguerre_pole or 0.0,
-        laguerre_functions=case.laguerre_functions or None,
-        under_the_skin=patient_entry(situation.patient).under_the_skin,
+        laguerre_pole=asked.laguerre_pole or 0.0,
+        laguerre_functions=asked.laguerre_functions or None,
+        under_the_skin=situation.patient.under_the_skin,
         sample_time_min=situation.sample_time_min,
     )
 
 
 def pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
     """Height of the pulses of the experiment: the usual one for the patient, but at most the basal rate."""
-    return min(patient_entry(situation.patient).pulse_mU_min, basal_insulin_mU_min)
+    return min(situation.patient.pulse_mU_min, basal_insulin_mU_min)
 
 
 def with_guard(
     controller: Controller,
-    guard: Mapping[str, Value] | None,
+    guard: GuardSettings | None,
     limits: DoseLimits,
     basal_insulin_mU_min: jax.Array | None = None,
 ) -> Controller:
-    """A controller with the requested guard, if any; its limits are those of `parts.guard`.
+    """A controller with the requested guard, if any.
 
     The guard holds the given basal rates ``(people,)``, or for None the rate at which the loop starts.
 
@@ -250,8 +248,7 @@ def with_guard(
     """
     if guard is None:
         return controller
-    given = {key.removeprefix(PREFIX): float(value) for key, value in guard.items()}
-    guard_of_all = guarded(controller, GuardSettings(**given), limits)
+    guard_of_all = guarded(controller, guard, limits)
     if basal_insulin_mU_min is None:
         return guard_of_all
     return dataclasses.replace(guard_of_all, basal_mU_min=basal_insulin_mU_min)

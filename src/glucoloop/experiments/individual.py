@@ -17,15 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.control import Controller
-from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.protocol import settled
 from glucoloop.estimation import filter_gain, steady_state_covariance
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_records
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import (
     cross_correlation,
@@ -36,13 +33,14 @@ from glucoloop.identification import (
     laguerre_realisation,
     skin_coefficients,
 )
-from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.internal_model import linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 Design = Callable[[VirtualPeople], Controller]
 
@@ -74,7 +72,7 @@ def individual_design(
     ValueError
         For an unknown controller, or one that cannot be designed.
     """
-    designer = controller_entry(case.controller).individual_designer()
+    designer = case.controller.individual_designer()
     if designer is None:
         return None
     design: Design = designer(situation, _with_horizon(situation, case, controller), example)
@@ -91,26 +89,28 @@ def _with_horizon(situation: Situation, case: Case, controller: Controller) -> C
         return case
     if case.known_dead_time:
         horizon -= situation.dead_time_samples
-    return dataclasses.replace(case, tuning={**case.tuning, "prediction_horizon": round(horizon)})
+    controller: Any = case.controller
+    return dataclasses.replace(case, controller=dataclasses.replace(controller, prediction_horizon=round(horizon)))
 
 
 def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     """Linear MPC on a model identified from each person's own pulse experiment."""
-    memory, functions = case.memory or 0, case.laguerre_functions
+    asked = case.identified
+    memory, functions = asked.memory or 0, asked.laguerre_functions
     pulses = np.asarray(design_csrs(memory, 1.0))
     experiment = PulseExperiment(
         situation.nominal,
         example.patient,
-        record_sensor(situation, case.model_noise_variance or 0.0),
+        record_sensor(situation, asked.noise_variance or 0.0),
         sample_time_min=situation.sample_time_min,
     )
     late = situation.dead_time_samples if case.known_dead_time else 0
-    settings: Any = controller_entry(case.controller)(**case.tuning)
+    settings: Any = case.controller
     tuning = settings.longer(late)
 
     def design(people: VirtualPeople) -> Controller:
         basal = people.basal_insulin_mU_min
-        amplitude = np.minimum(patient_entry(situation.patient).pulse_mU_min, basal)  # insulin cannot be taken back
+        amplitude = np.minimum(situation.patient.pulse_mU_min, basal)  # insulin cannot be taken back
         keys = keys_of_records(situation.seed, people.draw.person)
         glucose = experiment.run(people.patient, people.rest, basal + amplitude * pulses[:, None], keys)
         # a person without a basal rate has no record; those of the others must not wait for it
@@ -119,8 +119,8 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         response = cross_correlation(pulses, deviation, memory)
         smooth, network = response, None
         if functions:
-            pole = case.laguerre_pole or 0.0
-            if patient_entry(situation.patient).under_the_skin:
+            pole = asked.laguerre_pole or 0.0
+            if situation.patient.under_the_skin:
                 columns = filtered_input(pulses, pole, functions)
                 coefficients = jnp.asarray(
                     skin_coefficients(columns - columns.mean(axis=0), deviation, pole, functions, memory)
@@ -151,7 +151,7 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
         return one_by_one(situation, case, example)
     nominal = situation.nominal
     varies = varying(example.patient, nominal)
-    settings: Any = controller_entry(case.controller)(**case.tuning)
+    settings: Any = case.controller
     noise, variance = process_noise(nominal, *settings.process_noise), settings.measurement_variance
 
     def of_person(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -209,7 +209,7 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
                 designed[which] = controller_of(situation, case, of_people(people.patient, first[which]))
             except Refusal as error:
                 raise Refusal(
-                    f"no {case.controller} can be designed for person {numbers[which]}: {error}; "
+                    f"no {case.controller.called} can be designed for person {numbers[which]}: {error}; "
                     "or design it once for the nominal patient (--design nominal)"
                 ) from None
         sound = next((controller for controller in designed if controller is not None), None)

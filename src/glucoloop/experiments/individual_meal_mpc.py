@@ -15,10 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_records
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import design_csrs
 from glucoloop.identification.gain_and_lag import identify_gain_and_lag
@@ -26,6 +24,8 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.simulation.internal_model import linear_model
 from glucoloop.simulation.pulse_experiment import PulseExperiment
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 Floats = npt.NDArray[np.float64]
 Known = Callable[[VirtualPeople], tuple[Floats, Floats]]

@@ -16,16 +16,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
-from glucoloop.experiments.situation import Situation
-from glucoloop.parts.faults import FAULTS
-from glucoloop.parts.pumps import PUMPS
-from glucoloop.parts.sensors import SENSORS
+from glucoloop.parts.faults import FaultPart
+from glucoloop.parts.sensors import IdealSettings, SensorPart
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import IdealSensor, Sensor, dead_time, white_noise
+from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 
 @dataclass(frozen=True)
@@ -46,27 +45,33 @@ class Surroundings:
 
 
 def sensor_of(situation: Situation) -> Sensor:
-    """Sensor of a situation without its faults: the one that is named, and noise and dead time around it.
+    """Sensor of a situation without its faults: its parts, each around the one before.
 
     Raises
     ------
     ValueError
         For a sensor that is not possible, or one that cannot be put at the site that is asked for.
     """
+    return _chain(situation, situation.sensor)
+
+
+def _chain(situation: Situation, parts: Iterable[SensorPart]) -> Sensor:
     site = situation.site
-    sensor: Sensor = SENSORS.choose(situation.sensor).made(
-        site=site, inner=IdealSensor(site=site), sample_time_min=situation.sample_time_min
-    )
-    if site is not None and site_of(sensor) != site:
-        raise Refusal(f"the sensor {situation.sensor} does not read glucose at the site {site!r}; leave the site out")
-    if situation.noise_variance > 0.0:
-        sensor = white_noise(situation.noise_variance, situation.noise_bound_mg_dl, sensor)
-    return dead_time(situation.dead_time_samples, sensor) if situation.dead_time_samples else sensor
+    sensor: Sensor = IdealSensor(site=site)
+    for place, part in enumerate(parts):
+        if isinstance(part, IdealSettings):
+            continue
+        if place and not part.takes("inner"):
+            raise Refusal(f"the sensor {part.called} has no other one inside; give it first, as the innermost")
+        sensor = part.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)
+        if site is not None and site_of(sensor) != site:
+            raise Refusal(f"the sensor {part.called} does not read glucose at the site {site!r}; leave the site out")
+    return sensor
 
 
 def record_sensor(situation: Situation, noise_variance: float) -> Sensor:
     """Sensor of a record from which a model is identified: that of the situation with other noise, on time."""
-    return sensor_of(dataclasses.replace(situation, noise_variance=noise_variance, dead_time_samples=0))
+    return _chain(situation, situation.record_sensor(noise_variance))
 
 
 def pump_of(situation: Situation) -> Pump:
@@ -78,17 +83,17 @@ def pump_of(situation: Situation) -> Pump:
         For a pump that is not possible, or impossible limits.
     """
     limits, bolus = situation.limits, situation.bolus
-    pump: Pump = PUMPS.choose(situation.pump).made(
+    pump: Pump = situation.pump.made(
         inner=LimitedPump(limits=limits, bolus=bolus),
         limits=limits,
         bolus=bolus,
         sample_time_min=situation.sample_time_min,
     )
-    resolution = situation.pump_resolution_mU_min
+    resolution = situation.pump.resolution_mU_min
     return pump if resolution is None else with_resolution(resolution, pump, limits=limits)
 
 
-def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroundings:
+def surroundings_of(situation: Situation, faults: Iterable[FaultPart] = ()) -> Surroundings:
     """Sensor and pump of a situation, wrapped in the faults of a case.
 
     Raises
@@ -96,7 +101,7 @@ def surroundings_of(situation: Situation, faults: Iterable[str] = ()) -> Surroun
     ValueError
         If a fault is not possible.
     """
-    limits, every = situation.limits, [FAULTS.choose(text) for text in (*situation.faults, *faults)]
+    limits, every = situation.limits, (*situation.faults, *faults)
     pump = pump_of(situation)
     return Surroundings(
         sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min),
@@ -114,9 +119,8 @@ def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Map
     """
     alike: dict[str, list[Case]] = {}
     for case in cases:
-        own = [FAULTS.choose(text) for text in case.faults]
-        shareable = len(own) <= 1 and all(fault.comes_and_goes for fault in own)
-        same = repr(dataclasses.replace(case, label="" if shareable else case.label, faults=()))
+        shareable = len(case.faults) <= 1 and all(fault.comes_and_goes for fault in case.faults)
+        same = repr(dataclasses.replace(case, label="shared" if shareable else case.label, faults=()))
         alike.setdefault(same, []).append(case)
     return [_together(situation, cases) for cases in alike.values()]
 

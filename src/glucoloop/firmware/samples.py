@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control.protocol import Controller, Observation, gives_boluses
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.simulation.stepper import Stepper
+from glucoloop.situations.situation import Situation
 
 Leaves = list[npt.NDArray[Any]]
 Step = Callable[[Sequence[Any], Sequence[Any]], tuple[Leaves, Leaves]]
@@ -148,7 +148,7 @@ def example(controller: Controller, stepper: Stepper) -> Observation:
 
 def stepper_of(situation: Situation, seed: int) -> Stepper:
     """The patient with faulty sensor and pump."""
-    around = surroundings_of(situation, FAULTS)
+    around = surroundings_of(situation, [FAULTS.choose(text) for text in _FAULTS])
     return Stepper(
         situation.nominal,
         around.sensor,
@@ -196,7 +196,7 @@ def record(
         carbs = float(rng.uniform(10.0, 80.0)) if rng.random() < _MEALS_A_SAMPLE else 0.0
         bolus = None if decision.bolus_mU is None else float(decision.bolus_mU)
         seen = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
-        if situation.announced:
+        if situation.announce_meals:
             seen = dataclasses.replace(seen, announced_carbs_g=jnp.asarray(carbs))
     return SampleRecord(observations, states, decisions, samples)
 

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
@@ -28,6 +27,7 @@ from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.situations.situation import Situation, usual_situation
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 

@@ -23,7 +23,6 @@ from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
 from glucoloop.control.pid import PIDTuning, design_pid
 from glucoloop.control.protocol import Observation
-from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
 from glucoloop.lab.part import CompiledPart, part, starting
@@ -32,6 +31,7 @@ from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import Value
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model
+from glucoloop.situations.case import usual_case
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, Generic, TypeVar
 
 from glucoloop.parts.code import added, entry_points, loaded
-from glucoloop.parts.grammar import NAME, GivenValue, part_tree, place
+from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_tree, place, plain
 from glucoloop.parts.part import Part, read
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
@@ -14,12 +14,14 @@ from glucoloop.refusal import Refusal
 P = TypeVar("P", bound=Part)
 
 HOMES: Final = {
+    "patient": "glucoloop.parts.patients:PATIENTS",
     "sensor": "glucoloop.parts.sensors:SENSORS",
     "pump": "glucoloop.parts.pumps:PUMPS",
     "fault": "glucoloop.parts.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "guard": "glucoloop.parts.guard:GUARDS",
     "metric": "glucoloop.parts.metrics:METRICS",
+    "model": "glucoloop.parts.models:MODELS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 
@@ -36,10 +38,13 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         Parts of this package, the usual one first.
     example : str
         Text of a part, for messages.
+    unnamed : bool
+        Whether a text or a table without a name is one of the usual part.
     """
 
-    def __init__(self, of: type[P], parts: Iterable[type[P]], *, example: str) -> None:
+    def __init__(self, of: type[P], parts: Iterable[type[P]], *, example: str, unnamed: bool = False) -> None:
         self._of, self._parts, self.example = of, {part.name: part for part in parts}, example
+        self._unnamed = unnamed
         self._group = f"{of.kind.replace(' ', '_')}s"
         of.catalogue = self  # type: ignore[attr-defined]
 
@@ -98,28 +103,41 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         Refusal
             For a text that is no part, an unknown part or setting, or a value that is not possible.
         """
-        return self.read(part_tree(text, where, self.example))
+        return self.read(self.tree(text, where))
 
-    def read(self, tree: Any) -> P:
-        """A part from its tree.
+    def tree(self, text: str, where: str = "") -> Tree:
+        """Tree of a part from its text.
+
+        Raises
+        ------
+        Refusal
+            For a text that is no part.
+        """
+        return part_tree(text, where, self.example)
+
+    def read(self, tree: Any, *, ask: bool = False) -> P:
+        """A part from its tree, or from its text as a leaf of one; `ask` as for `part.read`.
 
         Raises
         ------
         Refusal
             As `parse`.
         """
-        leaf = tree.get(NAME) if isinstance(tree, Mapping) else tree
-        name = leaf.value if isinstance(leaf, GivenValue) else leaf
+        if isinstance(tree, GivenValue) and isinstance(tree.value, str):
+            tree = self.tree(tree.value, tree.where)
         where = place(tree)
+        told = f"{where}: " if where else ""
+        if not isinstance(tree, Mapping):
+            raise Refusal(f"{told}{plain(tree)!r} is no {self._of.kind}; give a text like {self.example!r}, or a table")
+        name = plain(tree.get(NAME, self.usual if self._unnamed else None))
         if not isinstance(name, str) or not name:
             given = "nothing" if name is None else repr(name)
-            told = f"{given} names no {self._of.kind}; begin with its name, like {self.example!r}"
-            raise Refusal(f"{where}: {told}" if where else told)
+            raise Refusal(f"{told}{given} names no {self._of.kind}; begin with its name, like {self.example!r}")
         try:
             part = self.find(name)
         except Refusal as error:
-            raise Refusal(f"{where}: {error}" if where else str(error)) from None
-        return read(part, tree if isinstance(tree, Mapping) else {})  # type: ignore[return-value]
+            raise Refusal(f"{told}{error}") from None
+        return read(part, tree, ask=ask)
 
 
 def catalogues() -> dict[str, Catalogue[Any]]:

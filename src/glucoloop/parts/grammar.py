@@ -14,6 +14,8 @@ from typing import Any, Final
 from glucoloop.refusal import Refusal
 
 NAME: Final = "name"
+NONE: Final = "none"
+"""Text in place of a part or a list that leaves it out."""
 Tree = dict[str, Any]
 """A part as plain values: its name, and the settings that were given; a nested part is a tree."""
 _BARE: Final = re.compile(r"[^,='\"()\[\]]+")

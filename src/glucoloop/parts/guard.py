@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import USUAL_PATIENT, PatientEntry
+from glucoloop.parts.patients import PatientPart
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
-from glucoloop.parts.setting import About, Setting, Value, known_names
+from glucoloop.parts.setting import About, Default
 from glucoloop.plausible import GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
 
-PREFIX: Final = "guard_"
 _limit = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
 
 
@@ -223,41 +221,17 @@ class GuardSettings(Part, name="usual"):
             )
 
 
-GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_hour=2")
-GUARD: Final[dict[str, Setting]] = {
-    key: dataclasses.replace(setting, name=key)
-    for setting in GuardSettings.settings().values()
-    for key in [f"{PREFIX}{setting.name}"]
-}
-"""Settings of a guard by the key of a run."""
+GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_hour=2", unnamed=True)
 
 
-def usual_limit(key: str, entry: PatientEntry) -> float:
-    """A limit of a guard that is usual for a patient: the patient's own, that of the route, or the general one."""
-    general = float(GUARD[key].default.noise_free)
-    return float(entry.guard.get(key, OF_ROUTE[entry.insulin_route].get(key.removeprefix(PREFIX), general)))
-
-
-def usual_text(key: str) -> str:
-    """Usual values of a limit for help: the general one, and that of insulin under the skin where it differs."""
-    setting, other = GUARD[key], OF_ROUTE[SUBCUTANEOUS].get(key.removeprefix(PREFIX))
-    return setting.default.text if other is None else f"{setting.default.text}; {other:g} under the skin"
-
-
-def complete_guard(given: Mapping[str, object], entry: PatientEntry = USUAL_PATIENT) -> dict[str, Value]:
-    """All limits of a guard: the given ones, and those usual for the patient for the others.
+def guard_of(patient: PatientPart | type[PatientPart], given: GuardSettings | None = None) -> GuardSettings:
+    """A guard with the settings that are usual for a patient, in place of those that were not given.
 
     Raises
     ------
-    ValueError
-        For an unknown limit, a value that is no number, or one out of its bounds or at odds with another.
+    Refusal
+        For settings that are at odds with one another.
     """
-    for key in given:
-        if key not in GUARD:
-            raise Refusal(f"a guard has no limit {key!r}; {known_names(key, GUARD)}")
-    checked = {key: GUARD[key].check(value) for key, value in given.items()}
-    every = {key: checked.get(key, usual_limit(key, entry)) for key in GUARD}
-    if given:
-        limits: Mapping[str, Any] = {key.removeprefix(PREFIX): value for key, value in every.items()}
-        GuardSettings(**limits)
-    return every
+    usual = {**OF_ROUTE[patient.insulin_route], **patient.guard}
+    whole = GuardSettings.partial({}) if given is None else given
+    return whole.completed({name: Default(value) for name, value in usual.items()})

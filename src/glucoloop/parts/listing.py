@@ -6,15 +6,19 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any, Final
 
-from glucoloop.parts.catalogue import Catalogue, catalogues
+from glucoloop.parts.catalogue import catalogues
+from glucoloop.parts.code import loaded
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.guard import OF_ROUTE, GuardSettings
-from glucoloop.parts.patients import NOMINAL, PATIENTS, PatientEntry, patient_entry
+from glucoloop.parts.part import Part
+from glucoloop.parts.patients import NOMINAL, PatientPart
 from glucoloop.parts.routes import ROUTES, SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, in_words, known_names, value_text
 from glucoloop.refusal import Refusal
 
 PATIENT: Final = "patient"
+ROOTS: Final = {"run": "glucoloop.situations.run:Run", "trial": "glucoloop.cohorts.trial:Trial"}
+"""Places of the settings of whole runs and trials, which are listed by name."""
 _NAME_WIDTH: Final = 18
 _SKIN: Final = "under the skin"
 
@@ -29,31 +33,25 @@ def listed(asked: str | None = None) -> list[dict[str, Any]]:
     """
     kinds = catalogues()
     if asked is None:
-        return [*map(_patient, PATIENTS.values()), *_of_kinds(kinds)]
+        return [described(of.find(name)) for of in kinds.values() for name in of.names()]
     kind = asked.removesuffix("s")
-    if kind == PATIENT:
-        return [_patient(patient_entry(name)) for name in PATIENTS.names()]
     if kind in kinds:
         return [described(kinds[kind].find(name)) for name in kinds[kind].names()]
+    if asked in ROOTS:
+        return [described(loaded(ROOTS[asked]))]
     found = [described(of.find(asked)) for of in kinds.values() if asked in of.names()]
-    if asked in PATIENTS.names():
-        found.append(_patient(patient_entry(asked)))
     if not found:
-        names = [*PATIENTS.names(), *(name for of in kinds.values() for name in of.names())]
-        told = known_names(asked, names, where=f"the kinds are: {', '.join((PATIENT, *kinds))}")
+        names = [name for of in kinds.values() for name in of.names()]
+        told = known_names(asked, names, where=f"the kinds are: {', '.join((*kinds, *ROOTS))}")
         raise Refusal(f"there is no part and no kind of parts {asked!r}; {told}")
     return found
 
 
-def _of_kinds(kinds: dict[str, Catalogue[Any]]) -> Iterator[dict[str, Any]]:
-    for catalogue in kinds.values():
-        yield from (described(catalogue.find(name)) for name in catalogue.names())
-
-
 def described(part: Any) -> dict[str, Any]:
     """A part as plain values."""
-    settings = [_setting(part, setting) for setting in part.settings().values()]
-    return {"kind": part.kind, "name": part.name, "summary": part.summary, "settings": settings}
+    settings = [_setting(part, setting) for setting in part.settings().values() if setting.name not in part.refused]
+    own = _of_patient(part) if issubclass(part, PatientPart) else {}
+    return {"kind": part.kind, "name": part.name, "summary": part.summary, **own, "settings": settings}
 
 
 def _setting(part: Any, setting: Setting) -> dict[str, Any]:
@@ -61,6 +59,14 @@ def _setting(part: Any, setting: Setting) -> dict[str, Any]:
     possible = (in_words(setting.choices) if setting.choices else "") or {bool: "true or false", str: "a text"}.get(
         kind
     )
+    if isinstance(kind, type) and issubclass(kind, Part):
+        return {
+            "name": setting.name,
+            "summary": setting.summary,
+            "possible": f"{'parts' if setting.many else 'a part'} of the kind {kind.kind}",
+            "unit": "",
+            "usual": {},
+        }
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
@@ -72,17 +78,15 @@ def _setting(part: Any, setting: Setting) -> dict[str, Any]:
     return {
         "name": setting.name,
         "summary": setting.summary,
-        "possible": possible or setting.about.possible(kind, setting.unit),
+        "possible": possible or (setting.about.possible(kind, setting.unit) if kind in (int, float) else "a text"),
         "unit": setting.unit,
         "usual": usual,
     }
 
 
-def _patient(entry: PatientEntry) -> dict[str, Any]:
+def _of_patient(entry: type[PatientPart]) -> dict[str, Any]:
+    """What is usual for a patient."""
     return {
-        "kind": PATIENT,
-        "name": entry.name,
-        "summary": entry.summary,
         "insulin_route": entry.insulin_route,
         "operating_points": {point.name: point.summary for point in entry.operating_points},
         "populations": {NOMINAL: "the nominal patient, whoever is drawn", **entry.populations},
@@ -116,7 +120,7 @@ def listing(parts: list[dict[str, Any]], width: int = 100) -> str:
 
 
 def _whole(part: dict[str, Any], width: int) -> Iterator[str]:
-    yield from _wrapped(f"{part['kind']} {part['name']}: {part['summary']}", "  ", width)
+    yield from _wrapped(f"{part['kind']} {part['name']}".strip() + f": {part['summary']}", "  ", width)
     for key, what in (("operating_points", "Operating point"), ("populations", "Population")):
         for name, summary in part.get(key, {}).items():
             yield from _wrapped(f"  {what} {name}: {summary}", "    ", width)
@@ -137,8 +141,9 @@ def _whole(part: dict[str, Any], width: int) -> Iterator[str]:
             width,
         )
     for setting in part.get("settings", ()):
-        usual = [f"{where} {_text(value)}".strip() for where, value in setting["usual"].items()]
-        yield from _wrapped(f"  {setting['name']} = {', '.join(usual)}   ({setting['possible']})", " " * 6, width)
+        usual = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
+        told = f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})"
+        yield from _wrapped(told, " " * 6, width)
         yield from _wrapped(f"      {setting['summary']}", " " * 6, width)
 
 

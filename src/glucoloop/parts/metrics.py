@@ -386,8 +386,8 @@ RESULTS: Final = tuple(result for metric in _USUAL for result in metric.results)
 """Results of all metrics of this package, in the order of tables and columns."""
 
 
-def metrics_with(further: Iterable[str] = ()) -> Iterator[MetricPart]:
-    """All metrics of this package, and further ones by their texts: name and settings.
+def metrics_with(further: Iterable[str | MetricPart] = ()) -> Iterator[MetricPart]:
+    """All metrics of this package, and further ones, as parts or by their texts.
 
     Raises
     ------
@@ -395,7 +395,7 @@ def metrics_with(further: Iterable[str] = ()) -> Iterator[MetricPart]:
         For an unknown metric or setting, or one with a result of a name that another one has.
     """
     seen: dict[str, str] = {}
-    asked = (METRICS.choose(text) for text in further)
+    asked = (METRICS.choose(of) if isinstance(of, str) else of for of in further)
     others = (metric for metric in asked if metric.name not in METRICS)
     for metric in (*_USUAL, *others):
         for result in metric.results:

@@ -17,15 +17,16 @@ import functools
 import inspect
 import typing
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Final, Self, dataclass_transform
+from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.parts.code import loaded
-from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_text, place, plain
-from glucoloop.parts.setting import Default, Setting, described, known_names, usual
+from glucoloop.parts.grammar import NAME, NONE, Tree, part_text, place, plain
+from glucoloop.parts.setting import AMONG_SETTINGS, Default, Setting, described, known_names, usual, with_article
 from glucoloop.refusal import Refusal
 
 _PLAIN: Final = (int, float, str, bool, type(None))
-_RESERVED: Final = (NAME, "label", "given", "kind", "usual", "none")
+P = TypeVar("P", bound="Part")
+_RESERVED: Final = (NAME, "label", "given", "kind", "usual", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(usual,))
@@ -44,6 +45,10 @@ class Part:
     kind: ClassVar[str] = "part"
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
+    may_have: ClassVar[tuple[str, ...]] = ()
+    """Reserved names that settings of this class may have all the same."""
+    refused: ClassVar[tuple[str, ...]] = ()
+    """Settings of a class that this one extends which cannot be given here."""
 
     if typing.TYPE_CHECKING:
 
@@ -55,10 +60,11 @@ class Part:
             super().__init_subclass__(**more)
             if name:
                 cls.name = name
+            _inherit_annotations(cls)
             cls.summary = (vars(cls).get("__doc__") or "").partition("\n")[0].rstrip(".")
             dataclasses.dataclass(frozen=True)(cls)
             for field in dataclasses.fields(cls):
-                if field.name in _RESERVED:
+                if field.name in _RESERVED and field.name not in cls.may_have:
                     raise TypeError(
                         f"a setting of {cls.__name__} is called {field.name!r}, as of every part; rename it"
                     )
@@ -93,8 +99,9 @@ class Part:
         """
         found = cls.settings().get(name)
         if found is None:
-            whose = f"the {cls.kind} {cls.name}" if cls.name else cls.kind
-            raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, cls.settings())}")
+            whose = f"the {cls.kind} {cls.name}" if cls.name else with_article(cls.kind)
+            known = [of for of in cls.settings() if of not in cls.refused]
+            raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=AMONG_SETTINGS)}")
         return found
 
     @classmethod
@@ -174,13 +181,30 @@ class Part:
         named = {NAME: self.called} if self.called else {}
         return {
             **named,
-            **{name: _plain(value, whole) for name, value in (self.values() if whole else self.given).items()},
+            **{
+                name: _plain(value, whole)
+                for name, value in (self.values() if whole else self.given).items()
+                if name not in self.refused
+            },
         }
 
     @property
     def text(self) -> str:
         """Text from which the same part is read, with every setting."""
         return part_text(self.tree(whole=True))
+
+
+def _inherit_annotations(part: type[Part]) -> None:
+    """A default that a class gives without an annotation is one of the setting that it inherits."""
+    inherited = [base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)]
+    if not inherited:
+        return
+    own = part.__dict__.get("__annotations__", {})
+    known = {field.name for field in dataclasses.fields(typing.cast(Any, inherited[0]))}
+    overridden = [name for name in vars(part) if name in known and name not in own]
+    if overridden:
+        hints = typing.get_type_hints(inherited[0], include_extras=True)
+        part.__annotations__ = {**own, **{name: hints[name] for name in overridden}}
 
 
 def _plain(value: Any, whole: bool) -> Any:
@@ -247,8 +271,17 @@ def _of_kind(value: object, kind: type) -> bool:
     return isinstance(value, int | float if kind is float else kind)
 
 
-def read(part: type[Part], tree: Mapping[str, Any]) -> Part:
+def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: str | None = None) -> P:
     """A part from a tree of given values, of which some may be texts; parts in it are read by their catalogues.
+
+    Parameters
+    ----------
+    part : type
+    tree : mapping
+    ask : bool
+        Whether values that are possible and implausible are asked about.
+    where : str, optional
+        Option or file in which the part stands; by default that of its first value.
 
     Raises
     ------
@@ -259,31 +292,46 @@ def read(part: type[Part], tree: Mapping[str, Any]) -> Part:
     for key, leaf in tree.items():
         if key == NAME:
             continue
-        called = f"{place(leaf)}: {part.name}" if part.name and place(leaf) else place(leaf) or part.name or None
+        at = place(leaf)
+        if key in part.refused:
+            what = at if at.startswith("--") else f"{at}: {key}" if at else key
+            raise Refusal(f"{what} is no part of {with_article(part.kind)}; leave it out")
         try:
             setting = part.setting(key)
         except Refusal as error:
-            raise Refusal(f"{place(leaf)}: {error}" if place(leaf) else str(error)) from None
+            raise Refusal(f"{at}: {error}" if at else str(error)) from None
         if isinstance(setting.kind, type) and issubclass(setting.kind, Part):
-            values[key] = _parts(setting, leaf)
+            values[key] = _parts(setting, leaf, ask)
             continue
-        value = plain(leaf)
-        if isinstance(leaf, list):
-            items = [setting.read(str(item.value)) if item.text else item.value for item in leaf]
-            values[key] = setting.check(tuple(items), called)
-        elif isinstance(leaf, GivenValue) and leaf.text and isinstance(value, str):
-            values[key] = setting.check(setting.read(value), called)
-        else:
-            values[key] = setting.check(value, called)
-    return part.partial(values, place(tree), plain(tree.get(NAME, "")))
+        called = at if part.name in ("", at) else f"{at}: {part.name}" if at else part.name
+        # An option that is named after its setting needs no second name.
+        setting = dataclasses.replace(setting, name=at) if at.startswith("--") and called == at else setting
+        value = setting.check(_value(setting, leaf), None if setting.name == called else called or None)
+        if ask:
+            setting.ask(value, setting.name if setting.name == called else f"{setting.name} of {called or part.kind}")
+        values[key] = value
+    return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
 
 
-def _parts(setting: Setting, leaf: Any) -> Any:
+def _value(setting: Setting, leaf: Any) -> Any:
+    """The value of a leaf, read from its text where it has no type yet."""
+    if isinstance(leaf, list):
+        return tuple(setting.read(item.value) if item.text else item.value for item in leaf)
+    value = plain(leaf)
+    if isinstance(value, str) and (leaf.text or setting.unit == "min"):  # a file may write "10h" too
+        return setting.read(value)
+    return value
+
+
+def _parts(setting: Setting, leaf: Any, ask: bool) -> Any:
     catalogue = setting.kind.catalogue
-    if setting.many != isinstance(leaf, list):
-        wanted = f"a list of tables, each with a {NAME}" if setting.many else f"a table with a {NAME}"
-        raise Refusal(f"{place(leaf)}: {setting.name} is {plain(leaf)!r}; give {wanted}")
-    return tuple(catalogue.read(item) for item in leaf) if setting.many else catalogue.read(leaf)
+    if setting.optional and plain(leaf) in (None, NONE):
+        return None
+    if not setting.many and isinstance(leaf, list):
+        raise Refusal(f"{place(leaf)}: {setting.name} is a list; give one, a table with a {NAME}")
+    if not setting.many:
+        return catalogue.read(leaf, ask=ask)
+    return tuple(catalogue.read(item, ask=ask) for item in (leaf if isinstance(leaf, list) else [leaf]))
 
 
 class MadePart(Part):
@@ -305,6 +353,11 @@ class MadePart(Part):
             If it is not possible.
         """
         return self.made_of(self.values(), known)
+
+    @classmethod
+    def takes(cls, name: str) -> bool:
+        """Whether the function has a parameter of a name."""
+        return name in inspect.signature(loaded(cls.make)).parameters
 
     def made_of(self, settings: Mapping[str, Any], known: Mapping[str, Any]) -> Any:
         """Object that the function makes of these settings, and of what it takes of the rest."""

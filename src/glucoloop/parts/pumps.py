@@ -6,6 +6,7 @@ A pump joins every command by one class, entered in `PUMPS` or by the entry poin
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
@@ -14,17 +15,8 @@ from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About, known_names
 from glucoloop.plausible import RATE_STEP
 
-LIMITS: Final = (
-    "max_change_mU_min",
-    "min_insulin_mU_min",
-    "max_insulin_mU_min",
-    "pump_resolution_mU_min",
-    "max_bolus_U",
-    "min_bolus_U",
-    "bolus_step_U",
-)
-"""Keys of a run that say what a pump can deliver."""
-
+_limit: Final = functools.partial(About, at_most=10_000.0)
+_bolus: Final = functools.partial(About, at_most=1000.0)
 Step = Annotated[float, About("Step of the rate.", above=0.0, quantity=RATE_STEP)]
 Least = Annotated[float, About("Least rate that is delivered.", at_least=0.0)]
 
@@ -38,14 +30,37 @@ class PumpPart(MadePart):
 
     kind: ClassVar = "pump"
     limits: ClassVar[Mapping[str, float]] = {}
-    """Limits of the pump by key, of `LIMITS`, where they are not those usual for the patient. With this pump they are
-    the defaults of a run, so that controllers, guard and metrics know them."""
+    """Limits of the pump by setting, where they are not those usual for the patient. With this pump they are the
+    defaults of a run, so that controllers, guard and metrics know them."""
+
+    max_change_mU_min: Annotated[
+        float | None,
+        _limit("Largest change of the rate from one sample to the next; that of the patient's pump.", above=0.0),
+    ] = None
+    min_insulin_mU_min: Annotated[
+        float | None, _limit("Least rate of the pump; that of the patient's pump.", at_least=0.0)
+    ] = None
+    max_insulin_mU_min: Annotated[
+        float | None, _limit("Greatest rate of the pump; that of the patient's pump.", above=0.0)
+    ] = None
+    resolution_mU_min: Annotated[
+        float | None, _limit("Smallest step of the rate; any rate by default.", above=0.0, quantity=RATE_STEP)
+    ] = None
+    max_bolus_U: Annotated[float, _bolus("Largest bolus of the pump.", above=0.0)] = 25.0
+    min_bolus_U: Annotated[
+        float, _bolus("Least bolus that the pump gives; a smaller one is not given.", at_least=0.0)
+    ] = 0.05
+    bolus_step_U: Annotated[float, _bolus("Step of a bolus, which is rounded down to whole ones.", above=0.0)] = 0.05
 
     def __init_subclass__(cls, **of: Any) -> None:
         super().__init_subclass__(**of)
         for key in cls.limits:
-            if key not in LIMITS:
-                raise TypeError(f"the pump {cls.name} has a limit {key!r}; {known_names(key, LIMITS)}")
+            if key not in PumpPart.settings():
+                raise TypeError(f"the pump {cls.name} has a limit {key!r}; {known_names(key, PumpPart.settings())}")
+
+    def made(self, **known: Any) -> Any:
+        """The pump, made of its own settings; the limits of all pumps are kept by the one inside."""
+        return self.made_of({name: of for name, of in self.values().items() if name not in PumpPart.settings()}, known)
 
 
 class LimitedSettings(PumpPart, name="limited"):
@@ -72,6 +87,6 @@ class ExpiringSettings(PumpPart, name="expiring"):
 
 
 PUMPS: Final = Catalogue(
-    PumpPart, (LimitedSettings, ResolutionPumpSettings, ExpiringSettings), example="expiring, samples=3"
+    PumpPart, (LimitedSettings, ResolutionPumpSettings, ExpiringSettings), example="expiring, samples=3", unnamed=True
 )
 USUAL_PUMP: Final = PUMPS.usual

@@ -6,31 +6,39 @@ A sensor joins every command by one class, entered in `SENSORS` or by the entry 
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About
-from glucoloop.plausible import NOISE_BOUND, NOISE_VARIANCE
+from glucoloop.plausible import DEAD_TIME, NOISE_BOUND, NOISE_VARIANCE
+from glucoloop.refusal import Refusal
 
-LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
+LONGEST_DEAD_TIME_MIN: Final = 1440.0
 LONGEST_LAG_MIN: Final = 120.0
 
 
 class SensorPart(MadePart):
     """Declaration of a sensor.
 
-    Its function is also given, if it has parameters of these names, ``site`` (the site that was asked for, or None),
-    ``inner`` (a sensor at that site without error) and ``sample_time_min``.
+    Its function is also given, if it has parameters of these names, ``inner`` (the sensor inside, at first one without
+    error), ``site`` (the site that was asked for, or None) and ``sample_time_min``.
     """
 
     kind: ClassVar = "sensor"
 
 
 class IdealSettings(SensorPart, name="ideal"):
-    """Readings without error or delay."""
+    """Readings without error or delay; the innermost of a chain, which says where glucose is read."""
 
     make: ClassVar = "glucoloop.sensors:IdealSensor"
+    site: Annotated[
+        str | None,
+        About(
+            "Site: arterial or interstitial, or plasma or interstitial, depending on the patient; by default that at "
+            "which glucose is controlled."
+        ),
+    ] = None
 
 
 class WhiteNoiseSettings(SensorPart, name="white-noise"):
@@ -65,12 +73,34 @@ class LagSettings(SensorPart, name="lag"):
 
 
 class DeadTimeSettings(SensorPart, name="dead-time"):
-    """Readings that are given some samples later."""
+    """Readings that are given some time later."""
 
     make: ClassVar = "glucoloop.sensors:dead_time"
-    samples: Annotated[
-        int, About("Samples after which a reading is given.", at_least=0, at_most=LONGEST_DEAD_TIME_SAMPLES)
-    ] = 1
+    minutes: Annotated[
+        float,
+        About(
+            "Time after which a reading is given; a whole number of samples.",
+            at_least=0.0,
+            at_most=LONGEST_DEAD_TIME_MIN,
+            unit="min",
+            quantity=DEAD_TIME,
+        ),
+    ] = 5.0
+
+    def samples(self, sample_time_min: float) -> int:
+        """The time as a number of samples.
+
+        Raises
+        ------
+        Refusal
+            Unless it is a whole number of them.
+        """
+        return whole_samples(self.minutes, sample_time_min, "a dead time")
+
+    def made(self, **known: Any) -> Any:
+        """The sensor; one without delay where the time is 0."""
+        samples = self.samples(known["sample_time_min"])
+        return self.made_of({"samples": samples}, known) if samples else known["inner"]
 
 
 SENSORS: Final = Catalogue(
@@ -79,3 +109,21 @@ SENSORS: Final = Catalogue(
     example="white-noise, variance=1.45",
 )
 USUAL_SENSOR: Final = SENSORS.usual
+
+
+def whole_samples(minutes: float, sample_time_min: float, what: str) -> int:
+    """Minutes as a number of samples; `what` names the quantity in messages.
+
+    Raises
+    ------
+    Refusal
+        Unless they are a whole number of samples.
+    """
+    samples = round(minutes / sample_time_min)
+    if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
+        below = int(minutes / sample_time_min) * sample_time_min
+        raise Refusal(
+            f"{what} of {minutes:g} min is not a whole number of {sample_time_min:g}-min samples; "
+            f"give {below:g} or {below + sample_time_min:g} min"
+        )
+    return samples

@@ -51,8 +51,8 @@ LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
 _LONGEST: Final = 60
 MOST_NAMES_TOLD: Final = 12
-AMONG_OPTIONS: Final = "--help of the command has each as an option"
-"""Text on where all keys of a configuration are told."""
+AMONG_SETTINGS: Final = "--help of the command has each, and glucoloop list"
+"""Text on where all settings are told."""
 _SHORTEST_WORD: Final = 4
 """Length from which a part of a name says what it is about; shorter ones are mostly units."""
 
@@ -306,8 +306,13 @@ def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "")
     names = list(known)
     for key in keys:
         if key not in names:
-            told = known_names(key, names, where=AMONG_OPTIONS)
+            told = known_names(key, names, where=AMONG_SETTINGS)
             raise Refusal(f"unknown key {key!r}{of}; {told}")
+
+
+def with_article(noun: str) -> str:
+    """A noun with its article."""
+    return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
 
 
 def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.arguments import checked
-from glucoloop.parts.patients import PatientEntry, patient_entry
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
@@ -107,7 +107,7 @@ def patient(name: str = "parker-1999", operating_point: str | None = None) -> Se
     Parameters
     ----------
     name : str
-        ``"parker-1999"`` or another of ``glucoloop list patients``; or ``"module:attribute"`` of a `PatientEntry`.
+        ``"parker-1999"`` or another of ``glucoloop list patients``; or ``"module:Class"`` of a `PatientPart`.
     operating_point : str, optional
         The usual one by default. Of ``"parker-1999"``: ``"setpoint-81"``: 81.1 mg/dl, held by 25.606 mU/min;
         ``"nominal-22"``: 22.33 mU/min, holding 92.099 mg/dl; ``"fasting-81"``: 22.33 mU/min, holding 81.153 mg/dl in
@@ -118,6 +118,6 @@ def patient(name: str = "parker-1999", operating_point: str | None = None) -> Se
     ValueError
         For an unknown name.
     """
-    entry: PatientEntry = patient_entry(name)
-    point = entry.usual_point if operating_point is None else entry.operating_point(operating_point).name
+    entry = patient_entry(name)
+    point = entry.usual_point if operating_point is None else entry.point(operating_point).name
     return patient_model(name).operating_points[point]()

@@ -92,5 +92,5 @@ def expiring(samples: int = 2, inner: Pump | None = None) -> Expiring:
     ValueError
         Unless `samples` is a whole number of 1 or more.
     """
-    ExpiringSettings(samples)
+    ExpiringSettings(samples=samples)
     return Expiring(inner=LimitedPump() if inner is None else inner, samples=float(samples))

@@ -16,8 +16,8 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import glucoloop
-from glucoloop.config.toml import toml_text, with_code
 from glucoloop.printable import glucose_text
+from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 _LAB: Final = "lab.html"

@@ -8,25 +8,23 @@ from typing import Any
 import jax
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.comparison import Comparison
-from glucoloop.config.options.situation import SituationKeys
-from glucoloop.config.run import Run
-from glucoloop.control.catalogue import controller_entry
-from glucoloop.experiments.case import Case
-from glucoloop.experiments.situation import Situation
 from glucoloop.meals import Meal
-from glucoloop.parts.faults import FAULTS
-from glucoloop.parts.pumps import USUAL_PUMP
-from glucoloop.parts.sensors import USUAL_SENSOR
-from glucoloop.parts.setting import Value
+from glucoloop.parts.faults import FaultPart
+from glucoloop.parts.part import Part
+from glucoloop.parts.pumps import PUMPS, PumpPart
+from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
+from glucoloop.parts.setting import Value, value_text
 from glucoloop.printable import the_first
 from glucoloop.report.fault_words import setting_in_words, settings_in_words, when_in_words
+from glucoloop.situations.case import Case
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import Situation
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
 
 
-def run_facts(run: Run, settled: Mapping[str, float] | None = None) -> dict[str, str]:
+def run_facts(run: Run, case: Case, settled: Mapping[str, float] | None = None) -> dict[str, str]:
     """Settings of a run, and those that were settled when its controller was designed."""
-    return {"Controller": case_in_words(run.case.case()), **_settled("", settled or {}), **_of_run(run.situation)}
+    return {"Controller": case_in_words(case), **_settled("", settled or {}), **_of_run(run)}
 
 
 def _settled(label: str, settled: Mapping[str, float]) -> dict[str, str]:
@@ -34,15 +32,15 @@ def _settled(label: str, settled: Mapping[str, float]) -> dict[str, str]:
     return {f"As designed{label}": _settings(numbers)} if settled else {}
 
 
-def comparison_facts(asked: Comparison, settled: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, str]:
+def comparison_facts(asked: Run, settled: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, str]:
     """Settings of a comparison, and those that were settled when its controllers were designed, by label."""
     told: dict[str, str] = {}
-    for label, run in asked.runs().items():
+    for case in asked.cases:
         told |= {
-            f"Case {label}": case_in_words(run.case.case()),
-            **_settled(f", {label}", (settled or {}).get(label, {})),
+            f"Case {case.label}": case_in_words(case),
+            **_settled(f", {case.label}", (settled or {}).get(case.label, {})),
         }
-    return {**told, **_of_run(asked.situation)}
+    return {**told, **_of_run(asked)}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:
@@ -95,7 +93,7 @@ def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 
 def case_in_words(case: Case) -> str:
     """A controller with its settings, guard and faults."""
-    told = [f"{case.controller}, {controller_entry(case.controller).summary}"]
+    told = [f"{case.controller.called}, {case.controller.summary}"]
     if case.tuning:
         told.append(_settings(case.tuning))
     if case.known_dead_time:
@@ -106,33 +104,32 @@ def case_in_words(case: Case) -> str:
     return "; ".join(told)
 
 
-def fault_in_words(text: str) -> str:
+def fault_in_words(fault: FaultPart) -> str:
     """A fault with its settings and times."""
-    fault = FAULTS.choose(text)
     return ", ".join(part for part in (fault.name, settings_in_words(fault), when_in_words(fault)) if part)
 
 
-def _of_run(keys: SituationKeys) -> dict[str, str]:
-    meals = ", ".join(map(_meal, keys.eaten())) or "none"
-    told = _of_situation(keys.situation(), meals)
-    if keys.initial_glucose_mg_dl is not None:
-        told["Glucose at the start"] = f"{keys.initial_glucose_mg_dl:g} mg/dl"
-    integrator = "exponential integrator" if keys.integrator == "fast" else "adaptive Runge-Kutta integrator"
-    return {**told, "Length": _length(keys.duration_min), "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}"}
+def _of_run(run: Run) -> dict[str, str]:
+    meals = ", ".join(map(_meal, run.eaten())) or "none"
+    told = _of_situation(run, meals)
+    if run.initial_glucose_mg_dl is not None:
+        told["Glucose at the start"] = f"{run.initial_glucose_mg_dl:g} mg/dl"
+    integrator = "exponential integrator" if run.integrator == "fast" else "adaptive Runge-Kutta integrator"
+    return {**told, "Length": _length(run.duration_min), "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}"}
 
 
 def _per_hour(situation: Situation) -> str:
     """Rates of the pump in the unit of pumps, where insulin is given under the skin."""
-    if not situation.whom[0].under_the_skin:
+    if not situation.patient.under_the_skin:
         return ""
     least, most = (u_h_from_mu_min(float(rate)) for rate in (situation.limits.min_mU_min, situation.limits.max_mU_min))
     return f" ({least:.3g} to {most:.3g} U/h)"
 
 
 def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
-    entry, point = situation.whom
+    own = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
     sensor = [
-        *([situation.sensor] if situation.sensor != USUAL_SENSOR else []),
+        *(part.text for part in situation.sensor if not isinstance(part, own)),
         f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
         if situation.noise_variance
         else "no noise",
@@ -142,18 +139,18 @@ def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
     ]
     limits, bolus = situation.limits, situation.bolus
     pump = [
-        *([situation.pump] if situation.pump != USUAL_PUMP else []),
+        *([_own_text(situation.pump)] if situation.pump.called != PUMPS.usual else []),
         f"{float(limits.min_mU_min):g} to {float(limits.max_mU_min):g} mU/min{_per_hour(situation)}",
         f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
-        *([f"steps of {situation.pump_resolution_mU_min:g} mU/min"] if situation.pump_resolution_mU_min else []),
-        *([f"boluses of at most {float(bolus.max_mU) / MU_PER_U:g} U"] if entry.under_the_skin else []),
+        *([f"steps of {situation.pump.resolution_mU_min:g} mU/min"] if situation.pump.resolution_mU_min else []),
+        *([f"boluses of at most {float(bolus.max_mU) / MU_PER_U:g} U"] if situation.patient.under_the_skin else []),
     ]
-    if situation.announced and meals != "none":
+    if situation.announce_meals and meals != "none":
         meals += ", announced"
         if situation.miscounts:
             meals += f" with an error of {situation.carb_error_pct:g} % and a bias of {situation.carb_bias_pct:g} %"
     return {
-        "Patient": f"{entry.name} at {point}",
+        "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
         "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
         "Meals": meals,
         "Digestion": str(situation.meal_model or "the patient's own model"),
@@ -162,6 +159,12 @@ def _of_situation(situation: Situation, meals: str) -> dict[str, str]:
         "Faults": "; ".join(map(fault_in_words, situation.faults)) or "none",
         "Seed": str(situation.seed),
     }
+
+
+def _own_text(pump: Part) -> str:
+    """A pump with its settings, apart from the limits that every pump has."""
+    own = {name: value for name, value in pump.values().items() if name not in PumpPart.settings()}
+    return ", ".join([pump.called, *(f"{name}={value_text(value)}" for name, value in own.items())])
 
 
 def _settings(tuning: Mapping[str, Value]) -> str:

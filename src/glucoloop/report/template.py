@@ -20,10 +20,10 @@ import jinja2
 from markupsafe import Markup
 
 import glucoloop
-from glucoloop.config.toml import toml_text, with_code
 from glucoloop.report._page import FOOTER, Repeat, count
 from glucoloop.report.columns import headings
 from glucoloop.report.fault_words import settings_in_words, when_in_words
+from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.parts.sensors import DeadTimeSettings
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
@@ -54,5 +53,6 @@ def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
     ValueError
         Unless `samples` is a whole number from 0 to 288.
     """
-    DeadTimeSettings(samples)
+    if not 0 <= samples <= LONGEST_DEAD_TIME_SAMPLES:
+        raise Refusal(f"samples is {samples}; give a whole number from 0 to {LONGEST_DEAD_TIME_SAMPLES}")
     return DeadTime(inner=inner if inner is not None else IdealSensor(), samples=samples)

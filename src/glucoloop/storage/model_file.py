@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 import glucoloop
-from glucoloop.config.options.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
-from glucoloop.config.sentences import one_sentence
-from glucoloop.config.toml import deeper_than
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
 from glucoloop.refusal import Refusal
+from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
+from glucoloop.situations.toml import deeper_than
 from glucoloop.storage.files import read_text
+from glucoloop.storage.sentences import one_sentence
 from glucoloop.storage.strict_json import json_text
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

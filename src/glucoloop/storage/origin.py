@@ -9,7 +9,6 @@ from typing import Any, Final, TypeGuard
 
 import glucoloop
 from glucoloop import arithmetic
-from glucoloop.config.cases import CASES_KEY
 from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage.strict_json import json_text
@@ -83,7 +82,7 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[t
         before, now = there.get(key), here.get(key)
         if _text(before) == _text(now):
             continue
-        if key == CASES_KEY and _are_cases(before) and _are_cases(now):
+        if key == "controller" and _are_cases(before) and _are_cases(now):
             yield from _differing_cases(before, now)
         elif isinstance(before, Mapping) and isinstance(now, Mapping):
             yield from ((f"{key}.{name}", one, other) for name, one, other in differences(before, now))

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from glucoloop.config.toml import toml_text
 from glucoloop.refusal import Refusal
+from glucoloop.situations.toml import toml_text
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import kept_text

@@ -12,8 +12,8 @@ from typing import Any, Generic, TypeVar
 
 import polars as pl
 
-from glucoloop.config.toml import read_toml
 from glucoloop.refusal import Refusal
+from glucoloop.situations.toml import read_toml
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import ARITHMETIC, Origin

@@ -8,23 +8,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from glucoloop.config.doubts import BOLUS_INTO_A_VEIN
-from glucoloop.config.options.case import IDENTIFICATION_KEYS, CaseKeys
-from glucoloop.config.options.situation import SituationKeys
-from glucoloop.config.run import Run
 from glucoloop.control import Controller
-from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
-from glucoloop.experiments.situation import Situation
 from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
+from glucoloop.parts.models import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
 from glucoloop.simulation.plant import SteppingIntegrator
+from glucoloop.situations.case import Case
+from glucoloop.situations.doubts import BOLUS_INTO_A_VEIN
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import Situation
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.units import u_h_from_mu_min
 
@@ -34,6 +33,7 @@ class Outcome:
     """A run with its results."""
 
     run: Run
+    case: Case
     model: ModelFile | None
     """Model of the controller; None for a controller that uses none."""
     trace: Trace
@@ -44,10 +44,6 @@ class Outcome:
     settled: Mapping[str, float] = field(default_factory=dict)
     """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
 
-    def repeat(self) -> Run:
-        """The run with its model from a file beside its configuration, so that the folder repeats it by itself."""
-        return self.run if self.model is None or self.run.case.model is None else self.run.with_model("model.json")
-
     @property
     def summary(self) -> ClinicalSummary:
         """Times in ranges, extremes and insulin, as a clinician reads them first."""
@@ -56,7 +52,7 @@ class Outcome:
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
-            "config": self.run.keys(),
+            "config": {**self.run.tree(whole=True), "controller": self.case.tree(whole=True)},
             "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
             "summary": self.summary.as_dict(),
@@ -65,72 +61,68 @@ class Outcome:
         }
 
 
-def close_the_loop(run: Run) -> Outcome:
-    """Identify or read the model, design the controller, and simulate the loop.
+def close_the_loop(run: Run, case: Case) -> Outcome:
+    """Identify or read the model of a case, design its controller, and simulate the loop of the run.
 
     Raises
     ------
     ValueError
         For a configuration that is not possible, in one sentence.
     """
-    asked = run.situation
-    situation = asked.situation()
-    model = model_for(run, situation)
-    controller = controller_for(run, situation, model)
-    trace = close_loop(
-        situation,
-        controller,
-        asked.scenario(),
-        integrator=integrator_of(asked),
-    )
-    return outcome_of(run, situation, model, controller, trace)
+    model = model_for(run, case)
+    controller = controller_of(run, case, **model_arguments(model))
+    trace = close_loop(run, controller, run.scenario(), integrator=integrator_of(run))
+    return outcome_of(run, case, model, controller, trace)
 
 
-def outcome_of(
-    run: Run, situation: Situation, model: ModelFile | None, controller: Controller, trace: Trace
-) -> Outcome:
+def outcome_of(run: Run, case: Case, model: ModelFile | None, controller: Controller, trace: Trace) -> Outcome:
     """Metrics of a run, and notes on it."""
-    metrics = summarise(trace, situation.limits, metrics=situation.metrics)
+    metrics = summarise(trace, run.limits, metrics=run.further_metrics)
     return Outcome(
         run=run,
+        case=case,
         model=model,
         trace=trace,
         metrics=metrics,
-        limits=situation.limits,
+        limits=run.limits,
         settled=settled(controller),
         notes=(
-            *notes_on(run, model),
-            *notes_on_patient(situation, controller),
+            *notes_on(run, case, model),
+            *notes_on_patient(run, controller),
             *notes_on_trace(trace, metrics),
         ),
     )
 
 
-def model_for(run: Run, situation: Situation) -> ModelFile | None:
+def model_for(situation: Situation, case: Case) -> ModelFile | None:
     """Model on which the controller is designed, without the dead time."""
-    case = run.case
-    if not controller_entry(case.controller).uses_model:
+    if not case.controller.uses_model:
         return None
-    if case.model is not None:
-        return _given_model(Path(case.model), run.situation, case)
-    identification = nominal_model(situation, case.case())
-    settings = {key: getattr(case, key) for key in IDENTIFICATION_KEYS}
-    variance = settings["model_noise_variance"]
+    if isinstance(case.model, FilePart):
+        return _given_model(Path(case.model.path), situation, case)
+    identification = nominal_model(situation, case)
+    settings = case.identified.values()
+    variance = settings["noise_variance"]
     noise = f"with noise of variance {variance:g}" if variance else "free of noise"
     smooth = f"{settings['laguerre_functions']} Laguerre functions with pole {settings['laguerre_pole']:.4g}"
     return model_file(
         identification,
-        operating_point=run.situation.place,
+        operating_point=situation.place,
         source=(
             f"identified from a record of {2 * settings['memory']} samples {noise}, "
             f"{smooth if settings['laguerre_functions'] else 'not smoothed'}"
         ),
         dead_time_min=0.0,
-        settings={**settings, "seed": situation.seed, "noise_bound_mg_dl": situation.noise_bound_mg_dl},
+        settings={
+            "model_noise_variance": settings.pop("noise_variance"),
+            **settings,
+            "seed": situation.seed,
+            "noise_bound_mg_dl": situation.noise_bound_mg_dl,
+        },
     )
 
 
-def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelFile:
+def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
     model = read_model(path)
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         own, runs = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
@@ -142,7 +134,7 @@ def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelF
     if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
         raise Refusal(
             f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
-            f"run with --dead-time {held:g} or --unknown-dead-time, or identify again"
+            f"run with --dead-time {held:g} or without known_dead_time, or identify again"
         )
     doubts = model.doubts()
     if doubts and not situation.allow_unusual:
@@ -153,43 +145,38 @@ def _given_model(path: Path, situation: SituationKeys, case: CaseKeys) -> ModelF
     return model
 
 
-def controller_for(run: Run, situation: Situation, model: ModelFile | None) -> Controller:
-    """Controller of a case. A model from a record with dead time contains the dead time already."""
-    return controller_of(situation, run.case.case(), **model_arguments(model))
-
-
 def model_arguments(model: ModelFile | None) -> dict[str, Any]:
-    """Arguments of a design for its model, and for whether the model holds the dead time."""
+    """Arguments of a design for its model, and for whether the model holds the dead time, as one from a record does."""
     if model is None:
         return {"model": None}
     return {"model": model.step_response_model(), "model_is_late": bool(model.provenance.dead_time_min)}
 
 
-def integrator_of(situation: SituationKeys) -> SteppingIntegrator:
+def integrator_of(run: Run) -> SteppingIntegrator:
     """Integrator of a run."""
-    return Exponential() if situation.integrator == "fast" else Adaptive()
+    return Exponential() if run.integrator == "fast" else Adaptive()
 
 
-def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
+def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Iterator[str]:
     """Notes on the model and the run, one sentence each."""
-    situation, case = run.situation, run.case
+    path = case.model.path if isinstance(case.model, FilePart) else None
     if model is not None:
         gain = f"gain {model.gain:.4g} mg/dl per mU/min"
-        where = f"from {case.model}, which was {model.provenance.source}" if case.model else model.provenance.source
+        where = f"from {path}, which was {model.provenance.source}" if path else model.provenance.source
         yield f"Model: {where}; {gain}."
         yield from (f"Doubtful model: {doubt}" for doubt in model.doubts())
         yield from model.provenance.notes
         resting = model.operating_point
         if resting.name not in (None, situation.place):
             yield f"The model was identified at {resting.name}, but the run is at {situation.place}."
-    elif case.model is not None:
-        yield f"The controller {case.controller} uses no model; {case.model} was not read."
+    elif path is not None:
+        yield f"The controller {case.controller.called} uses no model; {path} was not read."
     if situation.dead_time_min and case.known_dead_time:
         yield f"The controller knows of the dead time of {situation.dead_time_min:g} min."
     elif situation.dead_time_min:
         yield (
             f"The controller does not know of the dead time of {situation.dead_time_min:g} min; "
-            "--known-dead-time tells it."
+            "known_dead_time=true among its settings tells it."
         )
     elif case.known_dead_time:
         yield "There is no dead time that the controller could know; --dead-time adds one."
@@ -197,8 +184,7 @@ def notes_on(run: Run, model: ModelFile | None) -> Iterator[str]:
 
 def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
     """The basal rate in the unit of pumps, where insulin is given under the skin."""
-    entry, _ = situation.whom
-    if entry.under_the_skin:
+    if situation.patient.under_the_skin:
         basal = float(situation.nominal.basal_insulin_mU_min)
         yield (
             f"Insulin is given under the skin; the basal rate is {u_h_from_mu_min(basal):.4g} U/h, "

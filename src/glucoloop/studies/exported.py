@@ -6,10 +6,10 @@ import glucoloop
 from glucoloop.config.options.export import CodeKeys
 from glucoloop.config.run import Run
 from glucoloop.control import Controller
-from glucoloop.experiments.situation import Situation
 from glucoloop.firmware.exported import Exported, export
 from glucoloop.firmware.samples import example
 from glucoloop.simulation import Stepper
+from glucoloop.situations.situation import Situation
 
 
 def exported_controller(

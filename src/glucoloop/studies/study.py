@@ -2,17 +2,16 @@
 
 To add a study
 --------------
-1. ``studies/NAME/__init__.py`` declares it: a record of its own settings, each an annotated field (see `config.key`),
-   and one of the three kinds below. It imports nothing heavy, since help is shown from it. Add the study to
-   ``studies/catalogue.py``, and take its old command out of ``cli/app.py``: the command is there.
-2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. A request (``asked``) is what
-   `read` returns: complete and checked, with ``keys()``, the flat keys of all that is used, and ``given``, those that
-   were given. The configuration that a folder keeps is read from the latter alone.
+1. ``studies/NAME/__init__.py`` declares it: what it asks for, a class of settings that usually extends a
+   `situations.run.Run` or a `cohorts.trial.Trial`, with other defaults where its own are usual, and one of the three
+   kinds below. It imports nothing heavy, since help is shown from it. Add an entry to ``studies/catalogue.py``: the
+   command is there.
+2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``asked``) is
+   that class, complete and checked.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has
 
-- ``read(keys, cases, names)``: the request, from flat keys; a Refusal names the keys as the user did.
 - ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
 - ``tables(asked, found)``: tables for the terminal; ``report.columns.terminal_table`` makes one from columns.
 - ``sentences(asked, found)``: conclusions, for the terminal and the page.
@@ -42,7 +41,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+from glucoloop.parts.part import Part
 
 if TYPE_CHECKING:
     from glucoloop.storage.findings import Findings
@@ -61,16 +62,8 @@ class Study:
     help: str
     module: str
     """Module that does the work, imported when it runs."""
-    settings: tuple[type, ...]
-    """Records of the study's own keys."""
-    shared: Literal["trial", "run", "nothing"]
-    """Keys that it shares with a trial or with a single run."""
-    taken: tuple[str, ...] | None = None
-    """The shared keys that the study has; by default all."""
-    refused: tuple[str, ...] = ()
-    """Shared keys that it does not have."""
-    usual: Mapping[str, Any] = field(default_factory=dict)
-    """Usual values of shared keys, where they are others than for a trial or a run."""
+    request: type[Part]
+    """What it asks for: its own settings, and those of the run or the trial that it extends."""
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
@@ -83,52 +76,29 @@ class Study:
 class TrialStudy(Study):
     """A study whose cells are cases of a trial: it keeps the folder of that trial, and sums it up in its own way."""
 
-    shared: Literal["trial", "run", "nothing"] = "trial"
-
 
 @dataclass(frozen=True, kw_only=True)
 class SearchStudy(Study):
     """A study that keeps a row for each of its steps, and goes on where it was."""
 
-    shared: Literal["trial", "run", "nothing"] = "trial"
     needs_folder: bool = True
     """Whether it is always kept in a folder."""
-    extent: type | None = None
-    """The record, among those of the settings, of the keys that may differ when it is resumed: how far it goes."""
+    extent: tuple[str, ...] = ()
+    """Settings that may differ when it is resumed: how far it goes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlainStudy(Study):
     """A study that is carried out in one go."""
 
-    shared: Literal["trial", "run", "nothing"] = "run"
     unit: str = ""
     """Name of the units that are counted while it works, also among its findings: ``"loops"``; none by default."""
     keeps_files: bool = True
     """Whether it can write a folder, and read a configuration file."""
 
 
-class Asked(Protocol):
-    """A request that is complete and checked."""
-
-    def keys(self) -> dict[str, Any]:
-        """The flat keys of all values that are used."""
-        ...
-
-    @property
-    def given(self) -> Mapping[str, Any] | None:
-        """The flat keys that were given, from which the others follow; only for a study that keeps files."""
-        ...
-
-
 class Module(Protocol):
     """Module of a study of any kind."""
-
-    def read(
-        self, keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-    ) -> Any:
-        """Read a request from flat keys and those of its cases; Refusal for what cannot be."""
-        ...
 
     def notes(self, asked: Any) -> Iterable[str]:
         """Sentences on a request that is possible and hardly meant, before the work begins."""

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 
 from glucoloop.control import Controller, MPCTuning, StateTuning
 from glucoloop.control.catalogue import TUNABLE, controller_entry
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import design_of
-from glucoloop.experiments.situation import Situation
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 Designer = Callable[[MPCTuning], Controller]
 """Function that makes the controller of a tuning."""
@@ -49,13 +49,13 @@ def designer(
     ValueError
         For a controller that cannot be tuned, or a design that is not possible.
     """
-    kind = kind_of_tuning(case.controller)
+    kind = kind_of_tuning(case.controller.called)
     design = design_of(situation, case, model=model, model_is_late=model_is_late)
 
     def tuned(tuning: MPCTuning) -> Controller:
         if not isinstance(tuning, kind):
             raise Refusal("the controller follows a filtered reference; give the grid reference filters")
-        own = {name: value for name, value in dataclasses.asdict(tuning).items() if name in case.tuning}
-        return design({**case.tuning, **own})
+        own = {name: value for name, value in tuning.values().items() if name in case.tuning}
+        return design(dataclasses.replace(case.controller, **own))
 
     return tuned

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from glucoloop.control import MPCTuning
-from glucoloop.experiments.case import usual_case
-from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation, usual_situation
 from glucoloop.tuning.designers import designer, kind_of_tuning, usual_filters
 from glucoloop.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.tuning.search import Progress, search
@@ -48,7 +48,7 @@ def printed_tuning(operating_point: str, controller: str) -> MPCTuning:
 
 
 def _situation(operating_point: str) -> Situation:
-    return dataclasses.replace(usual_situation(), operating_point=operating_point)
+    return usual_situation(operating_point=operating_point)
 
 
 def paper_tuning_surface(

@@ -6,7 +6,6 @@ to the constraints (17) to (19) and to no oscillation.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -19,12 +18,12 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.control import Controller, MPCTuning
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
+from glucoloop.situations.situation import Situation
 from glucoloop.tuning.designers import Designer
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.stacking import horizons, move_slots, padded, stack
@@ -143,7 +142,7 @@ def search(
     noisy = situation.noise_variance > 0.0
     total = len(grid) * (len(seeds) + noisy)
     scores = runs(situation, seeds, 0, total)
-    without_noise = dataclasses.replace(situation, noise_variance=0.0)
+    without_noise = situation.without_noise()
     quiet = runs(without_noise, [0], len(grid) * len(seeds), total) if noisy else scores
     return TuningSurface(
         controller=name,

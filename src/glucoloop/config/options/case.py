@@ -13,7 +13,7 @@ from glucoloop.parts.setting import Value
 from glucoloop.plausible import NOISE_VARIANCE
 
 if TYPE_CHECKING:
-    from glucoloop.experiments.case import Case
+    from glucoloop.situations.case import Case
 
 CONTROLLER_PANEL: Final = "Controller"
 MODEL_PANEL: Final = "Model"
@@ -97,7 +97,7 @@ class CaseKeys:
 
     def case(self, label: str | None = None) -> Case:
         """Case of an experiment; its controller's name is its label unless another one is given."""
-        from glucoloop.experiments.case import Case
+        from glucoloop.situations.case import Case
 
         return Case(
             label=self.controller if label is None else label,

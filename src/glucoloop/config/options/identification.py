@@ -26,7 +26,7 @@ from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 
 if TYPE_CHECKING:
-    from glucoloop.experiments.situation import Situation
+    from glucoloop.situations.situation import Situation
 
 EXPERIMENT_KEYS: Final = (
     "patient",

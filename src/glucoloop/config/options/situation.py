@@ -30,8 +30,8 @@ from glucoloop.plausible import (
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from glucoloop.experiments.situation import Situation
     from glucoloop.meals import Meal, Scenario
+    from glucoloop.situations.situation import Situation
 
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 """Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
@@ -333,8 +333,8 @@ class SituationKeys:
 
     def eaten(self) -> tuple[Meal, ...]:
         """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
-        from glucoloop.config.meal_text import parse_meal
         from glucoloop.meals.counting import counted_meals
+        from glucoloop.situations.meal_text import parse_meal
 
         meals = tuple(parse_meal(text) for text in self.meals)
         if not self.miscounts:
@@ -375,7 +375,7 @@ class SituationKeys:
 
 def situation_of(keys: Any, **other: Any) -> Situation:
     """Situation of an experiment from a record of keys; what the record does not say is as usual."""
-    from glucoloop.experiments.situation import Situation
+    from glucoloop.situations.situation import Situation
 
     said = {field.name: getattr(keys, field.name) for field in fields(Situation) if hasattr(keys, field.name)}
     return Situation(**{**said, **other})

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from glucoloop.control import Controller, design_imc, design_linear_mpc, design_mpc_se, design_nlqdmc_se
 from glucoloop.control.parker1999 import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP_MU_MIN, PARKER_1999
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.experiments.surroundings import sensor_of, surroundings_of
 from glucoloop.identification import FirstOrderModel, Identification, Record, Validation, best_pole, laguerre_functions
 from glucoloop.meals import Scenario
@@ -25,6 +24,7 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
+from glucoloop.situations.situation import Situation, usual_situation
 from glucoloop.tuning.paper import paper_tuning_surface
 from glucoloop.tuning.stacking import stack
 from glucoloop.tuning.surface import TuningSurface

@@ -3,38 +3,39 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
-from glucoloop.config.key import Key
 from glucoloop.limits import LARGEST_SEED
+from glucoloop.parts.part import Part
+from glucoloop.situations.option import Option
 
 POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
 SEEDS: Final = 60
 QUICK_SEEDS: Final = 3
 MOST_SEEDS: Final = 1000
-_part = functools.partial(Key, panel="Parts of the paper")
-_extent = functools.partial(Key, panel="How much")
+_part = functools.partial(Option, panel="Parts of the paper")
+_extent = functools.partial(Option, panel="How much")
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReproduceKeys:
+class Reproduction(Part):
     """Parts of the paper that are reproduced, and the number of runs."""
+
+    kind: ClassVar = "reproduction"
 
     operating_point: Annotated[
         tuple[str, ...],
-        _part("One of its operating points; repeat it for more.", told="all"),
+        _part("One of its operating points; repeat it for more.", default="all"),
     ] = POINTS
     table: Annotated[
-        tuple[str, ...], _part("Only this table, I or II; repeat it for both.", metavar="N", told="all")
+        tuple[str, ...], _part("Only this table, I or II; repeat it for both.", metavar="N", default="all")
     ] = ()
     figure: Annotated[
-        tuple[str, ...], _part("Only this figure, 2 to 6; repeat it for more.", metavar="N", told="all")
+        tuple[str, ...], _part("Only this figure, 2 to 6; repeat it for more.", metavar="N", default="all")
     ] = ()
     seeds: Annotated[
         int | None,
         _extent(
-            "Runs of each noisy experiment.", told=f"{SEEDS}; quick: {QUICK_SEEDS}", at_least=1, at_most=MOST_SEEDS
+            "Runs of each noisy experiment.", default=f"{SEEDS}; quick: {QUICK_SEEDS}", at_least=1, at_most=MOST_SEEDS
         ),
     ] = None
     seed: Annotated[

@@ -14,7 +14,6 @@ from typing import Final
 from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.trial import trial_keys
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
@@ -44,7 +43,9 @@ _DIGITS: Final = 20
 
 def plain_trial(trial: Trial) -> Work:
     """Work of ``glucoloop trial``."""
-    return Work(command="trial", what="trial", keys=trial_keys(trial), given=trial.given, final=FINAL, summary=SUMMARY)
+    return Work(
+        command="trial", what="trial", keys=trial.tree(whole=True), given=trial.tree(), final=FINAL, summary=SUMMARY
+    )
 
 
 class TrialFolder(ResumableFolder):

@@ -13,8 +13,6 @@ from typing import Any, Final
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
-from glucoloop.config.cases import CASES_KEY
-from glucoloop.config.trial import trial_keys
 from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
@@ -54,7 +52,7 @@ def _version_of_tables() -> str:
 
 def header_of(trial: Trial) -> Header:
     """The header of a trial that begins now."""
-    config = {key: value for key, value in trial_keys(trial).items() if value is not None}
+    config = {key: value for key, value in trial.tree(whole=True).items() if value is not None}
     here = {**arithmetic.identity(), **outside_code(config)}
     libraries = {name: here[name] for name in arithmetic.LIBRARIES}
     return Header(
@@ -102,7 +100,7 @@ def _check(header: Header) -> None:
     texts = (header.version, header.fingerprint, *header.libraries.values(), *header.arithmetic.values())
     if not all(isinstance(text, str) for text in texts):
         raise TypeError
-    cases = header.config.get(CASES_KEY, [])
+    cases = header.config.get("controller", [])
     if not isinstance(cases, list) or not all(isinstance(case, dict) and "label" in case for case in cases):
         raise TypeError
     if not all(type(number) is int and number >= 1 for number in (header.people, header.shards)):

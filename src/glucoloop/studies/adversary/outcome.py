@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.situations.case import Case
 from glucoloop.studies.adversary.attack import Attack
 from glucoloop.studies.adversary.random_errors import RandomErrors, random_errors
 from glucoloop.studies.adversary.search import Effort, Generation, Worst, generations, judge_of, worst_of

@@ -16,7 +16,6 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control.catalogue import ESTIMATING, complete
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
@@ -27,6 +26,7 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.situations.case import Case
 from glucoloop.studies.detection.detection import Detection
 from glucoloop.studies.detection.scores import in_order
 from glucoloop.units import MIN_PER_DAY

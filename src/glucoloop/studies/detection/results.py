@@ -7,8 +7,8 @@ from typing import Any
 
 import polars as pl
 
-from glucoloop.config.toml import toml_text
 from glucoloop.report.print_figure import figure_files
+from glucoloop.situations.toml import toml_text
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 from glucoloop.studies.detection.detection import Detection

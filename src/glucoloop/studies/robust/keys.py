@@ -11,11 +11,11 @@ from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.run import Run, read_run, refuse_unknown_beside
 from glucoloop.config.trial import read_trial, trial_keys, with_people
 from glucoloop.control import catalogue
-from glucoloop.experiments.case import Case
 from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
 from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.options import BOTH, RANGES, TAKEN, USUAL, HowFar, RobustKeys
 from glucoloop.studies.robust.search import Group, Search

@@ -19,7 +19,6 @@ from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import design_of, with_individual_basal
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
@@ -27,6 +26,7 @@ from glucoloop.metrics import RunningMetrics
 from glucoloop.parts.ranges import Tuned
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.situations.case import Case
 from glucoloop.studies.robust.objectives import METRICS
 from glucoloop.studies.robust.subjects import Subjects
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from glucoloop.config.toml import toml_text
 from glucoloop.printable import how_many
 from glucoloop.report.print_figure import figure_files
+from glucoloop.situations.toml import toml_text
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 from glucoloop.studies.robust.figure import plot_robust

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.case import Case
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
 from glucoloop.studies.robust.front import Bound, choose, keeps, pareto
 from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores

@@ -17,13 +17,13 @@ import numpy as np
 
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
-from glucoloop.experiments.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_guard
-from glucoloop.experiments.situation import usual_situation
 from glucoloop.parts.guard import complete_guard
 from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import usual_situation
 from glucoloop.studies.verification import MOST_LOOPS, USUAL_LOOPS
 from glucoloop.studies.verification.invariants import PROMISES
 from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops

@@ -18,11 +18,11 @@ from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.designs import with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.situation import Situation, usual_situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.patients.model import patient_model
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.situations.situation import Situation, usual_situation
 from glucoloop.studies.verification.caps import Caps
 from glucoloop.studies.verification.invariants import Promises
 from glucoloop.studies.verification.people import draw_people, draw_random_meals

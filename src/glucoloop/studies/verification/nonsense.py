@@ -24,10 +24,10 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Decision, Observation, Status, guarded
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.experiments.situation import usual_situation
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import NativeEngine
+from glucoloop.situations.situation import usual_situation
 from glucoloop.studies.verification import MOST_SAMPLES
 from glucoloop.studies.verification.campaign import catalogue_controller
 from glucoloop.studies.verification.caps import Caps, Counted

@@ -1,17 +1,15 @@
-"""Configuration files: flat TOML whose keys are the options' own names with their units."""
+"""Configuration files: TOML with a table for each part that has settings, and what was used in a table of its own."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import tomli_w
 
 import glucoloop
 from glucoloop.parts.code import names_code
-from glucoloop.parts.number_text import with_minutes
 from glucoloop.refusal import Refusal
 
 VERSION_KEY = "glucoloop"
@@ -58,28 +56,18 @@ def read_toml(text: str, name: str) -> ConfigurationFile:
     except tomllib.TOMLDecodeError as error:
         raise Refusal(f"{name} is not TOML: {str(error).rstrip('.')}") from None
     except RecursionError:
-        raise Refusal(f"{name} is nested too deeply for a configuration; its keys are flat") from None
+        raise Refusal(f"{name} is nested too deeply for a configuration") from None
     except ValueError:  # Python refuses a number of thousands of digits
         raise Refusal(_too_large(name)) from None
     if deeper_than(keys, _DEEPEST):
-        raise Refusal(f"{name} is nested too deeply for a configuration; its keys are flat")
+        raise Refusal(f"{name} is nested too deeply for a configuration")
     if any(_holds_too_large(value) for value in keys.values()):
         raise Refusal(_too_large(name))
     version = keys.pop(VERSION_KEY, None)
     used = keys.pop(USED_KEY, None)
     if not isinstance(used, dict | None):
         raise Refusal(f"{USED_KEY} is {used!r} in {name}; it is the table of what was used, leave it out")
-    return ConfigurationFile(_in_minutes(keys), None if version is None else str(version), used)
-
-
-def _in_minutes(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys with their times in minutes, also where a text gives them with a unit, as ``duration_min = "10h"``."""
-    tables = {key: list(map(_of_table, of)) if isinstance(of, list) else _of_table(of) for key, of in keys.items()}
-    return {key: with_minutes(key, value) for key, value in tables.items()}
-
-
-def _of_table(value: Any) -> Any:
-    return _in_minutes(value) if isinstance(value, Mapping) else value
+    return ConfigurationFile(keys, None if version is None else str(version), used)
 
 
 def deeper_than(value: object, levels: int) -> bool:
@@ -110,11 +98,6 @@ def _too_large(name: str) -> str:
     return f"{name} holds a whole number beyond {LARGEST_INTEGER}, which TOML does not have; give a smaller one"
 
 
-def beside(path: str, file: Path) -> str:
-    """Path given in a configuration file; a relative one starts at the folder of the file."""
-    return str(file.parent / path)
-
-
 def toml_text(keys: Mapping[str, Any], command: str, given: Mapping[str, Any] | None = None) -> str:
     """Text of a configuration file with which a command repeats itself; keys without a value are left out.
 
@@ -137,8 +120,11 @@ def with_settled(keys: Mapping[str, Any], settled: Mapping[str, float]) -> dict[
     return {**keys, **({SETTLED_KEY: dict(settled)} if settled else {})}
 
 
-def _with_values(keys: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in keys.items() if value is not None}
+def _with_values(value: Any) -> Any:
+    """A tree without the keys that have no value, for which TOML has no sign."""
+    if isinstance(value, Mapping):
+        return {key: _with_values(inner) for key, inner in value.items() if inner is not None}
+    return [_with_values(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def with_code(command: str, keys: Mapping[str, Any]) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
 from glucoloop.parts.number_text import NUMBER, UNIT_OF_TIME, UNITS_OF_TIME
-from glucoloop.plausible import MEAL
+from glucoloop.plausible import CONFIRM_OPTION, MEAL, ask
 from glucoloop.refusal import Refusal
+from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 _MEAL: Final = re.compile(
     rf"\s*(?P<carbs>{NUMBER})\s*(?P<of_carbs>g\s*)?@\s*(?P<time>{NUMBER})\s*(?:(?P<unit>{UNIT_OF_TIME})\s*)?"
@@ -19,7 +21,7 @@ _MEAL: Final = re.compile(
 
 
 def parse_meal(text: str) -> Meal:
-    """Meal from its text; `config.unusual` asks about one without any unit.
+    """Meal from its text; `ask_about_meals` asks about one without any unit.
 
     Raises
     ------
@@ -50,6 +52,32 @@ def meal_text(meal: Meal) -> str:
     """Text from which the same meal is read, to the last bit."""
     eating = f"/{_shortest(meal.eating_min)}min" if meal.eating_min else ""
     return f"{_shortest(meal.carbs_g)}g@{_shortest(meal.t_min)}min{eating}"
+
+
+def ask_about_meals(texts: Iterable[str]) -> None:
+    """Ask for confirmation of meals of unusual size, or without any unit."""
+    for text in texts:
+        meal = parse_meal(text)
+        if not any(names_units(text)):
+            raise Refusal(
+                f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
+            )
+        ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
+
+
+def ask_about_clock(texts: Iterable[str], horizon_min: float) -> None:
+    """Ask about a meal like ``45g@7`` in a run of a day or longer, where hours were probably meant."""
+    if horizon_min < MIN_PER_DAY:
+        return
+    for text in texts:
+        meal = parse_meal(text)
+        if not names_units(text)[1] and 0.0 < meal.t_min < HOURS_PER_DAY:
+            size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
+            eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""
+            raise Refusal(
+                f"the meal {text!r} begins {time} min after the start; that looks like hours. "
+                f"Write {size}@{time}h{eating}, or {size}@{time}min{eating} if minutes are meant"
+            )
 
 
 def _minutes(number: str, unit: str | None) -> float:

@@ -3,43 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
-from glucoloop.config.checked import checked
-from glucoloop.config.key import declared, plain
-from glucoloop.config.toml import LARGEST_CHARACTERS, read_toml
+from glucoloop.parts.part import Part
 from glucoloop.parts.patients import USUAL_PATIENT
-from glucoloop.parts.setting import known_names, refuse_unknown_keys
+from glucoloop.parts.setting import About, known_names, refuse_unknown_keys
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
+from glucoloop.situations.toml import LARGEST_CHARACTERS, read_toml
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Vary:
+class Vary(Part):
     """One parameter that varies, as it stands in a file."""
 
-    parameter: str
-    distribution: Literal["uniform", "normal", "lognormal"]
-    spread_pct: float | None = None
-    spread: float | None = None
-    centre: float | None = None
-    lower: float | None = None
-    upper: float | None = None
+    kind: ClassVar = "variation"
 
-
-@dataclass(frozen=True, kw_only=True)
-class _Named:
-    """Keys of a population's file apart from its tables."""
-
-    name: str | None = None
-    summary: str = ""
+    parameter: Annotated[str, About("Parameter of the patient, like F_LC.")] = ""
+    distribution: Annotated[Literal["uniform", "normal", "lognormal"], About("How its values are distributed.")] = (
+        "uniform"
+    )
+    spread_pct: Annotated[float | None, About("Spread in percent of the centre; this or spread.")] = None
+    spread: Annotated[float | None, About("Spread in the unit of the parameter.")] = None
+    centre: Annotated[float | None, About("Centre of the distribution; by default the nominal value.")] = None
+    lower: Annotated[float | None, About("Bound below which no value is drawn.")] = None
+    upper: Annotated[float | None, About("Bound above which no value is drawn.")] = None
 
 
 def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.name, name: str = "custom") -> Population:
@@ -59,27 +52,28 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
     ValueError
         For an unknown key, a value of the wrong type or out of bounds, or a table that can make a person who cannot be.
     """
-    known = (*declared(_Named), VARY_KEY)
-    refuse_unknown_keys(keys, known, " of a population")
-    named = checked(_Named, {key: value for key, value in keys.items() if key != VARY_KEY})
-    if not is_printable(named.name or name):
+    refuse_unknown_keys(keys, ("name", "summary", VARY_KEY), " of a population")
+    for key in ("name", "summary"):
+        if not isinstance(keys.get(key, ""), str):
+            raise Refusal(f"{key} is {keys[key]!r}; give a text")
+    called, summary = str(keys.get("name", name)), str(keys.get("summary", ""))
+    if not is_printable(called):
         raise Refusal(
-            f"the name {named.name or name!r} of the population cannot be printed in a line; "
-            "leave out its control characters"
+            f"the name {called!r} of the population cannot be printed in a line; leave out its control characters"
         )
     tables = keys.get(VARY_KEY, [])
     if not isinstance(tables, list | tuple) or not all(isinstance(table, Mapping) for table in tables):
         raise Refusal(f"{VARY_KEY} is {tables!r}; give a table for each parameter, under [[{VARY_KEY}]]")
     variations = tuple(_read_variation(number, table) for number, table in enumerate(tables, 1))
-    return Population(named.name or name, variations, named.summary, patient)
+    return Population(called or name, variations, summary, patient)
 
 
 def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
     try:
-        for key in table:
-            if key not in declared(Vary):
-                raise Refusal(f"unknown key {key!r}; {known_names(key, declared(Vary))}")
-        return Variation(**plain(checked(Vary, table)))
+        for key in ("parameter", "distribution"):
+            if key not in table:
+                raise Refusal(f"{key} is missing; add it")
+        return Variation(**Vary.partial(dict(table)).values())
     except Refusal as error:
         raise Refusal(f"[[{VARY_KEY}]] number {number}: {error}") from None
 

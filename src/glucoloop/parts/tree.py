@@ -1,0 +1,67 @@
+"""Trees of parts, of which an upper one is laid over a lower one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_tree, plain
+from glucoloop.parts.setting import known_names
+from glucoloop.refusal import Refusal
+
+
+def over(lower: Any, upper: Any) -> Any:
+    """Both trees as one: a part that is named again replaces the part, another setting replaces the setting.
+
+    A part that is named again by the name that it has is replaced too: what is not said then is as usual. A part
+    without a name changes the settings of the one that is there.
+    """
+    if not isinstance(upper, Mapping) or NAME in upper or not isinstance(lower, Mapping):
+        return upper
+    return {**lower, **{key: over(lower.get(key), value) for key, value in upper.items()}}
+
+
+def put(tree: Tree, path: str, value: str, where: str) -> Tree:
+    """A tree with one setting by its path: ``controller.move_weight``, ``sensor.white-noise.variance``, ``faults.2.key``.
+
+    In a list a part is found by its label, its name, or its place from 1; where there is only one, it needs none.
+
+    Raises
+    ------
+    Refusal
+        For a path to nothing.
+    """
+    first, _, rest = path.partition(".")
+    if not rest:
+        return {**tree, **part_tree(f"{first}={value}", where)}
+    inner = as_table(tree.get(first, {}))
+    if not isinstance(inner, list):
+        if not isinstance(inner, Mapping):
+            raise Refusal(f"{where}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
+        return {**tree, first: put(dict(inner), rest, value, where)}
+    tables = [as_table(item) for item in inner]
+    at, rest = _found(tables, first, rest, where)
+    return {**tree, first: [put(one, rest, value, where) if i == at else one for i, one in enumerate(tables)]}
+
+
+def _found(tables: list[Any], of: str, path: str, where: str) -> tuple[int, str]:
+    """Place of a part in a list, and the path within it."""
+    which, _, rest = path.partition(".")
+    names = [str(plain(table.get("label", table.get(NAME, "")))) for table in tables]
+    if names.count(which) == 1 and rest:
+        return names.index(which), rest
+    if which.isdecimal() and 1 <= int(which) <= len(tables) and rest:
+        return int(which) - 1, rest
+    if len(tables) == 1 and which not in names:
+        return 0, path
+    told = "there are none" if not names else known_names(which, names)
+    if names.count(which) > 1:
+        told = f"there are {names.count(which)} of that name; name one by its place, like {of}.1"
+    raise Refusal(f"{where}: {of} has no {which!r}; {told}")
+
+
+def as_table(leaf: Any) -> Any:
+    """A part of a tree as a table, also where it stands as a text."""
+    if isinstance(leaf, GivenValue) and isinstance(leaf.value, str):
+        return part_tree(leaf.value, leaf.where)
+    return leaf

@@ -1,0 +1,147 @@
+"""Case: a controller with its guard and its model, as one of several that are tried in a situation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Final, Self
+
+from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
+from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.faults import FaultPart
+from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_text, place
+from glucoloop.parts.guard import GuardSettings, guard_of
+from glucoloop.parts.models import IdentifiedPart, ModelPart
+from glucoloop.parts.part import Part, read
+from glucoloop.parts.setting import About, Default, Value
+from glucoloop.printable import is_printable
+from glucoloop.refusal import Refusal
+from glucoloop.situations.situation import Situation
+
+
+class Case(Part):
+    """A controller with its guard and its model.
+
+    In text and in files it is the controller, whose settings these stand among: ``mpc, move_weight=1, label=careful``.
+
+    Raises
+    ------
+    Refusal
+        For a label that cannot be printed in a line.
+    """
+
+    kind: ClassVar = "case"
+    may_have: ClassVar = ("label",)
+
+    controller: Annotated[ControllerPart, About("The controller.")] = CONTROLLERS[USUAL_CONTROLLER].partial({})
+    label: Annotated[str, About("Name of the case; by default the controller and what was given of it.")] = ""
+    known_dead_time: Annotated[
+        bool,
+        About(
+            "Whether the controller knows the dead time: its model is then delayed and its prediction horizon longer."
+        ),
+    ] = False
+    guard: Annotated[GuardSettings | None, About("Its guard; by default that of the run, if it has one.")] = None
+    model: Annotated[ModelPart | None, About("Its model; by default that of the run.")] = None
+    faults: Annotated[tuple[FaultPart, ...], About("Faults of this case only, around those of the situation.")] = ()
+
+    def __post_init__(self) -> None:
+        if not self.label.strip():
+            object.__setattr__(self, "label", part_text(self.controller.tree()))
+        if not is_printable(self.label):
+            raise Refusal(f"the label {self.label!r} cannot be printed in a line; leave out its control characters")
+
+    def completed_in(
+        self, situation: Situation, guard: GuardSettings | None = None, model: ModelPart | None = None
+    ) -> Self:
+        """The case with everything that is usual in a situation, and a guard and a model if it has none of its own.
+
+        Raises
+        ------
+        Refusal
+            For settings that are at odds with one another.
+        """
+        patient, usual = situation.patient, self.controller
+        controller = usual.completed(patient.usual_of(usual.name), noisy=situation.noisy)
+        guard = self.guard if "guard" in self.given else guard
+        model = self.model if self.model is not None else model
+        if isinstance(model, IdentifiedPart) or (model is None and usual.uses_model):
+            identification = {
+                "noise_variance": situation.noise_variance,
+                **patient.identification(situation.sample_time_min),
+            }
+            asked = IdentifiedPart.partial({}) if model is None else model
+            model = asked.completed({key: Default(value) for key, value in identification.items()})
+            model = model if usual.uses_model else None
+        elif model is not None:
+            model = model.completed()
+        whole = type(self)(
+            controller=controller,
+            label=self.label or part_text(usual.tree()),
+            known_dead_time=self.known_dead_time,
+            guard=None if guard is None else guard_of(patient, guard),
+            model=model,
+            faults=tuple(fault.completed() for fault in self.faults),
+        )
+        return whole._noted(self.given, self.where, self.called)
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """The controller, with what else is of the case among its settings."""
+        own = super().tree(whole=whole)
+        controller = own.pop("controller", self.controller.tree(whole=whole))
+        return {**controller, **{key: value for key, value in own.items() if value not in (None, [])}}
+
+    @property
+    def tuning(self) -> Mapping[str, Value]:
+        """Every setting of the controller."""
+        return self.controller.values()
+
+    @property
+    def identified(self) -> IdentifiedPart:
+        """How its model is identified, where it is."""
+        return self.model if isinstance(self.model, IdentifiedPart) else IdentifiedPart()
+
+
+_OWN: Final = tuple(name for name in Case.settings() if name != "controller")
+
+
+class _Cases:
+    """Reader of cases, of which a part's settings are shared between the controller and the case."""
+
+    def tree(self, text: str, where: str = "") -> Tree:
+        """Tree of a case from its text."""
+        return CONTROLLERS.tree(text, where)
+
+    def read(self, tree: Any, *, ask: bool = False) -> Case:
+        """A case from its tree, or from its text as a leaf of one."""
+        if isinstance(tree, GivenValue) and isinstance(tree.value, str):
+            tree = self.tree(tree.value, tree.where)
+        of_controller = tree
+        own: dict[str, Any] = {}
+        if isinstance(tree, Mapping):
+            own = {key: value for key, value in tree.items() if key in _OWN}
+            of_controller = {key: value for key, value in tree.items() if key not in _OWN}
+            if not of_controller:
+                of_controller = {NAME: GivenValue(USUAL_CONTROLLER, place(tree))}
+        controller = CONTROLLERS.read(of_controller, ask=ask)
+        for name in _OWN:
+            if name in controller.settings():
+                raise Refusal(
+                    f"the controller {controller.called} has a setting {name!r}, which every case has already; its "
+                    "author has to give it another name"
+                )
+        case = read(Case, own, ask=ask)
+        return Case.partial({**case.given, "controller": controller}, place(tree))
+
+
+Case.catalogue = _Cases()  # type: ignore[attr-defined]
+
+
+def usual_case(controller: str, situation: Situation) -> Case:
+    """A controller with the settings that are usual in a situation, on a model identified from an equally noisy record.
+
+    Raises
+    ------
+    Refusal
+        For an unknown controller.
+    """
+    return Case(controller=CONTROLLERS.find(controller).partial({})).completed_in(situation)

@@ -1,0 +1,233 @@
+"""A run: one controller or several in a situation, with the meals of one person."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+
+from glucoloop.limits import LONGEST_RUN_MIN
+from glucoloop.parts.grammar import Tree
+from glucoloop.parts.guard import GuardSettings
+from glucoloop.parts.models import ModelPart
+from glucoloop.plausible import DURATION, GLUCOSE
+from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
+from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
+from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+
+if TYPE_CHECKING:
+    from glucoloop.meals import Meal, Scenario
+
+MOST_CASES: Final = 20
+_controller = functools.partial(Option, panel=CONTROLLER_PANEL)
+
+
+class Loops(Situation):
+    """A situation with the controllers that act in it."""
+
+    kind: ClassVar = "situation"
+
+    controller: Annotated[
+        tuple[Case, ...],
+        _controller(
+            "Controller with its settings, like 'mpc-se, move_horizon=2, label=careful'; repeat it for more. Without "
+            "a name the settings are those of the controller that is there.",
+            default="mpc",
+        ),
+    ] = ()
+    guard: Annotated[
+        GuardSettings | None,
+        _controller(
+            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without readings, "
+            "suspends insulin on predicted low glucose, and bounds the dose.",
+            alone="usual",
+        ),
+    ] = None
+    model: Annotated[
+        ModelPart | None,
+        _controller(
+            "Model of the controllers: 'memory=48, noise_variance=0', or a file of `glucoloop identify`.",
+            default="identified from the patient",
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        labels = [case.label for case in self.cases]
+        for label in labels:
+            if labels.count(label) > 1:
+                raise Refusal(f"two cases are called {label!r}; give each a label of its own, like label=careful")
+        if len(labels) > MOST_CASES and type(self).few_cases:
+            raise Refusal(f"{len(labels)} controllers at once are too many; give at most {MOST_CASES}")
+        if self.model is not None and not any(case.model is not None for case in self.cases):
+            used = ", ".join(dict.fromkeys(case.controller.called for case in self.cases))
+            raise Refusal(f"a model is given, but none of these controllers uses one: {used}; leave it out")
+
+    few_cases: ClassVar[bool] = True
+
+    @functools.cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """The controllers with everything that is usual in the situation.
+
+        Raises
+        ------
+        Refusal
+            For settings that are at odds with one another, with the label of the case.
+        """
+        found = []
+        for case in self.controller or (Case.partial({}),):
+            try:
+                found.append(case.completed_in(self, self.guard, self.model))
+            except Refusal as error:
+                told = str(error)
+                raise Refusal(told if len(self.controller) < 2 else f"case {case.label!r}: {told}") from None
+        return tuple(found)
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Given settings as plain values; with `whole` all that are used, guard and model in each case."""
+        found = super().tree(whole=whole)
+        if whole:
+            found["controller"] = [case.tree(whole=True) for case in self.cases]
+            del found["guard"], found["model"]
+        return found
+
+    def ask(self) -> None:
+        """Ask about what is possible and implausible where it is put together.
+
+        Raises
+        ------
+        Refusal
+            With what was probably meant.
+        """
+        self.ask_about_pump()
+
+
+class Run(Loops):
+    """Controllers in one situation, on one person."""
+
+    kind: ClassVar = "run"
+
+    initial_glucose_mg_dl: Annotated[
+        float | None,
+        Option(
+            "Glucose at which the patient rests at the start; by default the patient's own setpoint.",
+            panel=PATIENT_PANEL,
+            above=0.0,
+            at_most=2000.0,
+            quantity=GLUCOSE,
+        ),
+    ] = None
+    meals: Annotated[
+        tuple[str, ...],
+        Option(
+            "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it for "
+            "more; none for no meal.",
+            panel=PATIENT_PANEL,
+            flag="--meal",
+            metavar="G@TIME",
+        ),
+    ] = ("50g@50min",)
+    duration_min: Annotated[
+        float, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
+    ] = 600.0
+    integrator: Annotated[
+        Literal["fast", "adaptive"],
+        Option("fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference.", rare=True),
+    ] = "fast"
+
+    def __post_init__(self) -> None:
+        from glucoloop.situations.meal_text import meal_text, parse_meal
+
+        super().__post_init__()
+        object.__setattr__(self, "meals", tuple(meal_text(parse_meal(text)) for text in self.meals))
+        refuse_parts_of_samples(self.duration_min, self.sample_time_min)
+        self.refuse_late_faults(self.duration_min)
+
+    @property
+    def case(self) -> Case:
+        """The only controller.
+
+        Raises
+        ------
+        Refusal
+            If there are several.
+        """
+        if len(self.cases) > 1:
+            raise Refusal(
+                f"there are {len(self.cases)} controllers ({', '.join(case.label for case in self.cases)}); give one, "
+                "or use glucoloop compare or glucoloop trial"
+            )
+        return self.cases[0]
+
+    def alone(self, case: Case) -> Run:
+        """The same run with one of its cases; what was given of it stays known."""
+        found = type(self)(**{**self.values(), "controller": (case,), "guard": None, "model": None})
+        of_case = {key: value for key, value in self.given.items() if key != "controller"}
+        return found._noted({**of_case, "controller": (case,)}, self.where, self.called)
+
+    def eaten(self) -> tuple[Meal, ...]:
+        """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
+        from glucoloop.meals.counting import counted_meals
+        from glucoloop.situations.meal_text import parse_meal
+
+        meals = tuple(parse_meal(text) for text in self.meals)
+        if not self.miscounts:
+            return meals
+        return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
+
+    def scenario(self) -> Scenario:
+        """Meals, length, target, start and time of day.
+
+        Raises
+        ------
+        Refusal
+            For meals or a length that are not possible.
+        """
+        from glucoloop.meals import Scenario
+
+        return Scenario(
+            self.eaten(),
+            self.duration_min,
+            setpoint_mg_dl=self.setpoint_mg_dl,
+            initial_glucose_mg_dl=self.initial_glucose_mg_dl,
+            allow_unusual=self.allow_unusual,
+            announced=self.announce_meals,
+            meal_model=self.meal_model,
+            start_min=self.start_min,
+        )
+
+    def ask(self) -> None:
+        """Ask about meals, too."""
+        from glucoloop.situations.meal_text import ask_about_clock, ask_about_meals
+
+        super().ask()
+        meals = self.given.get("meals", ())
+        ask_about_meals(meals)
+        ask_about_clock(meals, self.duration_min)
+
+
+def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:
+    """Refuse a run that is not a whole number of samples long.
+
+    Raises
+    ------
+    Refusal
+        With the nearest sample time and, where a duration can be given, the nearest one that would be possible.
+    """
+
+    def samples_of(minutes: float) -> int | None:
+        number = max(1, round(horizon_min / minutes))
+        return number if abs(number * minutes - horizon_min) <= 1e-9 * horizon_min else None
+
+    if samples_of(sample_time_min) is not None:
+        return
+    tenths = (tenth / 10.0 for tenth in range(1, round(10.0 * LONGEST_SAMPLE_TIME_MIN) + 1))
+    near = (minutes for minutes in tenths if sample_time_min / 2.0 < minutes < 2.0 * sample_time_min)
+    possible = [minutes for minutes in near if samples_of(minutes) is not None]
+    mends = [f"--sample-time {min(possible, key=lambda minutes: abs(minutes - sample_time_min)):g}"] if possible else []
+    if has_duration:
+        mends.append(f"--duration {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
+    raise Refusal(
+        f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
+        f"give {' or '.join(mends) or 'another sample time'}"
+    )

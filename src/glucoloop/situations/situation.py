@@ -1,0 +1,389 @@
+"""Situation of a controller: the patient, the sensor and the pump with their faults.
+
+It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it. Where
+it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the patient;
+what was given stays apart, see `parts.part.Part`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Self
+
+from glucoloop.limits import LARGEST_SEED
+from glucoloop.parts.clock_text import parse_time_of_day
+from glucoloop.parts.faults import START, FaultPart
+from glucoloop.parts.grammar import given as given_values
+from glucoloop.parts.metrics import MetricPart
+from glucoloop.parts.part import Part, read
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT, PatientPart
+from glucoloop.parts.pumps import PUMPS, PumpPart
+from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
+from glucoloop.parts.setting import Default
+from glucoloop.plausible import (
+    CONFIRM_OPTION,
+    LARGEST_RATE,
+    LARGEST_RATE_UNDER_THE_SKIN,
+    LEAST_RATE,
+    RATE_CHANGE,
+    SAMPLE_TIME,
+    SETPOINT,
+    ask,
+)
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
+
+if TYPE_CHECKING:
+    from glucoloop.meals import MealModel
+    from glucoloop.patients import SemilinearPatient
+    from glucoloop.pumps import BolusLimits, DoseLimits
+
+SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
+"""Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
+LONGEST_SAMPLE_TIME_MIN: Final = 120.0
+_patient = functools.partial(Option, panel=PATIENT_PANEL)
+_sensor = functools.partial(Option, panel=SENSOR_PANEL)
+
+SampleTime = Annotated[
+    float,
+    Option(
+        "Time between two readings, and between two doses.",
+        at_least=SHORTEST_SAMPLE_TIME_MIN,
+        at_most=LONGEST_SAMPLE_TIME_MIN,
+        quantity=SAMPLE_TIME,
+    ),
+]
+Seed = Annotated[int, Option("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)]
+AllowUnusual = Annotated[bool, Option("Accept values that look like another unit or are implausible.")]
+PatientSetting = Annotated[
+    PatientPart,
+    _patient("Patient; pump, model and tuning are by default those usual for it.", default=USUAL_PATIENT.name),
+]
+SensorSetting = Annotated[
+    tuple[SensorPart, ...],
+    _sensor(
+        "Sensor: ideal, white-noise, correlated-noise, lag, dead-time; repeat it, from the innermost outwards.",
+        default="ideal",
+    ),
+]
+
+
+class Situation(Part):
+    """Everything about a loop but its meals and its controllers.
+
+    Parameters are parts, see `glucoloop list`, and numbers; what is not given is usual for the patient.
+
+    Raises
+    ------
+    Refusal
+        For parts and numbers that are not possible, or at odds with one another.
+    """
+
+    kind: ClassVar = "situation"
+
+    patient: PatientSetting = USUAL_PATIENT.partial({})
+    setpoint_mg_dl: Annotated[
+        float | None,
+        _patient(
+            "Target of the controller; the patient's own by default.", above=0.0, at_most=2000.0, quantity=SETPOINT
+        ),
+    ] = None
+    meal_model: Annotated[
+        Any,
+        _patient(
+            "Digestion of the patient: lehmann-deutsch or hovorka; the controller's does not change.",
+            default="the patient's own",
+            metavar="NAME",
+            rare=True,
+        ),
+    ] = None
+    announce_meals: Annotated[bool, _patient("Tell the controller of each meal when it begins.")] = False
+    carb_error_pct: Annotated[
+        float,
+        _patient(
+            "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
+            "for each meal and person.",
+            at_least=0.0,
+            at_most=100.0,
+            rare=True,
+        ),
+    ] = 0.0
+    carb_bias_pct: Annotated[
+        float,
+        _patient(
+            "Mean of that error in percent of a meal; below 0 too little is announced.",
+            at_least=-100.0,
+            at_most=100.0,
+            rare=True,
+        ),
+    ] = 0.0
+    start: Annotated[
+        str | None,
+        _patient(
+            "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
+        ),
+    ] = None
+    sensor: SensorSetting = ()
+    pump: Annotated[
+        PumpPart,
+        _sensor(
+            "Pump: limited, resolution or expiring, with its limits; by default those usual for the patient.",
+            default=PUMPS.usual,
+        ),
+    ] = PUMPS[PUMPS.usual].partial({})
+    faults: Annotated[
+        tuple[FaultPart, ...],
+        _sensor(
+            "Fault of sensor or pump, like 'missing, start_min=120'; repeat it, each around the earlier ones.",
+            flag="--fault",
+        ),
+    ] = ()
+    metrics: Annotated[
+        tuple[MetricPart, ...],
+        Option("Metric of another package beside the usual ones; repeat it for more.", flag="--metric", rare=True),
+    ] = ()
+    sample_time_min: SampleTime = 5.0
+    seed: Seed = 0
+    allow_unusual: AllowUnusual = False
+
+    def __post_init__(self) -> None:
+        patient = self.patient.completed({"operating_point": Default(self.patient.usual_point)})
+        usual = {
+            key: getattr(patient, key) for key in ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
+        }
+        parts = {
+            "patient": patient,
+            "sensor": tuple(part.completed() for part in self.sensor),
+            "pump": self.pump.completed({key: Default(of) for key, of in {**usual, **self.pump.limits}.items()}),
+            "faults": tuple(part.completed() for part in self.faults),
+            "metrics": tuple(part.completed() for part in self.metrics),
+        }
+        for name, value in parts.items():
+            object.__setattr__(self, name, value)
+        self._refuse_at_odds()
+
+    def _refuse_at_odds(self) -> None:
+        from glucoloop.meals import meal_model_of
+        from glucoloop.parts.metrics import metrics_with
+        from glucoloop.patients.capabilities import sites
+
+        for _ in metrics_with(self.metrics):  # refuses one that is at odds with another
+            pass
+        if self.miscounts and not self.announce_meals:
+            raise Refusal(
+                "an error of counting carbohydrate concerns announced meals only; announce the meals "
+                "(--announce-meals), or leave the error and the bias out"
+            )
+        meal_model_of(self.nominal, self.gut)
+        known = sites(self.nominal)
+        if self.site is not None and self.site not in known:
+            raise Refusal(
+                f"glucose of {self.patient.called} cannot be read at the site {self.site!r}; give {' or '.join(known)}"
+            )
+        if any(isinstance(part, IdealSettings) for part in self.sensor[1:]):
+            raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
+        _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
+
+    def ask_about_pump(self) -> None:
+        """Ask about a pump in another unit, or one that cannot deliver the rate at which the patient rests.
+
+        A target above the patient's own needs less insulin than that, so that a smaller pump is enough.
+
+        Raises
+        ------
+        Refusal
+            With the unit that a limit looks like, or the rate that the patient needs.
+        """
+        pump, person = self.pump, self.nominal
+        basal, resting = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
+        largest, least = LARGEST_RATE_UNDER_THE_SKIN if self.patient.under_the_skin else LARGEST_RATE, LEAST_RATE
+        rest = f"{basal:.1f} mU/min to rest at {resting:.1f} mg/dl"
+        if self.setpoint_mg_dl is None or self.setpoint_mg_dl <= resting:
+            if pump.max_insulin_mU_min < basal:
+                largest = largest.within(least=basal, reason=f"the patient needs {rest}")
+            if basal < pump.min_insulin_mU_min < pump.max_insulin_mU_min:
+                least = least.within(most=basal, reason=f"the patient needs only {rest}")
+        for name, quantity in (
+            ("max_insulin_mU_min", largest),
+            ("min_insulin_mU_min", least),
+            ("max_change_mU_min", RATE_CHANGE),
+        ):
+            ask(getattr(pump, name), quantity, f"{name} of the pump", CONFIRM_OPTION)
+
+    def refuse_late_faults(self, duration_min: float) -> None:
+        """Refuse a fault that begins after the end of a run."""
+        for fault in self.faults:
+            start_min = float(fault.values().get(START, 0.0))
+            if start_min >= duration_min:
+                raise Refusal(
+                    f"the fault {fault.name} begins at {start_min:g} min, but the run ends at {duration_min:g} min; "
+                    "let it begin earlier, or leave it out"
+                )
+
+    @property
+    def fault_texts(self) -> tuple[str, ...]:
+        """Faults, each as its text."""
+        return tuple(fault.text for fault in self.faults)
+
+    @property
+    def further_metrics(self) -> tuple[str, ...]:
+        """Metrics beside the usual ones, each as its text."""
+        return tuple(metric.text for metric in self.metrics)
+
+    @property
+    def place(self) -> str:
+        """The operating point, with the patient's name where it is another than the usual one."""
+        return self.patient.place
+
+    @property
+    def start_min(self) -> float | None:
+        """Time of day at the start, in minutes after midnight; None if controllers are not told."""
+        return None if self.start is None else parse_time_of_day(self.start)
+
+    @property
+    def miscounts(self) -> bool:
+        """Whether the announced carbohydrate differs from the true one."""
+        return self.carb_error_pct != 0.0 or self.carb_bias_pct != 0.0
+
+    @property
+    def _noise(self) -> Iterator[WhiteNoiseSettings]:
+        return (part for part in self.sensor if isinstance(part, WhiteNoiseSettings))
+
+    @property
+    def noise_variance(self) -> float:
+        """Variance of the white noise of the readings, of which designs are told."""
+        return sum(part.variance for part in self._noise)
+
+    @property
+    def noise_bound_mg_dl(self) -> float:
+        """Largest deviation by that noise."""
+        return max((part.bound_mg_dl for part in self._noise), default=WhiteNoiseSettings().bound_mg_dl)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether readings carry white noise."""
+        return self.noise_variance > 0.0
+
+    @property
+    def drawn_otherwise(self) -> bool:
+        """Whether something else than white noise may be drawn: another noise of the sensor, or a fault."""
+        plain = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
+        return bool(self.faults) or not all(isinstance(part, plain) for part in self.sensor)
+
+    @property
+    def drawn(self) -> bool:
+        """Whether runs may differ by their seeds."""
+        return self.noisy or self.drawn_otherwise
+
+    @property
+    def dead_time_min(self) -> float:
+        """Dead time of the readings."""
+        return sum(part.minutes for part in self.sensor if isinstance(part, DeadTimeSettings))
+
+    @property
+    def dead_time_samples(self) -> int:
+        """Dead time of the readings in samples."""
+        return sum(part.samples(self.sample_time_min) for part in self.sensor if isinstance(part, DeadTimeSettings))
+
+    @property
+    def site(self) -> str | None:
+        """Site of the sensor; None for that at which glucose is controlled."""
+        return next((part.site for part in self.sensor if isinstance(part, IdealSettings)), None)
+
+    def record_sensor(self, noise_variance: float) -> tuple[SensorPart, ...]:
+        """Sensor of a record from which a model is identified: this one with other white noise, and without delay."""
+        inner = [part for part in self.sensor if not isinstance(part, WhiteNoiseSettings | DeadTimeSettings)]
+        noise = WhiteNoiseSettings(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
+        return (*inner, noise) if noise_variance > 0.0 else tuple(inner)
+
+    def without_noise(self) -> Self:
+        """The same situation without white noise of the readings."""
+        return dataclasses.replace(
+            self, sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
+        )
+
+    @property
+    def nominal(self) -> SemilinearPatient:
+        """The nominal patient at the operating point."""
+        return _nominal(self.patient.called, self.patient.rests_at)
+
+    @property
+    def gut(self) -> MealModel | None:
+        """Meal model that replaces the patient's own; None if the patient's own is used.
+
+        Raises
+        ------
+        Refusal
+            For an unknown meal model.
+        """
+        from glucoloop.meals import meal_model
+
+        named: MealModel | None = meal_model(self.meal_model) if isinstance(self.meal_model, str) else self.meal_model
+        return named
+
+    @property
+    def target_mg_dl(self) -> float:
+        """The setpoint, or glucose at the operating point."""
+        return float(self.nominal.setpoint_mg_dl) if self.setpoint_mg_dl is None else self.setpoint_mg_dl
+
+    @property
+    def limits(self) -> DoseLimits:
+        """Limits of the pump.
+
+        Raises
+        ------
+        Refusal
+            If the bounds are not possible.
+        """
+        from glucoloop.pumps import dose_limits
+
+        return dose_limits(
+            max_change_mU_min=self.pump.max_change_mU_min,
+            min_mU_min=self.pump.min_insulin_mU_min,
+            max_mU_min=self.pump.max_insulin_mU_min,
+        )
+
+    @property
+    def bolus(self) -> BolusLimits:
+        """Limits of a bolus of the pump.
+
+        Raises
+        ------
+        Refusal
+            If the bounds are not possible.
+        """
+        from glucoloop.pumps import bolus_limits
+
+        pump = self.pump
+        return bolus_limits(max_U=pump.max_bolus_U, min_U=pump.min_bolus_U, step_U=pump.bolus_step_U)
+
+
+@functools.cache
+def _nominal(name: str, operating_point: str) -> SemilinearPatient:
+    from glucoloop.patients import patient
+
+    return patient(name, operating_point)
+
+
+def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: str = "", **more: Any) -> Any:
+    """A situation, or what extends one, from plain values as a file has them: ``configured(Run, sensor=["lag"])``.
+
+    Raises
+    ------
+    Refusal
+        For a key or a value that is not possible.
+    """
+    return read(root, given_values({**(keys or {}), **more}, where), where="").completed()
+
+
+def usual_situation(patient: str = USUAL_PATIENT.name, operating_point: str | None = None) -> Situation:
+    """A patient at an operating point, the usual one by default, with the usual pump and noise-free readings.
+
+    Raises
+    ------
+    Refusal
+        For an unknown patient or operating point.
+    """
+    return Situation(patient=PATIENTS.find(patient)(operating_point=operating_point))
