@@ -14,10 +14,8 @@ import typer
 import glucoloop
 from glucoloop.arithmetic import pin
 from glucoloop.cli import (
-    adversary,
     bound,
     compare,
-    detect,
     export,
     hil,
     identify,
@@ -58,8 +56,6 @@ _BEFORE: Final = {"run": run, "list": listing, "identify": identify, "compare": 
 _STUDIES: Final = {
     "bound": bound,
     "robust": robust,
-    "detect": detect,
-    "adversary": adversary,
 }
 _AFTER: Final = {"export": export, "hil": hil, "lab": lab, "query": query, "reproduce": reproduce}
 for _name, _module in {**_BEFORE, **_STUDIES}.items():

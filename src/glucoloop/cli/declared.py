@@ -30,7 +30,7 @@ from glucoloop.cli.request import Output, split_off_output
 from glucoloop.cli.screen import note, stage, stages
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, read_request, tell_results
 from glucoloop.cli.trial import compute, computing
-from glucoloop.cli.trial_options import DASK, TRIAL, WORKERS, usual_texts
+from glucoloop.cli.trial_options import CASES, DASK, TRIAL, WORKERS, usual_texts
 from glucoloop.config.key import declared
 from glucoloop.printable import how_many
 from glucoloop.studies.study import (
@@ -68,7 +68,7 @@ def study_options(study: Study) -> tuple[Option, ...]:
     if not isinstance(study, TrialStudy):
         shared = without(shared, WORKERS.key)
     if isinstance(study, PlainStudy):
-        shared = shared if study.keeps_files else among(shared, ("json",))
+        shared = (*without(shared, *_OUTPUT), *(OUTPUT if study.keeps_files else among(OUTPUT, ("json",))))
         kept = {}
     else:
         kept = {
@@ -77,7 +77,8 @@ def study_options(study: Study) -> tuple[Option, ...]:
         }
     words = {**study.words, "help": {**kept, **study.words.get("help", {})}}
     shared = tuple(reworded(shared, default=usual_texts(study.usual)))
-    return tuple(reworded((*shared, *own) if isinstance(study, TrialStudy) else (*own, *shared), **words))
+    own_last = study.shared == "trial" and not isinstance(study, SearchStudy)
+    return tuple(reworded((*shared, *own) if own_last else (*own, *shared), **words))
 
 
 def _run(study: Study, given: Given) -> None:
@@ -100,10 +101,14 @@ def asked_of(study: Study, keys: Given, of_file: Given) -> tuple[Any, Any]:
     from glucoloop.config.trial import overlay_trial
 
     module: Any = importlib.import_module(study.module)
-    cases = take_cases(keys, of_file) if study.shared == "trial" else ()
-    called = names(study_options(study), keys)
-    over = {"trial": overlay_trial, "run": overlay}.get(study.shared)
-    merged = {**of_file, **keys} if over is None else over(of_file, keys, called)
+    options = study_options(study)
+    has_cases = any(option.key == CASES.key for option in options)
+    cases = take_cases(keys, of_file) if has_cases else ()
+    called = names(options, keys)
+    if study.shared == "nothing":
+        merged = {**of_file, **keys}
+    else:
+        merged = (overlay_trial if has_cases else overlay)(of_file, keys, called)
     return module, module.read(merged, cases, called)
 
 

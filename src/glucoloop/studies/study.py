@@ -64,7 +64,8 @@ class Study:
     settings: tuple[type, ...]
     """Records of the study's own keys."""
     shared: Literal["trial", "run", "nothing"]
-    """Keys that it shares with a trial or with a single run."""
+    """Keys that it shares with a trial or with a single run. Of a trial whose cases it does not take, it has one
+    controller."""
     taken: tuple[str, ...] | None = None
     """The shared keys that the study has; by default all."""
     refused: tuple[str, ...] = ()
