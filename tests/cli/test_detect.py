@@ -11,7 +11,7 @@ from glucoloop.estimation.unknown_meal.replay import MealEstimates
 from glucoloop.meals import draw_meals
 from glucoloop.studies.detection import study
 from glucoloop.studies.detection.days import Days
-from glucoloop.studies.detection.evaluate import Estimated, Scores, score
+from glucoloop.studies.detection.evaluate import Scores, score
 from glucoloop.studies.detection.study import findings, plot_detection, read
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
@@ -48,8 +48,8 @@ def done(detection):
     estimates = dict.fromkeys((field.name for field in dataclasses.fields(MealEstimates)), eating)
     estimates |= {"carbs_g": told, "remaining_g": 10.0 * eating, "emptying_mg_min": 360.0 * eating}
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
-    fed = Estimated(days=days, told=MealEstimates(**estimates))
-    fasted = Estimated(days=days, told=MealEstimates(**{**estimates, "eating": alarm}))
+    fed = dataclasses.replace(days, told=MealEstimates(**estimates))
+    fasted = dataclasses.replace(days, told=MealEstimates(**{**estimates, "eating": alarm}))
     return Scores({name: score(detection, fed, fasted) for name in detection.own.estimators}, 1, 0)
 
 

@@ -4,10 +4,12 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+import polars as pl
 import pytest
 
 import glucoloop as gl
 from glucoloop.cohorts.engine import prepare, run_people
+from glucoloop.control import Status
 from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
 from glucoloop.studies.adversary import AdversarySettings
@@ -50,12 +52,12 @@ def space():
 def test_it_is_the_loop_of_simulate(attack, pid, space):
     errors = 0.3 * np.sin(np.arange(space.samples))
     stuck = np.array([3.0, 20.0, 40.0])
-    lane, harm = attack.trace(attack.person(None), errors, stuck)
+    loop, harm = attack.trace(attack.person(None), errors, stuck)
     trace = gl.simulate(gl.patient(), pid, erring(errors, stuck, 6), scenario=gl.Scenario(horizon_min=240.0))
-    np.testing.assert_allclose(lane.glucose_mg_dl[:-1], trace.glucose_mg_dl, atol=0.05)
-    np.testing.assert_allclose(lane.reading_mg_dl, trace.reading_mg_dl, atol=0.05)
-    np.testing.assert_allclose(lane.insulin_mU_min, trace.insulin_mU_min, atol=0.05)
-    assert (lane.status == np.asarray(trace.status)).mean() > 0.9
+    for name in ("t_min", "glucose_mg_dl", "reading_mg_dl", "insulin_mU_min"):
+        np.testing.assert_allclose(loop[name], getattr(trace, name), atol=0.05)
+    status = [Status(code).name.lower().replace("_", " ") for code in np.asarray(trace.status).tolist()]
+    assert (loop["status"] == pl.Series(status)).mean() > 0.9
     assert harm.lowest_mg_dl[0] == pytest.approx(float(jnp.min(trace.fine_glucose_mg_dl)), abs=0.05)
 
 
@@ -88,7 +90,7 @@ def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
     assert worst.tried == 32
     fresh = attack.harm(attack.person(3), worst.errors[:, None], worst.stuck_from[:, None])
     assert fresh.lowest_mg_dl[0] == worst.harm.lowest_mg_dl[0]
-    assert worst.lane.glucose_mg_dl.min() >= worst.harm.lowest_mg_dl[0]
+    assert worst.loop["glucose_mg_dl"].min() >= worst.harm.lowest_mg_dl[0]
 
 
 def test_each_person_has_random_errors_of_their_own(attack, space):

@@ -126,45 +126,45 @@ def result(asked):
 @pytest.mark.long
 def test_true_meals_are_all_found_and_sized(result):
     (of,) = result.of.values()
-    assert of.meals.height == 6
-    assert not of.meals["missed"].any()
-    assert not of.meals["already"].any()
-    assert of.meals["delay_min"].max() < 25.0
+    assert of.tables["meals"].height == 6
+    assert not of.tables["meals"]["missed"].any()
+    assert not of.tables["meals"]["already"].any()
+    assert of.tables["meals"]["delay_min"].max() < 25.0
     # each begins and ends within a sample, of which there is no telling where
-    np.testing.assert_allclose(of.meals["estimated_g"], of.meals["carbs_g"], atol=2.0 * 1.8)
-    at = of.curve.filter(threshold=0.5)
+    np.testing.assert_allclose(of.tables["meals"]["estimated_g"], of.tables["meals"]["carbs_g"], atol=2.0 * 1.8)
+    at = of.tables["curve"].filter(threshold=0.5)
     assert at["false_alarms_fasting_per_day"].item() == 0.0
     assert at["false_alarms_between_per_day"].item() == 0.0
-    assert (of.curve["missed_pct"].diff().drop_nulls() >= 0.0).all()
-    assert of.fasting_days == pytest.approx(3.0)
+    assert (of.tables["curve"]["missed_pct"].diff().drop_nulls() >= 0.0).all()
+    assert of.alarms["fasting_days"] == pytest.approx(3.0)
     # what is expected of a meal comes to be what it is
-    assert abs(of.size_error["error_p50_g"][-1]) < 1.8
+    assert abs(of.tables["size_error"]["error_p50_g"][-1]) < 1.8
 
 
 @pytest.mark.long
 def test_meals_are_those_of_the_plan(asked, result):
     (of,) = result.of.values()
     drawn = draw_meals(asked.plan, asked.trial.seed, [0])
-    np.testing.assert_allclose(of.meals["carbs_g"], drawn.carbs_g[:, 0])
-    np.testing.assert_allclose(of.meals["t_min"] + 1440.0 * of.meals["day"], drawn.t_min[:, 0])
-    assert of.meals["day"].to_list() == [0, 0, 1, 1, 2, 2]
-    assert len(set((of.meals["t_min"] % 5.0).round(6))) == 6  # off the grid of samples
+    np.testing.assert_allclose(of.tables["meals"]["carbs_g"], drawn.carbs_g[:, 0])
+    np.testing.assert_allclose(of.tables["meals"]["t_min"] + 1440.0 * of.tables["meals"]["day"], drawn.t_min[:, 0])
+    assert of.tables["meals"]["day"].to_list() == [0, 0, 1, 1, 2, 2]
+    assert len(set((of.tables["meals"]["t_min"] % 5.0).round(6))) == 6  # off the grid of samples
 
 
 @pytest.mark.long
 def test_the_example_is_the_first_day(result):
     (of,) = result.of.values()
-    held = of.day
+    held = of.tables["day"]
     np.testing.assert_allclose(held["insulin_mU_min"], held["insulin_mU_min"][0])
     np.testing.assert_array_equal(held["glucose_mg_dl"], held["reading_mg_dl"])  # no noise
-    eaten = of.meals.filter(day=0)["carbs_g"].sum()
+    eaten = of.tables["meals"].filter(day=0)["carbs_g"].sum()
     assert 5.0 * held["emptying_mg_min"].sum() / 1000.0 == pytest.approx(eaten, rel=0.01)
     assert 5.0 * held["estimated_emptying_mg_min"].sum() / 1000.0 == pytest.approx(eaten, rel=0.08)
 
 
 @pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
-    meals = result.of["moving-horizon"].meals.to_numpy(structured=True)
+    meals = result.of["moving-horizon"].tables["meals"].to_numpy(structured=True)
     summary = findings(asked, result).plain["estimators"]["moving-horizon"]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
     assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.engine import announced_to
 from glucoloop.cohorts.trial import Trial
-from glucoloop.control import Controller
+from glucoloop.control import Controller, Status
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
@@ -82,36 +82,12 @@ class _Fold:
         )
 
 
-@dataclass(frozen=True)
-class Lane:
-    """Course of one loop: times and glucose of the samples and of the horizon, and the samples' other values."""
-
-    t_min: Array
-    glucose_mg_dl: Array
-    reading_mg_dl: Array
-    insulin_mU_min: Array
-    status: Array
-    """`control.Status` of each decision."""
-
-
 class Attack:
-    """A controller of a trial in a loop whose sensor has given errors.
+    """A controller of a trial, guarded or not, in a loop whose sensor has given errors, around the trial's own faults.
 
-    Parameters
-    ----------
-    trial : Trial
-        The situation: people, meals, pump, and other faults of the sensor, around which the errors are put.
-    controller : Controller
-        Controller, guarded or not.
-    space : ErrorSpace
-        Space that fixes the length and the number of stuck stretches of sequences; the size of the errors is free.
-    lanes : int
-        Number of loops that are simulated side by side.
-
-    Raises
-    ------
-    ValueError
-        For meals that differ from person to person, or a length that is not the trial's.
+    The space fixes the length and the number of stuck stretches of sequences; the size of the errors is free. `lanes`
+    loops are simulated side by side. Refusal for meals that differ from person to person, or a length that is not the
+    trial's.
     """
 
     def __init__(self, trial: Trial, controller: Controller, space: ErrorSpace, *, lanes: int = 256) -> None:
@@ -180,20 +156,19 @@ class Attack:
         harm: Harm = jax.tree.map(lambda *of: np.concatenate(of), *parts)
         return harm
 
-    def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[Lane, Harm]:
-        """One loop in detail, with errors ``(samples,)`` and stretches ``(stretches,)``."""
-        first = np.zeros(self.lanes, int)
-        run = self._run(who, first, errors[:, None], stuck_from[:, None], first)
-        if run.reading_mg_dl is None or run.status is None:
-            raise TypeError("this cohort tells no readings and statuses; make it with tell_decisions")
-        lane = Lane(
-            t_min=np.append(self._grid.t_min, self._trial.plan.horizon_min),
-            glucose_mg_dl=run.glucose_mg_dl[:, 0],
-            reading_mg_dl=run.reading_mg_dl[:, 0],
-            insulin_mU_min=run.insulin_mU_min[:, 0],
-            status=run.status[:, 0],
-        )
-        return lane, _first(run, 1)
+    def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[pl.DataFrame, Harm]:
+        """One loop, a row for each sample, and its harm, with errors ``(samples,)`` and stretches ``(stretches,)``."""
+        lanes = np.zeros(self.lanes, int)
+        run: Any = self._run(who, lanes, errors[:, None], stuck_from[:, None], lanes)
+        columns = {
+            "t_min": self._grid.t_min,
+            "glucose_mg_dl": run.glucose_mg_dl[:-1, 0],
+            "reading_mg_dl": run.reading_mg_dl[:, 0],
+            "error_of_reading_pct": 100.0 * errors,
+            "insulin_mU_min": run.insulin_mU_min[:, 0],
+            "status": [Status(code).name.lower().replace("_", " ") for code in run.status[:, 0].tolist()],
+        }
+        return pl.DataFrame(columns), _first(run, 1)
 
     def _run(self, who: VirtualPeople, place: Array, errors: Array, stuck_from: Array, sequence: Array) -> CohortRun:
         """Run one full set of lanes, with the person and the sequence of errors of each."""

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import polars as pl
 
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.studies.adversary import GENERATIONS, AdversarySettings
-from glucoloop.studies.adversary.attack import Attack, Harm, Lane
+from glucoloop.studies.adversary.attack import Attack, Harm
 from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.tuning.evolution import Evolution
 
@@ -38,7 +39,8 @@ class Worst:
     stuck_from: Array
     """(stretches,) number of the sample at which each stretch begins, in order."""
     harm: Harm
-    lane: Lane
+    loop: pl.DataFrame
+    """Course of the loop, see `Attack.trace`."""
     tried: int
 
 
@@ -86,8 +88,8 @@ def worst_of(attack: Attack, who: VirtualPeople, space: ErrorSpace, last: Genera
     """The worst sequence of a search whose last generation is given, with its effect."""
     point = last.best[None]
     errors, stuck_from = space.errors(point)[:, 0], np.sort(space.stuck_from(point)[:, 0])
-    lane, harm = attack.trace(who, errors, stuck_from)
-    return Worst(errors, stuck_from, harm, lane, (last.number + 1) * last.score.size)
+    loop, harm = attack.trace(who, errors, stuck_from)
+    return Worst(errors, stuck_from, harm, loop, (last.number + 1) * last.score.size)
 
 
 def random_errors(attack: Attack, space: ErrorSpace, people: int, seed: int) -> Harm:

@@ -19,7 +19,6 @@ from glucoloop.config.doubts import boluses_into_a_vein
 from glucoloop.config.key import declared, own_keys, plain
 from glucoloop.config.options.situation import whole_samples
 from glucoloop.config.trial import with_people
-from glucoloop.control import Status
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.designs import controller_of
 from glucoloop.parts.setting import Value
@@ -46,10 +45,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = npt.NDArray[Any]
-_LONGEST: Final = 1000
-"""Characters of the name of a search."""
-_BETWEEN_S: Final = 5.0
-"""Time between two writings of the scores, whose number grows."""
 
 
 @dataclass(frozen=True)
@@ -68,15 +63,14 @@ class ErrorSearch:
         (case,) = self.trial.cases
         return {"controller": case.label, "guarded": case.guard is not None, "error_pct": 100.0 * self.space.error}
 
-    @property
-    def name(self) -> str:
-        """The same in words."""
-        return f"{_called(self.key)}, ±{self.key['error_pct']:g} %"
-
 
 def _called(row: Mapping[str, Any]) -> str:
-    """Controller of a search in words."""
     return f"{row['controller']}, guarded" if row["guarded"] else str(row["controller"])
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    """Name of a search, unique among all."""
+    return f"{_called(row)}, ±{row['error_pct']:g} %"
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,7 @@ class Adversary:
 
     def searches(self) -> dict[str, ErrorSearch]:
         """All searches by name, in order."""
-        return {search.name: search for searches in self.loops() for search in searches}
+        return {_name(search.key): search for searches in self.loops() for search in searches}
 
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same searches are read."""
@@ -181,17 +175,9 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
         cells=lambda of: {**of._asdict(), "score": of.score.tolist()},
         row=row,
         width=asked.own.lanes,
-        longest_text=_LONGEST,
-        every_s=_BETWEEN_S,
+        longest_text=1000,  # the name of a search
+        every_s=5.0,  # since all scores are written each time
     )
-
-
-class ErrorOutcome(NamedTuple):
-    """ErrorOutcome of one search."""
-
-    of: ErrorSearch
-    numbers: dict[str, Any]
-    worst: Worst
 
 
 class AdversarySearch:
@@ -199,7 +185,8 @@ class AdversarySearch:
 
     def __init__(self, asked: Adversary) -> None:
         self._asked = asked
-        self._outcomes: list[ErrorOutcome] = []
+        self._numbers: list[dict[str, Any]] = []
+        self._loops: list[pl.DataFrame] = []
 
     def missing(self, rows: Sequence[GenerationScores]) -> Iterator[GenerationScores]:
         """Carry out the searches; the generations that are known are not simulated again."""
@@ -211,29 +198,29 @@ class AdversarySearch:
                 who = attack.person(self._asked.own.person)
             smaller: tuple[ErrorSpace, Array] | None = None
             for of in searches:
-                before = [row.score for row in rows if row.search == of.name]
+                name = _name(of.key)
+                before = [row.score for row in rows if row.search == name]
                 known = None if smaller is None else of.space.points_of(*smaller)
                 for generation in generations(judge_of(attack, who), of.space, of.settings, before, known):
                     if generation.number >= len(before):
-                        yield GenerationScores(of.name, generation.number, generation.score)
+                        yield GenerationScores(name, generation.number, generation.score)
                 smaller = of.space, generation.best
                 worst = worst_of(attack, who, of.space, generation)
-                self._outcomes.append(ErrorOutcome(of, _numbers(of, worst, attack, who), worst))
+                self._numbers.append(_numbers(of, worst, attack, who))
+                self._loops.append(
+                    worst.loop.select(*(pl.lit(value).alias(key) for key, value in of.key.items()), pl.all())
+                )
 
     def found(self, rows: Sequence[GenerationScores]) -> Findings:
         """Numbers of each search, and the worst loops."""
         del rows
-        numbers = [of.numbers for of in self._outcomes]
         glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
-        table = pl.DataFrame(numbers).drop("stuck_from_min").with_columns(pl.when(glucose >= 0.0).then(glucose))
-        worst = pl.concat([_loop(of) for of in self._outcomes])
-        plain = {"config": self._asked.keys(), "searches": numbers}
-        return Findings(plain, {"adversary.csv": table, "worst.parquet": worst}, extra=self._outcomes)
+        table = pl.DataFrame(self._numbers).drop("stuck_from_min").with_columns(pl.when(glucose >= 0.0).then(glucose))
+        tables = {"adversary.csv": table, "worst.parquet": pl.concat(self._loops)}
+        return Findings({"config": self._asked.keys(), "searches": self._numbers}, tables)
 
 
-def search(asked: Adversary) -> AdversarySearch:
-    """Prepare the searches."""
-    return AdversarySearch(asked)
+search = AdversarySearch
 
 
 def _numbers(of: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople) -> dict[str, Any]:
@@ -256,20 +243,6 @@ def _numbers(of: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople) 
         "peak_without_errors_mg_dl": without.peak_mg_dl.item(),
         "engine": attack.engine,
     }
-
-
-def _loop(found: ErrorOutcome) -> pl.DataFrame:
-    """The worst loop, one row per sample: glucose, reading, its error, insulin, and the status of the dose."""
-    lane = found.worst.lane
-    columns = {
-        "t_min": lane.t_min[:-1],
-        "glucose_mg_dl": lane.glucose_mg_dl[:-1],
-        "reading_mg_dl": lane.reading_mg_dl,
-        "error_of_reading_pct": 100.0 * found.worst.errors,
-        "insulin_mU_min": lane.insulin_mU_min,
-        "status": [Status(code).name.lower().replace("_", " ") for code in lane.status.tolist()],
-    }
-    return pl.DataFrame(columns).select(*(pl.lit(of).alias(name) for name, of in found.of.key.items()), pl.all())
 
 
 _COLUMNS: Final = (
@@ -310,44 +283,46 @@ def sentences(asked: Adversary, found: Findings) -> Iterator[str]:
 
 def drawn(asked: Adversary, found: Findings) -> dict[str, bytes]:
     """Figure of the worst loops, by the names of its files."""
-    return figure_files("worst", plot_adversary(found.extra, title=_title(asked)))
+    return figure_files("worst", plot_adversary(found, title=_title(asked)))
 
 
 _ROW_MM: Final = 52.0
-_SAID: Final = {
-    Status.READING_REJECTED: ("reading rejected", OKABE_ITO[4]),
-    Status.FALLBACK_BASAL: ("fallback to the basal rate", OKABE_ITO[2]),
-    Status.FALLBACK_REDUCED: ("fallback to a part of it", OKABE_ITO[5]),
-    Status.SUSPENDED: ("insulin suspended", OKABE_ITO[3]),
-    Status.DOSE_LIMITED: ("dose limited", "0.6"),
+_STATUS: Final = {
+    "reading rejected": ("reading rejected", OKABE_ITO[4]),
+    "fallback basal": ("fallback to the basal rate", OKABE_ITO[2]),
+    "fallback reduced": ("fallback to a part of it", OKABE_ITO[5]),
+    "suspended": ("insulin suspended", OKABE_ITO[3]),
+    "dose limited": ("dose limited", "0.6"),
 }
 """Label and colour of each status of a guard."""
 
 
-def plot_adversary(outcomes: Sequence[ErrorOutcome], *, title: str | None = None) -> Figure:
+def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
     """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
 
     Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and
     behind it, in colour, the status of the guard.
     """
-    rows = [list(of) for _, of in groupby(outcomes, lambda found: _called(found.of.key))]
-    lanes = [found.worst.lane for found in outcomes]
-    highest = max(float(np.nanmax([*lane.glucose_mg_dl, *lane.reading_mg_dl])) for lane in lanes)
-    most = max(float(lane.insulin_mU_min.max()) for lane in lanes)
+    worst, searches = found.tables["worst.parquet"], found.plain["searches"]
+    loops = zip(searches, worst.partition_by("controller", "guarded", "error_pct", maintain_order=True), strict=True)
+    rows = [list(of) for _, of in groupby(loops, lambda of: _called(of[0]))]
     figure = _style.new_figure("double", 18.0 + _ROW_MM * len(rows), title)
+    ratios = [2.2, 1.0] * len(rows)
     panels = figure.subplots(
-        2 * len(rows), len(rows[0]), squeeze=False, sharex=True, height_ratios=[2.2, 1.0] * len(rows)
+        2 * len(rows), len(rows[0]), squeeze=False, sharex=True, sharey="row", height_ratios=ratios
     )
     entries: dict[str, Artist] = {}
+    highest = 1.05 * float(np.nanmax(worst.select("glucose_mg_dl", "reading_mg_dl").to_numpy()))
+    most = 1.05 * float(worst["insulin_mU_min"].to_numpy().max())
     for above, below, row in zip(panels[::2], panels[1::2], rows, strict=True):
-        above[0].set_ylabel("Glucose\n(mg/dl)")
-        below[0].set_ylabel("Insulin\n(mU/min)")
-        for glucose, insulin, found in zip(above, below, row, strict=True):
-            entries |= _draw_glucose(glucose, found)
-            entries |= _draw_insulin(insulin, found)
-            glucose.set_ylim(0.0, 1.05 * highest)
-            insulin.set_ylim(0.0, 1.05 * most)
-    horizon = float(lanes[0].t_min[-1])
+        above[0].set(ylabel="Glucose\n(mg/dl)", ylim=(0.0, highest))
+        below[0].set(ylabel="Insulin\n(mU/min)", ylim=(0.0, most))
+        for glucose, insulin, (numbers, loop) in zip(above, below, row, strict=True):
+            lowest = glucose_text(numbers["lowest_mg_dl"], 0)
+            name = f"{_name(numbers)}\n{numbers['below_54_min']:.0f} min below 54, lowest {lowest} mg/dl"
+            glucose.set_title(name, fontsize=FONT_PT, loc="left")
+            entries |= _draw_glucose(glucose, loop) | _draw_insulin(insulin, loop)
+    horizon = float(_edges(worst)[-1])
     divisor, unit, _ = _style.time_axis(horizon, "double")
     _, _, tick = _style.time_axis(horizon, "single")
     for axes in panels.ravel():
@@ -361,32 +336,30 @@ def plot_adversary(outcomes: Sequence[ErrorOutcome], *, title: str | None = None
     return figure
 
 
-def _draw_glucose(axes: Axes, found: ErrorOutcome) -> dict[str, Artist]:
-    lane, harm = found.worst.lane, found.worst.harm
-    axes.set_title(
-        f"{found.of.name}\n{harm.below_54_min.item():.0f} min below 54, "
-        f"lowest {glucose_text(harm.lowest_mg_dl.item(), 0)} mg/dl",
-        fontsize=FONT_PT,
-        loc="left",
-    )
+def _edges(loop: pl.DataFrame) -> Array:
+    """Times of the samples, and of the horizon."""
+    t_min = np.unique(loop["t_min"])
+    return np.append(t_min, 2.0 * t_min[-1] - t_min[-2])
+
+
+def _draw_glucose(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
+    t_min, glucose, reading = (loop[name].to_numpy() for name in ("t_min", "glucose_mg_dl", "reading_mg_dl"))
     for bound in (VERY_LOW_MG_DL, 70.0):
         axes.axhline(bound, color=GREY, linewidth=0.6, linestyle=(0, (4, 3)), zorder=1)
-    low = lane.glucose_mg_dl < VERY_LOW_MG_DL
-    area: dict[str, Any] = {"color": OKABE_ITO[1], "alpha": 0.35, "linewidth": 0.0}
-    axes.fill_between(lane.t_min, lane.glucose_mg_dl, VERY_LOW_MG_DL, where=low, **area)
-    reading: dict[str, Any] = {"color": OKABE_ITO[1], "marker": ".", "markersize": 1.6, "linewidth": 0.4}
+    low = glucose < VERY_LOW_MG_DL
+    axes.fill_between(t_min, glucose, VERY_LOW_MG_DL, where=low, color=OKABE_ITO[1], alpha=0.35, linewidth=0.0)
     return {
-        "glucose": axes.plot(lane.t_min, lane.glucose_mg_dl, color="black", linewidth=1.1)[0],
-        "reading": axes.plot(lane.t_min[:-1], lane.reading_mg_dl, **reading)[0],
+        "glucose": axes.plot(t_min, glucose, color="black", linewidth=1.1)[0],
+        "reading": axes.plot(t_min, reading, color=OKABE_ITO[1], marker=".", markersize=1.6, linewidth=0.4)[0],
     }
 
 
-def _draw_insulin(axes: Axes, found: ErrorOutcome) -> dict[str, Artist]:
-    lane = found.worst.lane
+def _draw_insulin(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
+    edges, insulin = _edges(loop), loop["insulin_mU_min"].to_numpy()
     entries: dict[str, Artist] = {}
-    for status, (said, colour) in _SAID.items():
-        for sample in np.flatnonzero(lane.status == int(status)):
-            until = lane.t_min[sample + 1]
-            entries[said] = axes.axvspan(lane.t_min[sample], until, color=colour, alpha=0.45, linewidth=0.0)
-    entries["insulin"] = axes.stairs(lane.insulin_mU_min, lane.t_min, color=OKABE_ITO[0], linewidth=1.1, baseline=None)
+    for status, (label, colour) in _STATUS.items():
+        for sample in np.flatnonzero(loop["status"] == status):
+            of_sample = edges[sample], edges[sample + 1]
+            entries[label] = axes.axvspan(*of_sample, color=colour, alpha=0.45, linewidth=0.0)
+    entries["insulin"] = axes.stairs(insulin, edges, color=OKABE_ITO[0], linewidth=1.1, baseline=None)
     return entries

@@ -125,6 +125,8 @@ class Days:
     """(samples, days) rates as the pump reported them, from each sample to the next."""
     glucose_mg_dl: Array
     """(samples, days) glucose free of noise."""
+    told: Any = None
+    """`MealEstimates` along them, of an estimator."""
 
 
 class DayLoop:
@@ -197,27 +199,25 @@ class Estimator:
         tuning = complete(ESTIMATING.name, settings, *trial.whom, noisy=trial.noise_variance > 0.0)
         known = trial.cases[0].known_dead_time
         case = Case(label=name, controller=ESTIMATING.name, tuning=tuning, known_dead_time=known)
-        self._controller = controller_of(trial, case)
-        self._start_min = trial.start_min
-        self._t_min, self._late = jnp.asarray(detection.grid.t_min), trial.dead_time_samples if known else 0
+        self._controller, self._detection = controller_of(trial, case), detection
+        self._late = trial.dead_time_samples if known else 0
 
-    def over(self, days: Days, *, size: int) -> MealEstimates:
-        """Estimates along days ``(samples, days)``, of which `size` are computed at once."""
-        n = days.person.size
+    def over(self, days: Days, *, size: int) -> Days:
+        """Days with the estimates along them, of which `size` are computed at once."""
+        n, detection = days.person.size, self._detection
         place = np.resize(np.arange(n), size)
         rates = _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
         with one_at_a_time:
             told = _of_days(
                 self._controller,
-                self._t_min,
+                jnp.asarray(detection.grid.t_min),
                 jnp.asarray(days.basal_insulin_mU_min[place]),
                 jnp.asarray(days.reading_mg_dl[:, place]),
                 jnp.asarray(rates[:, place]),
-                self._start_min,
+                detection.trial.start_min,
                 late=self._late,
             )
-            estimates: MealEstimates = jax.tree.map(lambda leaf: np.asarray(leaf)[..., :n], told)
-            return estimates
+            return dataclasses.replace(days, told=jax.tree.map(lambda leaf: np.asarray(leaf)[..., :n], told))
 
 
 @functools.partial(jax.jit, static_argnames="late")

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import jax
 import numpy as np
 import polars as pl
 
-from glucoloop._pytree import pytree
 from glucoloop.experiments.case import Case
 from glucoloop.meals import absorb, emptying_mg_min, meal_model_of
 from glucoloop.refusal import Refusal
@@ -18,7 +16,6 @@ from glucoloop.studies.detection.days import DayLoop, Days, Detection, Estimator
 from glucoloop.studies.detection.scores import (
     AFTERMATH_MIN,
     Array,
-    Truths,
     days_of,
     delays_min,
     end_min,
@@ -36,31 +33,15 @@ LONGEST_AFTER_MIN: Final = 240.0
 _MOST_AT_ONCE: Final = 64
 
 
-@pytree
-class Estimated:
-    """Days with the estimates along them; days trail."""
+class Score(NamedTuple):
+    """Score of an estimator."""
 
-    days: Days
-    told: Any
-    """The estimates, `MealEstimates` of NumPy's arrays."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """Score of an estimator, in tables in which a number that is not known is null."""
-
-    meals: pl.DataFrame
-    """Each meal. Its estimates are null if it was not detected by then, another one had begun or the day was over."""
-    curve: pl.DataFrame
-    """Performance at each threshold; the delays are those of the detected meals."""
-    size_error: pl.DataFrame
-    """Expected size less the true one, by the time since the meal's beginning, as quantiles over the meals that have
-    estimates."""
-    day: pl.DataFrame
-    """The first day of the first person."""
-    fasting_days: float
-    between_days: float
-    """Time between meals on days with meals, in days."""
+    tables: dict[str, pl.DataFrame]
+    """Tables by the names of their files, in which a number that is not known is null: each meal (its estimates are
+    null if it was not detected by then, another one had begun or the day was over), each threshold, the error of the
+    size over time, and the first day of the first person."""
+    alarms: dict[str, float | None]
+    """False alarms at the threshold that was asked for, and the time in which they could happen."""
 
 
 class Scores(NamedTuple):
@@ -92,9 +73,9 @@ def evaluate(detection: Detection, progress: Callable[[str], None]) -> Scores:
         if case.label not in recorded:
             recorded[case.label] = _recorded(detection, case, blocks, progress)
         estimator = Estimator(detection, name)
-        estimated: dict[bool, Estimated] = {}
+        estimated: dict[bool, Days] = {}
         for fasting, parts in recorded[case.label].items():
-            beside = [Estimated(days=days, told=estimator.over(days, size=size)) for days in parts]
+            beside = [estimator.over(days, size=size) for days in parts]
             estimated[fasting] = jax.tree.map(lambda *of: np.concatenate(of, axis=-1), *beside)
         progress(f"{name}: estimates")
         scores[name] = score(detection, estimated.get(False), estimated[True])
@@ -116,53 +97,48 @@ def _recorded(
     return recorded
 
 
-def score(detection: Detection, fed: Estimated | None, fasted: Estimated) -> Score:
+def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     """Score of an estimator on days with meals, if there are any, and on as many without."""
     day = _day(detection, fasted if fed is None else fed)
     fed = jax.tree.map(lambda part: part[..., :0], fasted) if fed is None else fed
-    quiet = ~under_way(fed.days.meals, detection.grid.t_min)
-    fasting_days = days_of(np.ones(fasted.told.eating.shape, bool), detection.grid.sample_time_min)
-    between_days = days_of(quiet, detection.grid.sample_time_min)
-    rows = []
+    grid, meals, eating = detection.grid, fed.meals, fed.told.eating
+    quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.told.eating.shape, bool)
+    fasting_days, between_days = (days_of(of, grid.sample_time_min) for of in (always, quiet))
+    rows = {}
     for threshold in np.unique([*THRESHOLDS, detection.own.threshold]).tolist():
-        delay, already = _delays(detection, fed, threshold)
+        delay, already = delays_min(eating, grid.t_min, meals, threshold, detection.trial.plan.horizon_min)
         found = np.isfinite(delay)
-        alarms = false_alarms(fasted.told.eating, np.ones(fasted.told.eating.shape, bool), threshold)
-        rows.append(
-            {
-                "threshold": threshold,
-                "delay_median_min": np.median(delay[found]) if found.any() else np.nan,
-                "delay_p90_min": np.quantile(delay[found], QUANTILES[-1]) if found.any() else np.nan,
-                "missed_pct": 100.0 * (~found & ~already).sum() / delay.size if delay.size else np.nan,
-                "already_pct": 100.0 * already.sum() / delay.size if delay.size else np.nan,
-                "false_alarms_fasting_per_day": alarms / fasting_days,
-                "false_alarms_between_per_day": false_alarms(fed.told.eating, quiet, threshold) / between_days
-                if between_days
-                else np.nan,
-            }
-        )
-    meals, size_error = _of_meals(detection, fed)
-    meals, curve, size_error, day = (_known(of) for of in (meals, pl.DataFrame(rows), size_error, day))
-    return Score(meals, curve, size_error, day, fasting_days, between_days)
-
-
-def _known(table: pl.DataFrame) -> pl.DataFrame:
-    return table.with_columns(pl.col(pl.Float64).fill_nan(None))
-
-
-def _delays(detection: Detection, fed: Estimated, threshold: float) -> tuple[Array, Truths]:
-    return delays_min(
-        fed.told.eating, detection.grid.t_min, fed.days.meals, threshold, detection.trial.plan.horizon_min
+        between = false_alarms(eating, quiet, threshold)
+        rows[threshold] = {
+            "threshold": threshold,
+            "delay_median_min": np.median(delay[found]) if found.any() else None,
+            "delay_p90_min": np.quantile(delay[found], QUANTILES[-1]) if found.any() else None,
+            "missed_pct": 100.0 * (~found & ~already).sum() / delay.size if delay.size else None,
+            "already_pct": 100.0 * already.sum() / delay.size if delay.size else None,
+            "false_alarms_fasting_per_day": false_alarms(fasted.told.eating, always, threshold) / fasting_days,
+            "false_alarms_between_per_day": between / between_days if between_days else None,
+        }
+    at = rows[detection.own.threshold]
+    alarms = {
+        "false_alarms_fasting_per_day": at["false_alarms_fasting_per_day"],
+        "fasting_days": fasting_days,
+        "false_alarms_between_per_day": at["false_alarms_between_per_day"],
+        "between_days": between_days,
+    }
+    curve = pl.DataFrame(list(rows.values()), schema=dict.fromkeys(at, pl.Float64))
+    tables = {"curve": curve, **_of_meals(detection, fed), "day": day}
+    return Score(
+        {name: table.with_columns(pl.col(pl.Float64).fill_nan(None)) for name, table in tables.items()}, alarms
     )
 
 
-def _of_meals(detection: Detection, fed: Estimated) -> tuple[pl.DataFrame, pl.DataFrame]:
+def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
     """Each meal, and the error of the size over time."""
-    grid, days, told = detection.grid, fed.days, fed.told
-    begin_min: Any = days.meals.t_min
-    carbs_g: Any = days.meals.carbs_g
-    delay, already = _delays(detection, fed, detection.own.threshold)
-    over = followed_min(days.meals, detection.trial.plan.horizon_min)
+    grid, told, horizon_min = detection.grid, fed.told, detection.trial.plan.horizon_min
+    begin_min: Any = fed.meals.t_min
+    carbs_g: Any = fed.meals.carbs_g
+    delay, already = delays_min(told.eating, grid.t_min, fed.meals, detection.own.threshold, horizon_min)
+    over = followed_min(fed.meals, horizon_min)
 
     def estimate(values: Any, at_min: Array) -> Array:
         return told_at(values, grid.t_min, at_min, begin_min + delay, over)
@@ -171,14 +147,14 @@ def _of_meals(detection: Detection, fed: Estimated) -> tuple[pl.DataFrame, pl.Da
         return estimate(told.carbs_g + told.remaining_g, begin_min + after_min)
 
     columns: dict[str, Any] = {
-        "person": days.person,
-        "day": days.day,
+        "person": fed.person,
+        "day": fed.day,
         "t_min": begin_min,
         "carbs_g": carbs_g,
         "delay_min": delay,
         "already": already,
         "missed": ~np.isfinite(delay) & ~already,
-        "estimated_g": estimate(told.carbs_g, end_min(days.meals) + AFTERMATH_MIN),
+        "estimated_g": estimate(told.carbs_g, end_min(fed.meals) + AFTERMATH_MIN),
         **{f"expected_{after}_min_g": expected(after) for after in TOLD_AFTER_MIN},
     }
     # day by day
@@ -190,21 +166,21 @@ def _of_meals(detection: Detection, fed: Estimated) -> tuple[pl.DataFrame, pl.Da
         quantiles = np.quantile(known, QUANTILES) if known.size else np.full(len(QUANTILES), np.nan)
         errors = {f"error_p{100 * share:.0f}_g": of for share, of in zip(QUANTILES, quantiles, strict=True)}
         rows.append({"after_min": after, **errors, "meals": known.size})
-    return meals, pl.DataFrame(rows)
+    return {"meals": meals, "size_error": pl.DataFrame(rows)}
 
 
-def _day(detection: Detection, estimated: Estimated) -> pl.DataFrame:
+def _day(detection: Detection, days: Days) -> pl.DataFrame:
     """The first day of the first person."""
-    days, trial, t_min = estimated.days, detection.trial, detection.grid.t_min
+    trial, t_min = detection.trial, detection.grid.t_min
     eats = meal_model_of(people_of(trial, days.person[:1]).patient, trial.gut)
     meals = absorb(eats, jax.tree.map(lambda part: part[:, :1], days.meals))
-    first: Any = jax.tree.map(lambda part: part[..., 0], estimated)
+    first: Days = jax.tree.map(lambda part: part[..., 0], days)
     return pl.DataFrame(
         {
             "t_min": t_min,
-            "glucose_mg_dl": first.days.glucose_mg_dl,
-            "reading_mg_dl": first.days.reading_mg_dl,
-            "insulin_mU_min": first.days.insulin_mU_min,
+            "glucose_mg_dl": first.glucose_mg_dl,
+            "reading_mg_dl": first.reading_mg_dl,
+            "insulin_mU_min": first.insulin_mU_min,
             "eating": first.told.eating,
             "emptying_mg_min": np.asarray(jax.vmap(lambda t: emptying_mg_min(t, meals))(t_min))[:, 0],
             "estimated_emptying_mg_min": first.told.emptying_mg_min,

@@ -161,49 +161,31 @@ def found(asked: Detection, progress: Callable[[str], None]) -> Findings:
 
 def findings(asked: Detection, scores: Scores) -> Findings:
     """Numbers of all estimators; a number without meals is null."""
+    of = {name: [pl.lit(name).alias("estimator"), pl.all()] for name in scores.of}
     tables = {
-        name: pl.concat(
-            [
-                getattr(of, name).select(pl.lit(estimator).alias("estimator"), pl.all())
-                for estimator, of in scores.of.items()
-            ]
-        )
-        for name in ("meals", "curve", "size_error", "day")
+        table: pl.concat([score.tables[table].select(of[name]) for name, score in scores.of.items()])
+        for table in ("meals", "curve", "size_error", "day")
     }
     plain = {
         "config": asked.keys(),
         "days": scores.days,
         "unable": scores.infeasible,
-        "estimators": dict(_numbers(asked, scores, tables["meals"])),
-        "curves": {estimator: of.curve.to_dict(as_series=False) for estimator, of in scores.of.items()},
+        "estimators": dict(_numbers(scores, tables["meals"])),
+        "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.of.items()},
         "notes": list(_notes(asked, scores)),
     }
-    files = {f"{name}.{kind}": table for name, table in tables.items() for kind in ("csv", "parquet")}
-    return Findings(plain, files)
+    return Findings(plain, {f"{name}.{kind}": table for name, table in tables.items() for kind in ("csv", "parquet")})
 
 
-def _numbers(asked: Detection, scores: Scores, meals: pl.DataFrame) -> Iterator[tuple[str, dict[str, Any]]]:
+def _numbers(scores: Scores, meals: pl.DataFrame) -> Iterator[tuple[str, dict[str, Any]]]:
     """Numbers of each estimator, over all meals and by their size."""
-    columns = (*_FOUND, *_SIZES)
-    cells = pl.DataFrame({"estimator": list(scores.of)})
+    columns, cells = (*_FOUND, *_SIZES), pl.DataFrame({"estimator": list(scores.of)})
     sizes = pl.DataFrame({"from_g": SIZES_G[:-1], "to_g": [*SIZES_G[1:-1], None]})
     sized = meals.sort("carbs_g").join_asof(sizes, left_on="carbs_g", right_on="from_g")
-    by_size = measured(sized, cells.join(sizes, how="cross"), columns)
-    for row in measured(meals, cells, columns).to_dicts():
+    by_size = measured(sized, cells.join(sizes, how="cross"), columns).partition_by("estimator", include_key=False)
+    for row, of_sizes in zip(measured(meals, cells, columns).to_dicts(), by_size, strict=True):
         name = row.pop("estimator")
-        of = scores.of[name]
-        (alarms,) = of.curve.filter(threshold=asked.own.threshold).to_dicts()
-        yield (
-            name,
-            {
-                **row,
-                "false_alarms_fasting_per_day": alarms["false_alarms_fasting_per_day"],
-                "fasting_days": of.fasting_days,
-                "false_alarms_between_per_day": alarms["false_alarms_between_per_day"],
-                "between_days": of.between_days,
-                "by_size": by_size.filter(estimator=name).drop("estimator").to_dicts(),
-            },
-        )
+        yield name, {**row, **scores.of[name].alarms, "by_size": of_sizes.to_dicts()}
 
 
 def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
