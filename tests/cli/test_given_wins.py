@@ -6,7 +6,6 @@ from glucoloop.cli.app import app
 from glucoloop.config.bound import bound_keys
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
-from glucoloop.studies.detection.keys import detection_keys
 from requests_read import request_of
 
 
@@ -24,7 +23,7 @@ KEYS_OF = {
     "trial": trial_keys,
     "stress": own_keys,
     "adversary": own_keys,
-    "detect": detection_keys,
+    "detect": own_keys,
     "identify": identification_keys,
     "export": own_keys,
     "hil": own_keys,
