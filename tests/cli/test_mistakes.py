@@ -300,7 +300,7 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 
 LONG_WORK = {
     "identify": "glucoloop.studies.identified.identify",
-    "bound": "glucoloop.studies.bounded.work_out",
+    "bound": "glucoloop.studies.bound.study.found",
     "tune": "glucoloop.studies.tuning.study.found",
     "detect": "glucoloop.studies.detection.evaluate.evaluate",
     "compare --case mpc --case pid": "glucoloop.studies.closed_loop.close_the_loop",

@@ -9,7 +9,6 @@ import pytest
 from glucoloop.cli.options import options_of
 from glucoloop.config.checked import checked
 from glucoloop.config.key import Key, declared, own_keys, plain, text_of
-from glucoloop.config.options.bound import BoundKeys
 from glucoloop.config.options.case import CaseKeys
 from glucoloop.config.options.export import ChipKeys
 from glucoloop.config.options.identification import IdentificationKeys
@@ -17,6 +16,7 @@ from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.options.trial import TrialKeys
 from glucoloop.papers.parker1999.options import ReproduceKeys
 from glucoloop.studies.adversary.options import AdversaryKeys
+from glucoloop.studies.bound import BoundSettings
 from glucoloop.studies.detection.options import DetectionKeys
 from glucoloop.studies.robust.options import HowFar, RobustKeys
 from glucoloop.studies.stress import StressSettings
@@ -24,7 +24,7 @@ from glucoloop.studies.tuning import GridSettings, RangeSettings
 from glucoloop.studies.verification import VerifySettings
 
 RECORDS = (
-    *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ReproduceKeys),
+    *(SituationKeys, CaseKeys, TrialKeys, BoundSettings, IdentificationKeys, ChipKeys, ReproduceKeys),
     *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridSettings, RangeSettings, VerifySettings),
 )
 BOUNDED = [

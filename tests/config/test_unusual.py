@@ -4,12 +4,12 @@ import tomllib
 
 import pytest
 
-from glucoloop.config.bound import bound_keys, read_bound
 from glucoloop.config.comparison import read_comparison
 from glucoloop.config.identification import identification_keys, read_identification
 from glucoloop.config.run import read_run
 from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import read_trial, trial_keys
+from glucoloop.studies.bound.study import read as read_bound
 from glucoloop.studies.detection.keys import detection_keys, read_detection
 from glucoloop.studies.robust.keys import read_robust
 from glucoloop.studies.stress.cells import read as read_stress
@@ -21,7 +21,7 @@ READERS = {
     "trial": (lambda keys, names=None: read_trial(keys, (), names), trial_keys),
     "stress": (lambda keys, names=None: read_stress(keys, (), names), lambda read: read.keys()),
     "detect": (read_detection, detection_keys),
-    "bound": (read_bound, bound_keys),
+    "bound": (lambda keys, names=None: read_bound(keys, (), names), lambda read: read.keys()),
     "robust": (read_robust, lambda read: read.keys()),
     "identify": (read_identification, identification_keys),
 }

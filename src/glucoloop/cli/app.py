@@ -15,7 +15,6 @@ import glucoloop
 from glucoloop.arithmetic import pin
 from glucoloop.cli import (
     adversary,
-    bound,
     compare,
     detect,
     export,
@@ -56,7 +55,6 @@ app = typer.Typer(
 )
 _BEFORE: Final = {"run": run, "list": listing, "identify": identify, "compare": compare, "trial": trial}
 _STUDIES: Final = {
-    "bound": bound,
     "robust": robust,
     "detect": detect,
     "adversary": adversary,

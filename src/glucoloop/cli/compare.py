@@ -80,7 +80,7 @@ def command(given: Given) -> None:
                     raise
         if bounded:
             with stage("Working out the bound"):
-                from glucoloop.studies.bounded import bound_of_run
+                from glucoloop.studies.bound.study import bound_of_run
 
                 bound = bound_of_run(asked.situation)
         if folder is not None:

@@ -42,7 +42,7 @@ from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.studies.bounded import bound_of_run
+from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.stacking import stack
 
