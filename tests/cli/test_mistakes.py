@@ -316,7 +316,7 @@ def test_interrupt_of_long_work_leaves_nothing_half_written(glucoloop, tmp_path,
 
 
 def test_interrupt_of_a_search_keeps_what_was_tried(glucoloop, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.cli.robust._finish", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("glucoloop.studies.robust.study.search", raising(KeyboardInterrupt()))
     answer = glucoloop("robust", "--people", "50", "--out", "out")
     assert (answer.code, answer.out) == (130, "")
     assert answer.err.startswith("glucoloop: interrupted; 0 of ")
@@ -486,7 +486,7 @@ def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, mo
     package, told = LACKING[line]
     for engine in (
         "studies.adversary.work.search_on",
-        "studies.robust.search.SearchEngine",
+        "studies.robust.study.SearchEngine",
         "cohorts.engine.prepare",
     ):
         monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))

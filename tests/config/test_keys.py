@@ -18,14 +18,23 @@ from glucoloop.papers.parker1999.options import ReproduceKeys
 from glucoloop.studies.adversary.options import AdversaryKeys
 from glucoloop.studies.bound import BoundSettings
 from glucoloop.studies.detection.options import DetectionKeys
-from glucoloop.studies.robust.options import HowFar, RobustKeys
+from glucoloop.studies.robust import HowFar, RobustSettings
 from glucoloop.studies.stress import StressSettings
 from glucoloop.studies.tuning import GridSettings, RangeSettings
 from glucoloop.studies.verification import VerifySettings
 
 RECORDS = (
     *(SituationKeys, CaseKeys, TrialKeys, BoundSettings, IdentificationKeys, ChipKeys, ReproduceKeys),
-    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridSettings, RangeSettings, VerifySettings),
+    *(
+        AdversaryKeys,
+        DetectionKeys,
+        RobustSettings,
+        HowFar,
+        StressSettings,
+        GridSettings,
+        RangeSettings,
+        VerifySettings,
+    ),
 )
 BOUNDED = [
     (record, of, side, bound)

@@ -11,7 +11,7 @@ from glucoloop.config.toml import toml_text
 from glucoloop.config.trial import read_trial, trial_keys
 from glucoloop.studies.bound.study import read as read_bound
 from glucoloop.studies.detection.keys import detection_keys, read_detection
-from glucoloop.studies.robust.keys import read_robust
+from glucoloop.studies.robust.study import read as read_robust
 from glucoloop.studies.stress.cells import read as read_stress
 
 CASES = [{"label": "a"}, {"label": "b", "move_weight": 3}]
@@ -22,7 +22,7 @@ READERS = {
     "stress": (lambda keys, names=None: read_stress(keys, (), names), lambda read: read.keys()),
     "detect": (read_detection, detection_keys),
     "bound": (lambda keys, names=None: read_bound(keys, (), names), lambda read: read.keys()),
-    "robust": (read_robust, lambda read: read.keys()),
+    "robust": (lambda keys, names=None: read_robust(keys, (), names), lambda read: read.keys()),
     "identify": (read_identification, identification_keys),
 }
 UNUSUAL = [

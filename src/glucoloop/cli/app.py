@@ -24,7 +24,6 @@ from glucoloop.cli import (
     listing,
     query,
     reproduce,
-    robust,
     run,
     trial,
 )
@@ -55,7 +54,6 @@ app = typer.Typer(
 )
 _BEFORE: Final = {"run": run, "list": listing, "identify": identify, "compare": compare, "trial": trial}
 _STUDIES: Final = {
-    "robust": robust,
     "detect": detect,
     "adversary": adversary,
 }

@@ -71,8 +71,8 @@ class Study:
     """Shared keys that it does not have."""
     usual: Mapping[str, Any] = field(default_factory=dict)
     """Usual values of shared keys, where they are others than for a trial or a run."""
-    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
+    words: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
