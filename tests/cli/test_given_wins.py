@@ -3,7 +3,6 @@
 import pytest
 
 from glucoloop.cli.app import app
-from glucoloop.config.bound import bound_keys
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
 from requests_read import request_of
@@ -17,7 +16,7 @@ MANY = ("compare", "trial", "stress", "adversary")
 KEYS_OF = {
     "run": own_keys,
     "compare": own_keys,
-    "bound": bound_keys,
+    "bound": own_keys,
     "tune": own_keys,
     "robust": own_keys,
     "trial": trial_keys,
