@@ -16,6 +16,7 @@ from glucoloop.parts.patients import patient_entry
 from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import Loops, refuse_parts_of_samples
 from glucoloop.units import MIN_PER_DAY
@@ -207,6 +208,11 @@ class Trial(Loops):
         if whole and self.days is None and self.duration_min is None:
             found["days"] = 1
         return found
+
+    def with_cases(self, cases: tuple[Case, ...], **other: Any) -> Trial:
+        """A trial of other cases, which have guards and models of their own, in the same situation."""
+        own = {name: getattr(self, name) for name in Trial.settings()}
+        return Trial(**{**own, "controller": cases, "guard": None, "model": None, **other})
 
     @functools.cached_property
     def plan(self) -> MealPlan:

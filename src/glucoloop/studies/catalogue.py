@@ -28,4 +28,14 @@ STUDIES: Final = {
     "verify": StudyEntry(
         "glucoloop.studies.verification:VERIFY", SAFETY, "Close random loops, and check every promise at every sample."
     ),
+    "adversary": StudyEntry(
+        "glucoloop.studies.adversary:ADVERSARY", SAFETY, "Search for the sensor errors that do the most harm."
+    ),
+    "detect": StudyEntry(
+        "glucoloop.studies.detection:DETECT", SAFETY, "Say how soon and how well unannounced meals are detected."
+    ),
+    "bound": StudyEntry("glucoloop.studies.bound:BOUND", LIMITS, "Find how closely any controller could hold glucose."),
+    "robust": StudyEntry(
+        "glucoloop.studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."
+    ),
 }
